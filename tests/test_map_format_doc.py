@@ -9,6 +9,7 @@ import pytest
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
 from webapp.core.mapmodel.panorama import Panorama
@@ -38,6 +39,7 @@ FULL = Map(
     next_id=1,
     title="A",
     unplaced=(UnplacedPhoto(2, "b.jpg"),),
+    control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
 )
 
 

@@ -89,7 +89,7 @@ map_group = LazyGroup(
 landmarks_group = LazyGroup(
     name="landmarks",
     help="Join the photos of a map, for other programs.",
-    where={"build": "webapp.cli.landmarks:build"},
+    where={"build": "webapp.cli.landmarks:build", "points": "webapp.cli.landmark_points:points"},
 )
 
 mission_group = LazyGroup(

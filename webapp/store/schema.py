@@ -142,6 +142,8 @@ class MapRecord(Base):
     satellite_height: Mapped[int | None]
     georeference: Mapped[dict[str, Any] | None]
     """As in `map.json`."""
+    control_points: Mapped[list[dict[str, Any]] | None]
+    """As in `map.json`, by name; None where there are none."""
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)

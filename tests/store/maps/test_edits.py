@@ -116,6 +116,27 @@ def test_nothing_changed_is_no_edit(library, do):
         assert session.get(MapRecord, do.map_id).revision == 4  # three photos and one edit
 
 
+def test_control_points_are_edits_of_their_own(library, do, ben):
+    def point(x):
+        return {"x_px": x, "y_px": 1.0, "photos": []}
+
+    def there():
+        with library.database.read() as session:
+            points = session.get(MapRecord, do.map_id).control_points or []
+            return {one["name"]: one["x_px"] for one in points}
+
+    do(edits.apply, changes={"point/well": point(1.0)}, kind=edits.POINTS_KIND)
+    do(edits.apply, ben, changes={"point/gate": point(2.0)}, kind=edits.POINTS_KIND)
+    do(edits.apply, changes={"point/well": point(3.0)}, kind=edits.POINTS_KIND)
+    assert do(edits.undo).clash is None
+    assert there() == {"gate": 2.0, "well": 1.0}
+    do(edits.apply, ben, changes={"point/well": None}, kind=edits.POINTS_KIND)
+    assert there() == {"gate": 2.0}
+    assert do(edits.undo).clash == "ben has changed the control point well in the meantime"
+    do(edits.undo, ben)
+    assert there() == {"gate": 2.0, "well": 1.0}
+
+
 def test_other_placements_and_the_image_are_edits_too(library, do):
     do(edits.apply, changes={"placed/clusters/1": {"x_px": 4.0, "y_px": 5.0}}, kind="move")
     do(edits.apply, changes={"placed/clusters/1": None}, kind="move")

@@ -2,6 +2,8 @@
 
 import pytest
 
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.files.photos import preview
@@ -25,14 +27,17 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     map_id = adopt()
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
     edit(map_id, {"photo/2": {"removed": True}})
+    clicked = {"x_px": 2.0, "y_px": 3.5, "photos": [{"id": 1, "x": 0.5, "y": 0.25}]}
+    edit(map_id, {"point/gate": clicked}, kind="control-points")
     export.export_map(library, map_id)
     slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Park copy")
     export.export_late_maps(library)
     first, second = read_map(library.cfg("park")), read_map(library.cfg(slug))
-    assert (second.experiences, second.placements, second.next_id) == (
+    assert (second.experiences, second.placements, second.next_id, second.control_points) == (
         first.experiences,
         first.placements,
         first.next_id,
+        (GroundControlPoint("gate", MapPixel(2.0, 3.5), (PhotoClick(1, 0.5, 0.25),)),),
     )
     found = rows(id_of(slug))
     assert {id: row.x_px for id, row in found.items()} == {0: None, 1: 200}

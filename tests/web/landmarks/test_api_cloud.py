@@ -8,58 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.web.landmarks.conftest import place
-from webapp.core.landmarks.cloud import LandmarkCloud
+from tests.web.landmarks.conftest import AT, UP, place
 from webapp.core.landmarks.pieces import RigidPiece, turn_of_view
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.extras import install_line
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
-from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.jobs.kinds import KINDS
 from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks import show_cloud
 from webapp.tasks.landmarks.show_cloud import lay_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
-
-AT = [(10, 10), (200, 40), (120, 220)]
-UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Camera from world, of one that looks to the top of the image; the world is map pixels, y up, z up."""
-
-
-@pytest.fixture
-def joined(yard, client, library):
-    """The map with three of its photos placed, and landmarks that all of these see; and its record."""
-    url, slug = yard
-    for id, at in enumerate(AT):
-        place(client, url, id, at=at)
-    with library.database.read() as session:
-        record = session.query(MapRecord).filter_by(slug=slug).one()
-        contents = tuple(
-            session.query(Photo).filter_by(map_id=record.id, id=n).one().sha256 for n in range(3)
-        )
-    folder = landmarks_folder(library.cfg(slug))
-    folder.mkdir(parents=True)
-    centre = np.array([(x, -y, 0.0) for x, y in AT], float)
-    point = np.array([(50.0, -60.0, 5.0), (150.0, -100.0, -3.0), (90.0, -20.0, 8.0), (30.0, -150.0, 0.0)])
-    write_pieces(
-        folder / PIECES_FILE,
-        StoredPieces((RigidPiece(np.arange(3), centre, np.tile(UP, (3, 1, 1))),), contents, "key"),
-    )
-    cloud = LandmarkCloud(
-        contents,
-        point,
-        np.zeros(4, np.int32),
-        np.array([0, 4, 8, 12]),
-        np.tile(np.arange(4, dtype=np.int32), 3),
-        np.zeros((12, 2), np.float32),
-        np.zeros((12, 128), np.uint8),
-        np.full(3, 30.0),
-        np.zeros(3),
-    )
-    write_cloud(folder / CLOUD_FILE, StoredCloud(cloud, "key"))
-    write_colours(folder / COLOURS_FILE, np.arange(12, dtype=np.uint8).reshape(4, 3), key="key")
-    return f"{url}/landmarks", record
 
 
 @pytest.fixture

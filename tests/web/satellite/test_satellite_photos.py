@@ -51,6 +51,18 @@ class TestPhotosOnANewImage:
         put(png(400, 200), corners=CORNERS)
         assert "1 photo in the tray was taken outside this image" in client.get(address).text
 
+    def test_control_points_go_with_them(self, put, client, base, record):
+        put(png(400, 200))
+        points = f"{base}/landmarks/control-points"
+        for name, at in (("gate", (390.0, 190.0)), ("well", (10.0, 10.0))):
+            assert client.put(f"{points}/{name}", json={"x_px": at[0], "y_px": at[1]}).status_code == 200
+        assert put(png(200, 100, shade=3)).status_code == 200
+        gate, well = client.get(points).json["points"]
+        assert (gate["x_px"], well["x_px"]) == (None, 10.0)
+        client.post(f"{base}/undo")
+        assert put(png(800, 200, shade=4), scale=1).status_code == 200
+        assert [point["x_px"] for point in client.get(points).json["points"]] == [780.0, 20.0]
+
     def test_they_are_scaled_where_that_is_wished(self, put, add_photos, photo):
         put(png(400, 200))
         add_photos({"x_px": 390.0, "y_px": 190.0})

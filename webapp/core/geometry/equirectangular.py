@@ -106,6 +106,19 @@ def panorama_pixels(
     return np.column_stack([x, y]), elevation
 
 
+def ray_of_panorama(x: float, y: float) -> NDArray[np.float64]:
+    """Return the unit vector (3,), right, down and front of its middle, to a spot of a panorama.
+
+    Parameters
+    ----------
+    x, y : float
+        Shares of its width and height, from the top left corner.
+    """
+    longitude, elevation = 2.0 * math.pi * (x - 0.5), math.pi * (0.5 - y)
+    level = math.cos(elevation)
+    return np.array([level * math.sin(longitude), -math.sin(elevation), level * math.cos(longitude)])
+
+
 def _pixels_of_rays(
     right: NDArray[Any], down: NDArray[Any], *, panorama: tuple[int, int], turn_deg: float
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -41,6 +41,10 @@ _LEAST_SIGMA = 0.0005
 """Standard deviation of a keypoint, as a share of the longer side, that is not believed to be smaller."""
 
 
+_UNDISTORT_ROUNDS, _LEAST_WIDENING = 10, 0.1
+"""Of the fixed-point iteration that takes a distortion away, and its divisor."""
+
+
 @dataclass(frozen=True, slots=True)
 class Lens:
     """A camera whose principal point is its centre.
@@ -188,6 +192,18 @@ def project(points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Arr
     middle = np.array([(lens.width - 1) / 2.0, (lens.height - 1) / 2.0])
     projected: Array = lens.focal_px * wide * flat + middle
     return projected
+
+
+def ray_of_pixel(xy: Array, *, lens: Lens) -> Array:
+    """Return the unit vector (3,), right, down and front, to what a pixel (2,) shows."""
+    middle = np.array([(lens.width - 1) / 2.0, (lens.height - 1) / 2.0])
+    seen: Array = (xy - middle) / lens.focal_px
+    flat = seen
+    for _ in range(_UNDISTORT_ROUNDS):
+        flat = seen / max(1.0 + lens.distortion * float(flat @ flat), _LEAST_WIDENING)
+    ray = np.append(flat, 1.0)
+    unit: Array = ray / np.linalg.norm(ray)
+    return unit
 
 
 def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array | None:

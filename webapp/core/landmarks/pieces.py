@@ -21,6 +21,16 @@ _MOST_TILT = 0.35
 """Median sine between the rights of the cameras and the level plane above which they have no common up."""
 
 
+_LEAST_WIDE = 0.05
+"""Spread of points across over that along, below which they do not say what is up."""
+
+_MOST_MISFIT = 0.1
+"""Error of points over their extent above which their heights do not belong to them."""
+
+_MUCH_BETTER = 5.0
+"""So many times less has to be the error without one of the points for that one to be wrong."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidPiece:
     """Photos that structure from motion has joined; n of them.
@@ -122,6 +132,44 @@ def view_by_positions(piece: RigidPiece, *, known: NDArray[np.bool_], position: 
     if not isinstance(fit, Similarity):
         return None
     return _seen_along(piece, fit.rotation[1])
+
+
+def view_by_heights(piece: RigidPiece, *, centre: Array, position: Points, height: Array) -> PlanView | None:
+    """Look at a piece from above, by points whose heights are known; None where they do not say what is up.
+
+    They are fewer than three, or nearly in a line, or fit no similarity. Of four or more, one that
+    contradicts all others does not count.
+
+    Parameters
+    ----------
+    centre : (n, 3) float64
+        In the world of the piece.
+    position : (n,) complex128
+        Map pixels.
+    height : (n,) float64
+        Map pixels; NaN where unknown.
+    """
+    known = np.flatnonzero(np.isfinite(height))
+    there = np.stack([position.real, -height, -position.imag], 1)
+    fits = [_up_by(centre[known], there[known])]
+    if len(known) > 3:
+        fits += [
+            _up_by(centre[kept], there[kept]) for kept in (np.delete(known, n) for n in range(len(known)))
+        ]
+    error, down = min(fits, key=lambda fit: fit[0] * (_MUCH_BETTER if fit is not fits[0] else 1.0))
+    return _seen_along(piece, down) if error < _MOST_MISFIT else None
+
+
+def _up_by(centre: Array, there: Array) -> tuple[float, Array]:
+    """Fit points to where they are; returns the error over their extent, and down in their own world."""
+    extent = np.sqrt(((there - there.mean(0)) ** 2).sum(1).mean()) if len(there) > 2 else 0.0
+    along = np.linalg.svd(centre - centre.mean(0), compute_uv=False) if len(there) > 2 else np.zeros(3)
+    if extent <= 0.0 or along[1] < _LEAST_WIDE * along[0]:
+        return np.inf, np.zeros(3)
+    fit = fit_similarity(centre, there)
+    if not isinstance(fit, Similarity):
+        return np.inf, np.zeros(3)
+    return float(np.sqrt(((fit.apply(centre) - there) ** 2).sum(1).mean()) / extent), fit.rotation[1]
 
 
 def _seen_along(piece: RigidPiece, down: Array) -> PlanView:

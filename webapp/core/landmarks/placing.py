@@ -109,7 +109,7 @@ class PlanTransform:
     frame : (3, 3) float64
         See `PlanView`.
     row : (k,) int64
-        Which photos of the piece they are.
+        Which photos of the piece they are; -1 for a control point.
     centre : (k, 3) float64
         Where they are in the world of the piece.
     at : (k,) complex128
@@ -153,7 +153,7 @@ class PlanTransform:
 
     def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
         """Leave out photos of the piece, (n,); None where those that are left are at fewer than two spots."""
-        kept = ~hidden[self.row]
+        kept = (self.row < 0) | ~hidden[self.row]
         if kept.all():
             return self
         if len(np.unique(self.at[kept])) < 2:
@@ -223,15 +223,17 @@ class NotLaid:
         return False
 
 
-def lay_piece(piece: RigidPiece, known: KnownPositions) -> LaidPiece | NotLaid:
-    """Lay a piece on the map."""
+def lay_piece(
+    piece: RigidPiece, known: KnownPositions, *, view: PlanView | None = None
+) -> LaidPiece | NotLaid:
+    """Lay a piece on the map, as it is seen from above if that is known already."""
     at = known.at[piece.photo]
     placed = np.isfinite(at)
     spots = len(np.unique(at[placed]))
     if spots < 2:
         which = "none of them is placed" if not placed.any() else "only one of them is placed"
         return NotLaid(which if spots == placed.sum() else "those that are placed are all at one spot")
-    view = view_by_level_cameras(piece) or view_by_positions(piece, known=placed, position=at)
+    view = view or view_by_level_cameras(piece) or view_by_positions(piece, known=placed, position=at)
     if view is None:
         return NotLaid(
             "their cameras have no common up, and the placed ones are fewer than three or in a line",

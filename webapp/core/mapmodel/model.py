@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.panorama import LevelView, Panorama
 
 
@@ -142,8 +143,6 @@ class Map:
         The id for the next photo; larger than every id ever used.
     revision : int
         Counts the edits.
-    title : str or None
-        For people.
     unplaced : tuple of UnplacedPhoto
         Photos in the tray, by id.
     """
@@ -156,3 +155,4 @@ class Map:
     revision: int = 0
     title: str | None = None
     unplaced: tuple[UnplacedPhoto, ...] = ()
+    control_points: tuple[GroundControlPoint, ...] = ()

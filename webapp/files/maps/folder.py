@@ -120,6 +120,7 @@ def read_map(cfg_path: Path) -> Map:
         revision=extras.revision,
         title=extras.title,
         unplaced=unplaced,
+        control_points=extras.control_points,
     )
 
 

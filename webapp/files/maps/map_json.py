@@ -11,10 +11,12 @@ from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, UnplacedPhoto
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
+from webapp.files.maps.control_points import control_point_fields, parse_control_points
 
 FORMAT = "experience-map"
 VERSION = 1
@@ -52,6 +54,8 @@ class MapJson:
         Of the map, for people.
     unplaced : mapping of int to MapJsonPhoto
         Photos in the tray, by id; none has a position.
+    control_points : tuple of GroundControlPoint
+        By name.
     """
 
     revision: int = 0
@@ -61,6 +65,7 @@ class MapJson:
     experiences: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
     title: str | None = None
     unplaced: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
+    control_points: tuple[GroundControlPoint, ...] = ()
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
@@ -80,7 +85,16 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     """
     top = parse_json(data, where=where).record(
         required=("format", "version"),
-        optional=("title", "revision", "next_id", "georeference", "placements", "experiences", "unplaced"),
+        optional=(
+            "title",
+            "revision",
+            "next_id",
+            "georeference",
+            "placements",
+            "experiences",
+            "unplaced",
+            "control_points",
+        ),
     )
     if top["format"].value != FORMAT:
         raise top["format"].error(f"must be {FORMAT!r}", hint="this is another program's file: rename it")
@@ -102,6 +116,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         experiences=by_id(top["experiences"], parse=_photo),
         title=None if top["title"].missing else top["title"].text(),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
+        control_points=parse_control_points(top["control_points"]),
     )
 
 
@@ -129,6 +144,7 @@ def format_map_json(map_: Map) -> bytes:
         "placements": [_placement_fields(placement) for placement in map_.placements],
         "experiences": photos,
         **({"unplaced": [_photo_fields(photo) for photo in map_.unplaced]} if map_.unplaced else {}),
+        **({"control_points": control_point_fields(map_.control_points)} if map_.control_points else {}),
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
     data = f"{text}\n".encode("utf-8", "surrogatepass")

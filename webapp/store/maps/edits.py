@@ -1,8 +1,8 @@
 """Edits of a map: applied, undone and redone, with conflicts between people and tabs noticed.
 
-An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`) with the values of its
-fields before and after. Undo brings the values before back, but only where nobody has changed them since.
-Everyone undoes their own edits.
+An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`) with the
+values of its fields before and after. Undo brings the values before back, but only where nobody has changed
+them since. Everyone undoes their own edits.
 """
 
 from __future__ import annotations
@@ -23,6 +23,12 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 Fields = dict[str, Any]
 
 PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg"})
+POINTS_KIND = "control-points"
+"""Kind of an edit of control points."""
+
+_IMAGE_KINDS = ("satellite", "georeference")
+"""Of edits that move them too."""
+
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
 
@@ -49,6 +55,11 @@ class NextStep:
     count: int
 
 
+def is_of_photo(target: str) -> bool:
+    """Return whether a target ends with the id of a photo."""
+    return target.startswith(("photo/", "placed/"))
+
+
 def apply(
     session: Session,
     record: MapRecord,
@@ -63,7 +74,7 @@ def apply(
     Parameters
     ----------
     changes : mapping of str to mapping or None
-        New values of fields by target; None takes a position in another placement away.
+        New values of fields by target; None takes a position in another placement, or a control point, away.
     kind : str
         A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
     account_id : int or None
@@ -214,7 +225,7 @@ class _Rows:
     def __init__(self, session: Session, record: MapRecord, targets: Iterable[str]) -> None:
         self.session = session
         self.record = record
-        parts = [target.split("/") for target in targets if target != "map"]
+        parts = [target.split("/") for target in targets if is_of_photo(target)]
         self._photos = maps.photos_by_id(session, record, {int(part[-1]) for part in parts})
         self._elsewhere: dict[tuple[str, int], PlacedElsewhere] = {}
         for placement in {part[1] for part in parts if part[0] == "placed"}:
@@ -243,7 +254,17 @@ class _Rows:
         """Return the revision that last changed a target."""
         if target == "map":
             return self.record.satellite_revision
+        if target.startswith("point/"):
+            return self._revision_of_point(target)
         return self.photo(target.rsplit("/", 1)[1]).revision
+
+    def _revision_of_point(self, target: str) -> int:
+        """Find the last edit of a control point, which has no row of its own."""
+        of_map = (Edit.map_id == self.record.id, Edit.kind.in_((POINTS_KIND, *_IMAGE_KINDS)))
+        for edit in self.session.scalars(select(Edit).where(*of_map).order_by(Edit.turn.desc())):
+            if any(change["target"] == target for change in edit.changes):
+                return edit.turn
+        return 0
 
 
 def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fields | None:
@@ -257,6 +278,9 @@ def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fie
         case ["placed", placement, number]:
             there = rows.elsewhere(placement, number)
             return None if there is None else {"x_px": there.x_px, "y_px": there.y_px}
+        case ["point", name]:
+            found = {point["name"]: point for point in rows.record.control_points or ()}
+            return None if name not in found else {k: v for k, v in found[name].items() if k != "name"}
         case _:
             raise ValueError(f"unknown target: {target}")
 
@@ -280,6 +304,10 @@ def _set(rows: _Rows, *, target: str, fields: Fields | None) -> None:
             photo.revision = record.revision
             if before != (photo.is_placed, photo.panorama):
                 record.photos_revision = record.revision
+        case ["point", name]:
+            others = [point for point in record.control_points or () if point["name"] != name]
+            points = others if fields is None else [*others, {"name": name, **fields}]
+            record.control_points = sorted(points, key=lambda point: str(point["name"])) or None
         case [_, placement, number]:
             there = rows.elsewhere(placement, number)
             photo = rows.photo(number)
@@ -307,6 +335,8 @@ def _who_changed(rows: _Rows, *, target: str) -> str:
     )
     who = rows.session.scalars(found.limit(1)).first() or "somebody"
     what = "the satellite image"
-    if target != "map":
+    if target.startswith("point/"):
+        what = f"the control point {target.split('/', 1)[1]}"
+    elif target != "map":
         what = f"the photo {rows.photo(target.rsplit('/', 1)[1]).name}"
     return f"{who} has changed {what} in the meantime"

@@ -23,7 +23,14 @@ from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.show_photo import boxes_of
 
-_RECORD_FIELDS = ("next_id", "satellite_path", "satellite_width", "satellite_height", "georeference")
+_RECORD_FIELDS = (
+    "next_id",
+    "satellite_path",
+    "satellite_width",
+    "satellite_height",
+    "georeference",
+    "control_points",
+)
 _NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
 """In `derived`: made for the other map."""
 

@@ -20,6 +20,11 @@ _RADIUS_OVER_SIGMA = 1.515
 AnyPhoto = Experience | UnplacedPhoto
 
 
+def all_photos(the_map: Map) -> list[AnyPhoto]:
+    """List the photos of a map, those in its tray last."""
+    return [*the_map.experiences, *the_map.unplaced]
+
+
 def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPositions:
     """Gather the positions of photos, and how exact they are; those that are None have none.
 

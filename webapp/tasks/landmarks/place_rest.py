@@ -10,17 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from webapp.core.geo.types import MapPixel, inside
+from webapp.core.landmarks.georegister import Georegistration, georegister
 from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
+from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid
 from webapp.core.landmarks.proposals import propose_next
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import UsageError
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.colours import colour_cloud
+from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
@@ -132,7 +135,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
     """Suggest places by a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
-    laid = [lay_piece(piece, known) for piece in found.pieces]
+    laid = [result.laid for result in georegister_found(found, the_map)]
     proposed = propose_next(found.pieces, laid, known=known, most=_PROPOSED)
     suggested: list[SuggestedPlace] = []
     left: list[LeftPhoto] = []
@@ -152,6 +155,17 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
         tuple(sorted(checked, key=lambda one: one.id)),
         tuple(found.photos[number].id for number in proposed),
     )
+
+
+def georegister_found(found: Reconstruction, the_map: Map) -> list[Georegistration]:
+    """Lay the pieces of a reconstruction on the map by its placed photos and control points."""
+    stored = read_cloud(found.folder / CLOUD_FILE)
+    if stored is None or not the_map.control_points:
+        known = known_positions(found.photos, the_map)
+        return [georegister(piece, known, points=()) for piece in found.pieces]
+    content_of = {number: content for content, number in found.number_of.items()}
+    lenses = PhotoLenses(found.folder, stored.cloud, content_of)
+    return georegister_all(found.pieces, found.photos, the_map=the_map, lenses=lenses)
 
 
 def _of_piece(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
 from webapp.core.landmarks.pieces import turn_of_view
-from webapp.core.landmarks.placing import LaidPiece, NotLaid, lay_piece
+from webapp.core.landmarks.placing import LaidPiece, NotLaid
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.core.mapmodel.views import content_of, level_views
@@ -31,17 +31,19 @@ from webapp.files.landmarks.points import (
     write_points,
 )
 from webapp.files.localize.index_store import IndexFolder
+from webapp.files.maps.control_points import control_point_fields
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.known import AnyPhoto, known_positions
+from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
+from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps.library_map import as_map
 
 BLOCK_POINTS = 131_072
 """Points that are sent at once; each block has points of everywhere."""
 
-_VERSION = 2
+_VERSION = 3
 _GREY = 128
 _MOST_SEEN = 255
 _STEPS = 65_535
@@ -57,8 +59,8 @@ class ShownCloud:
     points : MapPoints or None
         As they were laid on the map last. `about` has what the page needs besides: `unit` ("m" or "px"),
         `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation,
-        focal_px`), `corners` of the image, its height `ground`, and `left_out`: photos of pieces that cannot
-        be laid (`photos`, `reason`).
+        focal_px`), `corners` of the image, its height `ground`, `left_out`: photos of pieces that cannot be
+        laid (`photos`, `reason`), and `residuals` of placed photos and control points.
     is_current : bool
         Whether nothing was changed since; also where there are no landmarks at all.
     new_photos : int
@@ -116,7 +118,8 @@ class _Task:
         )
         where = None if self.the_map.georeference is None else asdict(self.the_map.georeference)
         size = self.the_map.satellite.width, self.the_map.satellite.height
-        all_of_it = [_VERSION, self.stored.key, self.rgb is not None, placed, where, size]
+        points = control_point_fields(self.the_map.control_points)
+        all_of_it = [_VERSION, self.stored.key, self.rgb is not None, placed, where, size, points]
         return hashlib.sha256(json.dumps(all_of_it).encode()).hexdigest()[:32]
 
     def shown(self) -> ShownCloud:
@@ -173,8 +176,9 @@ def scaling(points: MapPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]
 def _lay(task: _Task) -> MapPoints:
     stored, pieces, the_map = task.stored, task.pieces, task.the_map
     of_cloud = [task.photos.get(content) for content in pieces.contents]
-    known = known_positions(of_cloud, the_map)
-    laid = [lay_piece(piece, known) for piece in pieces.pieces]
+    lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(pieces.contents)))
+    results = georegister_all(pieces.pieces, of_cloud, the_map=the_map, lenses=lenses)
+    laid = [result.laid for result in results]
     frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
     cloud = lay_cloud(stored.cloud, pieces.pieces, laid=laid, frame=frame)
     order = np.random.default_rng(0).permutation(len(cloud.point))
@@ -190,6 +194,10 @@ def _lay(task: _Task) -> MapPoints:
             "coloured": task.rgb is not None,
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
             "left_out": _left_out(pieces, laid, of_cloud),
+            "residuals": [
+                _residual(one, the_map)
+                for one in residuals_of(pieces.pieces, results, photos=of_cloud, the_map=the_map)
+            ],
         },
     )
 
@@ -209,6 +217,23 @@ def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:
         if np.isfinite(corners).all()
         else None,
         "ground": round(cloud.ground, 3),
+    }
+
+
+def _residual(one: Residual, the_map: Map) -> dict[str, Any]:
+    metres, pixels = one.residual_m(the_map), one.residual_px
+    return {
+        "photo": one.photo,
+        "name": one.name,
+        "x_px": one.at and round(one.at.x, 2),
+        "y_px": one.at and round(one.at.y, 2),
+        "others_x_px": one.others_have and round(one.others_have.x, 2),
+        "others_y_px": one.others_have and round(one.others_have.y, 2),
+        "residual_px": pixels if pixels is None else round(pixels, 2),
+        "residual_m": metres if metres is None else round(metres, 3),
+        "contradicts": one.contradicts,
+        "wrong_clicks": list(one.wrong),
+        "problem": one.problem,
     }
 
 

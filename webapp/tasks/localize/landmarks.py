@@ -10,7 +10,6 @@ import numpy as np
 
 from webapp.core.features.types import Features
 from webapp.core.landmarks.cloud import LaidCloud
-from webapp.core.landmarks.placing import lay_piece
 from webapp.core.localize import verified
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import PlaceSearch
@@ -19,7 +18,7 @@ from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
 from webapp.progress import Progress
-from webapp.tasks.landmarks.known import known_positions
+from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
 from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.localize.open_map import OpenMap
@@ -105,6 +104,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
             f"{missing} photos of the map show no landmarks; where they are new, run expmap landmarks build"
         )
     photos = [opened.pictures[n] if n >= 0 else None for n in map_photo.tolist()]
-    known = known_positions(photos, opened.map)
-    laid = tuple(lay_piece(piece, known) for piece in pieces.pieces)
+    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(pieces.contents)))
+    results = georegister_all(pieces.pieces, photos, the_map=opened.map, lenses=lenses)
+    laid = tuple(result.laid for result in results)
     return replace(opened, landmarks=LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid))

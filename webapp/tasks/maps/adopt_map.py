@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
+from webapp.files.maps.control_points import control_point_fields
 from webapp.files.maps.folder import MapFolder, read_map
 from webapp.files.maps.map_json import georeference_fields, panorama_fields, source_fields
 from webapp.files.photos.exif_gps import Gps
@@ -164,6 +165,7 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     record.satellite_path = map_.satellite.path
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
     record.georeference = georeference_fields(map_.georeference)
+    record.control_points = control_point_fields(map_.control_points) or None
     photos = (*contents.photos, *contents.tray)
     for row in photos:
         row.map_id, row.revision = record.id, record.revision

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import (
     Experience,
     Map,
@@ -20,6 +21,8 @@ from webapp.core.mapmodel.model import (
     SatelliteImage,
     UnplacedPhoto,
 )
+from webapp.files.json_fields import JsonField
+from webapp.files.maps.control_points import parse_control_points
 from webapp.files.maps.map_json import parse_georeference, parse_panorama
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
@@ -46,12 +49,18 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         revision=record.revision,
         title=record.name,
         unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
+        control_points=control_points(record),
     )
 
 
 def georeference(record: MapRecord) -> Georeference | None:
     """Read the georeference of a map."""
     return parse_georeference(record.georeference, where=record.slug)
+
+
+def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
+    """Read the control points of a map."""
+    return parse_control_points(JsonField(record.control_points, "$.control_points", record.slug))
 
 
 def _experience(photo: Photo) -> Experience | None:

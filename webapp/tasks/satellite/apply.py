@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,13 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
+from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.map_json import georeference_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
+from webapp.tasks.maps.library_map import control_points
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import image_of
 
@@ -174,6 +176,7 @@ def _apply(
             changes[f"photo/{photo.id}"] = by_gps
             from_tray += 1
     outside += _move_placements(session, record, change, changes=changes)
+    _move_control_points(record, change, changes=changes)
     # a photo whose place on the new georeference is gone goes to the tray: the image itself stays as it is
     if outside and not choice.tray and not change.same_file:
         raise _refusal(outside, change)
@@ -185,7 +188,7 @@ def _apply(
         account_id=choice.account_id,
     )
     done = [] if edit is None else [step["target"] for step in edit.changes]
-    ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if target != "map"})
+    ids = sorted({int(target.rsplit("/", 1)[1]) for target in done if edits.is_of_photo(target)})
     return ImageEditResult(tuple(ids), outside, from_tray)
 
 
@@ -199,6 +202,18 @@ def _move_placements(
         at = {"x_px": spot.x, "y_px": spot.y} if change.on_it(spot) else None
         changes[f"placed/{row.placement}/{row.photo_id}"] = at
     return sum(not change.on_it(spot) for spot in spots)
+
+
+def _move_control_points(
+    record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
+) -> None:
+    """Move the control points too; those outside lose their place, and keep their clicks."""
+    points = [point for point in control_points(record) if point.position is not None]
+    spots = change.moved([point.position for point in points if point.position is not None])
+    for point, spot in zip(points, spots, strict=True):
+        moved = replace(point, position=spot if change.on_it(spot) else None)
+        if moved != point:
+            changes[f"point/{point.name}"] = point_fields(moved)
 
 
 def _refusal(outside: int, change: ImageChange) -> UsageError:

@@ -12,16 +12,13 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import OneOf
 from flask import Response, send_file
-from sqlalchemy import select
 
 from webapp.errors import NotFound, StorageError
 from webapp.extras import require
 from webapp.files.landmarks.points import MapPoints, as_ply
 from webapp.files.maps.map_json import parse_panorama
 from webapp.store.maps import maps
-from webapp.store.operate import jobs
-from webapp.store.operate.jobs import ENDED
-from webapp.store.schema import Job, MapRecord, Photo
+from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
 from webapp.tasks.landmarks.show_cloud import (
@@ -35,17 +32,15 @@ from webapp.tasks.landmarks.show_cloud import (
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.web.compression import accepts_gzip, gzipped
-from webapp.web.context import account, library, open_map
+from webapp.web.context import library, open_map
 from webapp.web.fields import Boolean
+from webapp.web.landmarks.jobs import queue_landmarks, running_job
 from webapp.web.maps.schemas import SourceOut
 from webapp.web.maps.state import source_of_photo
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/landmarks", tag="Landmarks")
 
-_JOB = "landmarks"
-_JOBS = (_JOB, "place-rest")
-"""Both make the landmarks."""
 _OCTETS = "application/octet-stream"
 _SPOOL_BYTES = 32_000_000
 _NONE = "the map has no landmarks"
@@ -129,7 +124,7 @@ def show(slug: str) -> dict[str, Any]:
     shown = shown_cloud(library(), record)
     if not shown.is_current:
         with suppress(StorageError):  # a full disk: what is there is shown all the same
-            _enqueue(record, only_lay=True)
+            queue_landmarks(record, only_lay=True)
     return _cloud(record, shown)
 
 
@@ -139,7 +134,7 @@ def build(slug: str) -> dict[str, Any]:
     """Queue a job that computes the landmarks, or adds new photos to them."""
     record = open_map(slug, "editor")
     require("sfm")
-    _enqueue(record, only_lay=False)
+    queue_landmarks(record, only_lay=False)
     return _cloud(record, shown_cloud(library(), record))
 
 
@@ -218,23 +213,10 @@ def _points(record: MapRecord) -> MapPoints:
     return found
 
 
-def _enqueue(record: MapRecord, *, only_lay: bool) -> None:
-    with library().database.write() as session:
-        jobs.enqueue(
-            session,
-            _JOB,
-            map_id=record.id,
-            account_id=account().id,
-            arguments={"only_lay": only_lay},
-            key="lay" if only_lay else "",
-        )
-
-
 def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
     found = shown.points
     with library().database.read() as session:
-        running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
-        job = session.scalars(running.limit(1)).first()
+        job = running_job(session, record)
         photos = {photo.id: photo for photo in maps.photos(session, record) if not photo.removed}
     if found is None:
         nothing: dict[str, Any] = {"points": 0, "blocks": 0, "cameras": [], "left_out": [], "new_photos": 0}

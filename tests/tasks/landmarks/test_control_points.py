@@ -1,0 +1,130 @@
+"""Control points that are clicked in rendered photos lay what is joined on the map."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.tasks.landmarks.rendered import FOCAL, PIXELS_PER_METRE, TALL, WIDTH, walk
+from webapp.core.geo.georeference import Georeference
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.core.mapmodel.model import Experience, UnplacedPhoto
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks.control_points import residuals_of
+from webapp.tasks.landmarks.place_rest import georegister_found, suggest_from
+from webapp.tasks.landmarks.reconstruct import reconstruct
+
+METRIC = Georeference("EPSG:32633", (0.05, 0.0, 458000.0, 0.0, -0.05, 5549000.0, 0.0, 0.0, 1.0), "affine")
+AT, HEADINGS = walk(9)
+SPOTS = {
+    "drain": (9.0, 2.0, 1.6),
+    "lamp": (13.0, 0.5, -4.0),
+    "sign": (16.0, 3.0, -1.0),
+    "step": (6.0, 1.0, 1.4),
+}
+"""East, south and below the cameras, metres."""
+
+
+def click(number, spot):
+    """Where a photo shows a spot; None where it does not."""
+    (x, y), heading = AT[number], HEADINGS[number]
+    east, south, down = spot[0] - x, spot[1] - y, spot[2]
+    sine, cosine = math.sin(heading), math.cos(heading)
+    right, front = cosine * east + sine * south, sine * east - cosine * south
+    share = 0.5 + FOCAL * right / front / WIDTH, 0.5 + FOCAL * down / front / TALL
+    inside = front > 0.1 and all(0.0 <= value <= 1.0 for value in share)
+    return PhotoClick(number, *share) if inside else None
+
+
+def point(name, *, most=4):
+    """A control point, clicked in photos that show it."""
+    east, south, down = SPOTS[name]
+    seen = [one for number in range(9) if (one := click(number, SPOTS[name])) is not None]
+    chosen = tuple(seen[n] for n in np.unique(np.linspace(0, len(seen) - 1, most).astype(int)))
+    at = MapPixel(PIXELS_PER_METRE * east, PIXELS_PER_METRE * south)
+    return GroundControlPoint(name, at, chosen, accuracy_m=0.02, height_m=200.0 - down)
+
+
+@pytest.fixture
+def unplaced(court):
+    """The map of the court with all photos in the tray, on the Earth; and a function that joins it."""
+    the_map = read_map(court.cfg)
+    tray = tuple(UnplacedPhoto(e.id, e.photo, fov_deg=e.fov_deg) for e in the_map.experiences)
+    return replace(the_map, experiences=(), unplaced=(*tray, *the_map.unplaced), georeference=METRIC)
+
+
+def join(court, the_map):
+    return reconstruct(court.cfg, the_map, settings=Settings(), progress=Progress())
+
+
+def test_three_points_place_all_photos_to_a_decimetre(court, unplaced):
+    the_map = replace(unplaced, control_points=tuple(point(name) for name in ("drain", "lamp", "sign")))
+    report = suggest_from(join(court, the_map), the_map)
+    off = {
+        one.id: math.dist(one.position, PIXELS_PER_METRE * AT[one.id]) / PIXELS_PER_METRE
+        for one in report.suggested
+    }
+    assert sorted(off) == [*range(9)]
+    assert max(off.values()) <= 0.1
+
+
+def test_a_point_at_a_wrong_place_and_a_wrong_click_are_named(court, unplaced):
+    points = [point(name) for name in SPOTS]
+    points[3] = replace(points[3], position=MapPixel(points[3].position.x + 60.0, points[3].position.y))
+    first = points[0].clicks[0]
+    points[0] = replace(points[0], clicks=(first._replace(y=first.y - 0.2), *points[0].clicks[1:]))
+    the_map = replace(unplaced, control_points=tuple(points))
+    found = join(court, the_map)
+    residuals = residuals_of(
+        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+    )
+    assert [one.name for one in residuals if one.contradicts] == ["step"]
+    assert residuals[0].name == "step"
+    assert residuals[0].residual_m(the_map) == pytest.approx(3.0, abs=0.2)
+    assert {one.name: one.wrong for one in residuals if one.wrong} == {"drain": (found_name(the_map, first),)}
+
+
+def found_name(the_map, click):
+    return next(photo.photo for photo in the_map.unplaced if photo.id == click.photo)
+
+
+def test_a_point_that_takes_no_part_says_why(court, unplaced):
+    drain = point("drain")
+    points = (
+        replace(drain, name="a", clicks=drain.clicks[:1]),
+        replace(drain, name="b", position=None),
+        replace(drain, name="c", clicks=()),
+    )
+    the_map = replace(unplaced, control_points=points)
+    found = join(court, the_map)
+    residuals = residuals_of(
+        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+    )
+    name = found_name(the_map, drain.clicks[0])
+    assert [one.problem for one in residuals] == [
+        f"it is clicked in one joined photo only, {name}: click it in two or more",
+        "it is not on the map yet",
+        "it is clicked in no joined photo: click it in two or more",
+    ]
+
+
+def test_placed_photos_and_points_are_judged_together(court, unplaced):
+    placed = [Experience(n, f"photos/{n:02}.png", MapPixel(*(PIXELS_PER_METRE * AT[n]))) for n in (0, 4)]
+    placed[1] = replace(placed[1], position=MapPixel(placed[1].position.x + 40.0, placed[1].position.y))
+    the_map = replace(
+        unplaced,
+        experiences=tuple(placed),
+        unplaced=tuple(one for one in unplaced.unplaced if one.id not in (0, 4)),
+        control_points=tuple(point(name) for name in SPOTS),
+    )
+    found = join(court, the_map)
+    residuals = residuals_of(
+        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+    )
+    assert (residuals[0].photo, residuals[0].contradicts) == (4, True)
+    assert residuals[0].residual_m(the_map) == pytest.approx(2.0, abs=0.2)
+    assert not any(one.contradicts for one in residuals[1:])

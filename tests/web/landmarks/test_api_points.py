@@ -1,0 +1,111 @@
+"""Control points by the API: kept as edits, and judged when the landmarks are laid."""
+
+import pytest
+
+from tests.web.landmarks.conftest import AT
+from webapp.core.landmarks.absolute_pose import Lens
+from webapp.store.accounts import accounts
+from webapp.store.schema import Account, Job, MapRecord
+from webapp.tasks.landmarks import control_points
+from webapp.tasks.landmarks.show_cloud import lay_in_library
+
+WIDTH, HEIGHT, FOCAL = 40, 30, 30.0
+
+
+def clicks(spot, photos):
+    """Where photos, which all look to the top of the image, show a spot: map pixels, and up."""
+    found = []
+    for id in photos:
+        x, y = AT[id]
+        front, right, down = y - spot[1], spot[0] - x, -spot[2]
+        found.append(
+            {"id": id, "x": 0.5 + FOCAL * right / front / WIDTH, "y": 0.5 + FOCAL * down / front / HEIGHT}
+        )
+    return found
+
+
+@pytest.fixture
+def points(joined, monkeypatch):
+    """The address of the control points of a map with landmarks of three placed photos; and its record."""
+    url, record = joined
+    lens = Lens(WIDTH, HEIGHT, FOCAL)
+    monkeypatch.setattr(control_points.PhotoLenses, "lens", lambda self, number: lens)
+    return f"{url}/control-points", record
+
+
+def gate(**other):
+    found = {"x_px": 90.0, "y_px": 0.0, "accuracy_m": None, "height_m": None}
+    return {**found, "photos": [{"id": 1, "x": 0.1, "y": 0.4}], **other}
+
+
+def test_a_point_is_kept_changed_taken_away_and_brought_back(client, points):
+    url, _ = points
+    map_url = url.removesuffix("/landmarks/control-points")
+    assert client.get(url).json["points"] == []
+    answer = client.put(f"{url}/gate", json=gate(height_m=212.5, accuracy_m=0.05))
+    assert answer.status_code == 200
+    expected = {"name": "gate", **gate(height_m=212.5, accuracy_m=0.05)}
+    assert answer.json["points"] == [expected]
+    client.put(f"{url}/gate", json=gate())
+    assert client.post(f"{map_url}/undo").status_code == 200
+    assert client.get(url).json["points"] == [expected]
+    assert client.delete(f"{url}/gate").json["points"] == []
+    assert client.post(f"{map_url}/undo").status_code == 200
+    assert client.get(url).json["points"] == [expected]
+    assert client.post(f"{map_url}/redo").status_code == 200
+    assert client.get(url).json["points"] == []
+    assert client.delete(f"{url}/gate").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "words"),
+    [
+        ({"y_px": None}, 400, "x_px and y_px go together"),
+        ({"x_px": 4000.0}, 400, "outside the image"),
+        ({"photos": [{"id": 77, "x": 0.1, "y": 0.1}]}, 404, "no photo 77"),
+        ({"photos": [{"id": 1, "x": 0.1, "y": 0.1}] * 2}, 400, "once"),
+        ({"photos": [{"id": 1, "x": 1.1, "y": 0.1}]}, 422, ""),
+        ({"accuracy_m": 0.0}, 422, ""),
+    ],
+)
+def test_what_is_not_valid_is_refused(client, points, change, status, words):
+    url, _ = points
+    answer = client.put(f"{url}/gate", json=gate(**change))
+    assert answer.status_code == status
+    assert words in answer.get_data(as_text=True)
+    assert client.get(url).json["points"] == []
+
+
+def test_they_are_judged_when_the_landmarks_are_laid(client, points, library):
+    url, record = points
+    spot = (190.0, 5.0, 5.0)
+    body = {"x_px": spot[0], "y_px": spot[1], "photos": clicks(spot, [1, 2])}
+    first = client.put(f"{url}/oak", json=body).json
+    assert (first["laid"], first["current"]) == (False, False)
+    with library.database.read() as session:
+        assert session.get_one(Job, first["job"]).kind == "landmarks"
+    client.put(f"{url}/lonely", json={"x_px": 10.0, "y_px": 10.0, "photos": clicks(spot, [2])})
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, record.id)
+    lay_in_library(library, record)
+    found = client.get(url).json
+    assert (found["laid"], found["current"]) == (True, True)
+    judged = {one["name"]: one for one in found["residuals"]}
+    assert set(judged) == {"0.jpg", "1.jpg", "2.jpg", "oak", "lonely"}
+    assert judged["oak"]["residual_px"] == pytest.approx(0.0, abs=0.05)
+    assert judged["oak"]["problem"] is None
+    assert "2.jpg" in judged["lonely"]["problem"]
+    assert judged["1.jpg"]["photo"] == 1
+    assert judged["1.jpg"]["residual_px"] == pytest.approx(0.0, abs=0.05)
+
+
+def test_viewers_only_look(sign_in, new_account, points, park, library):
+    url, _ = points
+    vera = new_account("vera")
+    with library.database.write() as session:
+        record = session.query(MapRecord).filter_by(slug=park).one()
+        accounts.set_member_role(session, record, account=session.get(Account, vera.id), role="viewer")
+    viewer = sign_in(vera)
+    assert viewer.get(url).status_code == 200
+    assert viewer.put(f"{url}/gate", json=gate()).status_code == 403
+    assert viewer.delete(f"{url}/gate").status_code == 403

@@ -1,0 +1,114 @@
+"""`expmap landmarks points`: the control points of a map, as a table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import click
+
+from webapp.cli.options import MAP_FILE
+from webapp.configuration import load_settings
+from webapp.core.mapmodel.control_points import GroundControlPoint
+from webapp.core.mapmodel.model import Map
+from webapp.files.atomic import write_text
+from webapp.files.maps.control_point_table import read_rows
+from webapp.files.maps.control_points import point_fields
+from webapp.files.maps.folder import read_map
+from webapp.tasks.landmarks.accept import library_of, owner_of
+from webapp.tasks.landmarks.control_points import Residual
+from webapp.tasks.landmarks.edit_points import set_in_folder, set_in_library
+from webapp.tasks.landmarks.point_table import photo_sizes, points_from, table_of
+from webapp.tasks.landmarks.stored_residuals import stored_residuals
+from webapp.tasks.maps import export
+
+
+@click.command(short_help="List, read or write the control points of a map.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.option(
+    "--import", "table", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="Add the points of a table (CSV), or replace those of the same names.",
+)  # fmt: skip
+@click.option("--remove", multiple=True, metavar="NAME", help="Take a point away; may be repeated.")
+@click.option(
+    "--export", "out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+    help="Write all points as such a table.",
+)  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | None, as_json: bool) -> None:
+    """List the control points of a map, and how far off the others have each, the farthest first.
+
+    A control point is a spot of the world that is clicked in two or more photos and known on the map.
+    The landmarks are laid on the map by control points and placed photos together. A table has a row for each
+    click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px, photo_y_px.
+    """
+    settings = load_settings()
+    with library_of(cfg) as there:
+        the_map = read_map(cfg)
+        size = photo_sizes(cfg, settings.photo)
+        changes: dict[str, GroundControlPoint | None] = dict.fromkeys(remove)
+        if table is not None:
+            changes |= points_from(read_rows(table), the_map, size=size)
+        if changes and there is None:
+            set_in_folder(cfg, changes)
+        elif changes and there is not None:
+            library, map_id = there
+            set_in_library(library, map_id, points=changes, account_id=owner_of(library))
+            export.export_map(library, map_id)
+        the_map = read_map(cfg)
+    if out is not None:
+        write_text(out, table_of(the_map, size=size))
+    found = stored_residuals(cfg, the_map)
+    click.echo(json.dumps(_as_json(the_map, found), indent=1) if as_json else _table(the_map, found))
+
+
+def _as_json(the_map: Map, found: Sequence[Residual] | None) -> dict[str, object]:
+    residuals = [
+        {
+            "photo": one.photo,
+            "name": one.name,
+            "residual_px": _rounded(one.residual_px, 2),
+            "residual_m": _rounded(one.residual_m(the_map), 3),
+            "contradicts": one.contradicts,
+            "wrong_clicks": list(one.wrong),
+            "error": one.problem,
+        }
+        for one in found or ()
+    ]
+    points = [{"name": point.name, **point_fields(point)} for point in the_map.control_points]
+    return {"points": points, "laid": found is not None, "residuals": residuals}
+
+
+def _table(the_map: Map, found: Sequence[Residual] | None) -> str:
+    if not the_map.control_points:
+        return "the map has no control points"
+    judged = {one.name: one for one in found or () if one.photo is None}
+    names = [*judged, *(p.name for p in the_map.control_points if p.name not in judged)]
+    points = {point.name: point for point in the_map.control_points}
+    width = max(map(len, names))
+    lines = [f"{name:{width}}  {_line(points[name], judged, the_map)}" for name in names]
+    if found is None:
+        lines.append("how well they fit is known when the map has landmarks: run expmap landmarks build")
+    return "\n".join(lines)
+
+
+def _line(point: GroundControlPoint, judged: Mapping[str, Residual], the_map: Map) -> str:
+    at = "not on the map" if point.position is None else f"x {point.position.x:.1f}, y {point.position.y:.1f}"
+    words = [f"{at}, clicked in {len(point.clicks)} photos"]
+    one = judged.get(point.name)
+    if one is None:
+        return words[0]
+    metres, pixels = one.residual_m(the_map), one.residual_px
+    if metres is not None:
+        words.append(f"{metres:.2f} m off")
+    elif pixels is not None:
+        words.append(f"{pixels:.1f} px off")
+    words += ["left out: the others agree on another place"] * one.contradicts
+    words += [f"clicked wrongly in {', '.join(one.wrong)}"] if one.wrong else []
+    words += [one.problem] if one.problem else []
+    return "; ".join(words)
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,0 +1,240 @@
+"""Lays a piece on the map by placed photos and control points together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, Triangulated, triangulate
+from webapp.core.landmarks.pieces import (
+    PlanView,
+    Points,
+    RigidPiece,
+    view_by_heights,
+    view_by_level_cameras,
+    view_by_positions,
+)
+from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
+
+Array = NDArray[np.float64]
+
+_WRONG_SIGMAS = 6.0
+"""Deviation from a similarity of all others, over what is expected, from which on a position is wrong."""
+
+_FEW = 4
+"""Known positions from which on one that contradicts the others can be identified."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointFit:
+    """A control point on the map.
+
+    Attributes
+    ----------
+    at : complex
+        Where it is known to be, map pixels.
+    others_have : complex
+        Where the other known positions have it; NaN where they are too few.
+    contradicts : bool
+        It was left out: the others agree on another place.
+    wrong : tuple of str
+        Photos in which it is clicked elsewhere.
+    """
+
+    name: str
+    at: complex
+    others_have: complex
+    contradicts: bool
+    wrong: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Georegistration:
+    """A piece on the map, or why it is not there.
+
+    Attributes
+    ----------
+    points : tuple of PointFit
+        Of the control points whose place in the piece is known.
+    problems : tuple of NotTriangulated
+        Of all others.
+    """
+
+    laid: LaidPiece | NotLaid
+    points: tuple[PointFit, ...]
+    problems: tuple[NotTriangulated, ...]
+
+
+def georegister(piece: RigidPiece, known: KnownPositions, *, points: Sequence[KnownPoint]) -> Georegistration:
+    """Lay a piece on the map.
+
+    Where three control points have heights, these say which way is up; else the cameras do.
+    """
+    tried = [triangulate(point, piece) for point in points]
+    found = [one for one in tried if isinstance(one, Triangulated)]
+    problems = tuple(one for one in tried if isinstance(one, NotTriangulated))
+    if not found:
+        return Georegistration(lay_piece(piece, known), (), problems)
+    placed = np.isfinite(known.at[piece.photo])
+    names = ", ".join(one.point.name for one in found)
+    view = _view(piece, known, found)
+    if view is None:
+        reason = "their cameras have no common up: give three control points a height, or place three photos"
+        return Georegistration(
+            NotLaid(reason, tuple(piece.photo[placed].tolist())), _unjudged(found), problems
+        )
+    if placed.sum() + len(found) < 2:
+        reason = f"only one position is known, that of the control point {names}"
+        return Georegistration(NotLaid(reason), _unjudged(found), problems)
+    both = _Extended.of(piece, known, found=found, view=view)
+    laid = both.lay()
+    if isinstance(laid, NotLaid):
+        photos = tuple(number for number in laid.photos if number < len(known.at))
+        reason = f"{laid.reason} (control points: {names})"
+        return Georegistration(NotLaid(reason, photos), _unjudged(found), problems)
+    return Georegistration(_of_photos(laid, len(piece)), _fits(laid, found, first=len(piece)), problems)
+
+
+def _view(piece: RigidPiece, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
+    at = known.at[piece.photo]
+    return (
+        view_by_heights(
+            piece,
+            centre=np.array([one.at for one in found]),
+            position=np.array([one.point.at for one in found]),
+            height=np.array([one.point.height_px for one in found]),
+        )
+        or view_by_level_cameras(piece)
+        or view_by_positions(piece, known=np.isfinite(at), position=at)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extended:
+    """A piece with control points as if they were further photos."""
+
+    piece: RigidPiece
+    known: KnownPositions
+    view: PlanView
+
+    @classmethod
+    def of(
+        cls, piece: RigidPiece, known: KnownPositions, *, found: Sequence[Triangulated], view: PlanView
+    ) -> _Extended:
+        photos, down = len(known.at), view.frame[2]
+        # At the height of the cameras that see it: what is known of a camera is known of it.
+        level = [one.at + float((piece.centre[one.row].mean(0) - one.at) @ down) * down for one in found]
+        centre = np.array(level)
+        plan = (centre @ view.frame[:2].T) @ np.array([1.0, 1j])
+        at = np.array([one.point.at for one in found])
+        scale = _spread(np.append(known.at[piece.photo], at)) / max(
+            _spread(np.append(np.where(np.isfinite(known.at[piece.photo]), view.position, np.nan), plan)),
+            1e-300,
+        )
+        spread = [np.trace(view.frame[:2] @ one.covariance @ view.frame[:2].T) / 2.0 for one in found]
+        sigma = np.hypot([one.point.sigma_px for one in found], scale * np.sqrt(spread))
+        return cls(
+            RigidPiece(
+                np.append(piece.photo, photos + np.arange(len(found))),
+                np.concatenate([piece.centre, centre]),
+                np.concatenate([piece.rotation, np.tile(np.eye(3), (len(found), 1, 1))]),
+                piece.error_rate,
+            ),
+            KnownPositions(np.append(known.at, at), np.append(known.sigma_px, sigma)),
+            PlanView(
+                np.append(view.position, plan), np.append(view.forward, np.ones(len(found))), view.frame
+            ),
+        )
+
+    def lay(self) -> LaidPiece | NotLaid:
+        """Lay it without the positions that contradict all others."""
+        at, sigma = self.known.at[self.piece.photo], self.known.sigma_px[self.piece.photo]
+        wrong = odd_ones(self.view.position, at, sigma=sigma)
+        kept = self.known.at.copy()
+        kept[self.piece.photo[wrong]] = complex(np.nan, np.nan)
+        laid = lay_piece(self.piece, KnownPositions(kept, self.known.sigma_px), view=self.view)
+        if isinstance(laid, NotLaid) or not len(wrong):
+            return laid
+        residual, others = laid.residual_px.copy(), laid.others_have.copy()
+        contradicting = laid.contradicting.copy()
+        residual[wrong], others[wrong] = np.abs(at - laid.at)[wrong], laid.at[wrong]
+        contradicting[wrong] = True
+        return replace(laid, residual_px=residual, others_have=others, contradicting=contradicting)
+
+
+def odd_ones(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
+    """List positions without which all others fit one similarity, as exactly as they are known or nearly.
+
+    Parameters
+    ----------
+    plan : (n,) complex128
+        As seen in the piece.
+    at : (n,) complex128
+        On the map; NaN where unknown.
+    sigma : (n,) float64
+    """
+    kept = np.flatnonzero(np.isfinite(at))
+    most, odd = len(kept) // 3, list[int]()
+    while len(kept) >= _FEW and len(odd) < most:
+        error, usual = np.array([_without(plan, at, sigma, kept=kept, odd=one) for one in kept.tolist()]).T
+        worst = int(usual.argmin())
+        if error[worst] <= _WRONG_SIGMAS * max(1.0, usual[worst]):
+            break
+        odd.append(int(kept[worst]))
+        kept = np.delete(kept, worst)
+    return np.array(odd, np.int64)
+
+
+def _without(
+    plan: Points, at: Points, sigma: Array, *, kept: NDArray[np.int64], odd: int
+) -> tuple[float, float]:
+    """Fit a similarity without one position; returns how far that one and usually the others are off, in
+    standard deviations."""
+    rest = kept[kept != odd]
+    weight = sigma[rest] ** -2.0 / (sigma[rest] ** -2.0).sum()
+    middle, goal = weight @ plan[rest], weight @ at[rest]
+    off, wanted = plan[rest] - middle, at[rest] - goal
+    factor = (weight @ (off.conj() * wanted)) / max(float(weight @ np.abs(off) ** 2), 1e-300)
+    residual = np.abs(wanted - factor * off) / sigma[rest]
+    error = abs(at[odd] - goal - factor * (plan[odd] - middle)) / sigma[odd]
+    return float(error), float(np.sqrt((residual**2).sum() / (len(rest) - 2)))
+
+
+def _spread(points: Points) -> float:
+    known = points[np.isfinite(points)]
+    return float(np.sqrt(np.mean(np.abs(known - known.mean()) ** 2)))
+
+
+def _of_photos(laid: LaidPiece, photos: int) -> LaidPiece:
+    """Leave out the control points, as of what is laid; they still lay it."""
+    transform = replace(laid.transform, row=np.where(laid.transform.row < photos, laid.transform.row, -1))
+    return LaidPiece(
+        laid.at[:photos],
+        laid.radius_px[:photos],
+        laid.angle_deg[:photos],
+        laid.residual_px[:photos],
+        laid.others_have[:photos],
+        laid.contradicting[:photos],
+        transform,
+    )
+
+
+def _unjudged(found: Sequence[Triangulated]) -> tuple[PointFit, ...]:
+    nowhere = complex(np.nan, np.nan)
+    return tuple(PointFit(one.point.name, one.point.at, nowhere, False, one.wrong) for one in found)
+
+
+def _fits(laid: LaidPiece, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
+    return tuple(
+        PointFit(
+            one.point.name,
+            one.point.at,
+            complex(laid.others_have[row]),
+            bool(laid.contradicting[row]),
+            one.wrong,
+        )
+        for row, one in enumerate(found, first)
+    )

@@ -1,0 +1,56 @@
+"""Control points: spots of the world that are known on the map and clicked in photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from webapp.core.geo.types import MapPixel
+
+MOST_NAME = 60
+
+
+class PhotoClick(NamedTuple):
+    """Where a photo shows a control point.
+
+    Attributes
+    ----------
+    photo : int
+        Id of the photo.
+    x, y : float
+        From the top left corner, shares of the width and height of the upright photo; 0 to 1.
+    """
+
+    photo: int
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundControlPoint:
+    """A named spot of the world.
+
+    Attributes
+    ----------
+    position : MapPixel or None
+        None as long as it is not known where on the map it is.
+    clicks : tuple of PhotoClick
+        At most one a photo, by id.
+    accuracy_m : float or None
+        Standard deviation of its position along each axis; None stands for one pixel of the map.
+    height_m : float or None
+        In metres above any level that is the same for all points of the map.
+    """
+
+    name: str
+    position: MapPixel | None = None
+    clicks: tuple[PhotoClick, ...] = ()
+    accuracy_m: float | None = None
+    height_m: float | None = None
+
+
+def name_problem(name: str) -> str | None:
+    """Say what is wrong with the name of a control point."""
+    if not 0 < len(name) <= MOST_NAME or name != name.strip() or not name.isprintable() or "/" in name:
+        return f"must be 1 to {MOST_NAME} characters, without / and without spaces at its ends"
+    return None

@@ -1,0 +1,138 @@
+"""Control points as a table (CSV): a row for each click, with what is known of the point."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.core.geo.types import LatLon, MapPixel
+from webapp.errors import TableError
+from webapp.files.text_file import (
+    cell_text,
+    delimiter_of,
+    numbered_lines,
+    plain_cell,
+    read_bytes,
+    split_row,
+)
+
+COLUMNS = (
+    "name",
+    "x_px",
+    "y_px",
+    "lat",
+    "lon",
+    "height_m",
+    "accuracy_m",
+    "photo",
+    "photo_x_px",
+    "photo_y_px",
+)
+_PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
+
+
+@dataclass(frozen=True, slots=True)
+class PointRow:
+    """A row of the table; None is what it does not say.
+
+    Attributes
+    ----------
+    where : str
+        File and line.
+    position : MapPixel or LatLon or None
+    photo : str or None
+        Path or file name.
+    click_px : (float, float) or None
+        From the top left corner of the upright photo.
+    """
+
+    name: str
+    where: str
+    position: MapPixel | LatLon | None = None
+    height_m: float | None = None
+    accuracy_m: float | None = None
+    photo: str | None = None
+    click_px: tuple[float, float] | None = None
+
+
+def read_rows(path: Path) -> list[PointRow]:
+    """Read a table with any delimiter; its first line names the columns, in any order.
+
+    Raises
+    ------
+    TableError
+        With the line.
+    """
+    data = read_bytes(path, error=TableError)
+    lines = [(f"{path}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
+    if not lines:
+        raise TableError("the file is empty", where=str(path), hint=f"the columns are {', '.join(COLUMNS)}")
+    delimiter = delimiter_of(lines[0][1]) or ";"
+    header = [cell.strip().lower() for cell in split_row(lines[0][1], delimiter)]
+    unknown = [cell for cell in header if cell not in COLUMNS]
+    if unknown or "name" not in header or len(set(header)) < len(header):
+        problem = (
+            f"has an unknown column {unknown[0][:40]!r}" if unknown else "has no column name, or one twice"
+        )
+        raise TableError(
+            f"the first line {problem}", where=lines[0][0], hint=f"the columns are {', '.join(COLUMNS)}"
+        )
+    return [
+        _row(dict(zip(header, split_row(line, delimiter), strict=False)), where) for where, line in lines[1:]
+    ]
+
+
+def _row(cells: Mapping[str, str], where: str) -> PointRow:
+    texts = {name: cell_text(cell.strip()) for name, cell in cells.items()}
+    values = {name: _number(texts.get(name, ""), where) for name in COLUMNS if name not in ("name", "photo")}
+    for one, other in _PAIRS:
+        if (values[one] is None) != (values[other] is None):
+            raise TableError(
+                f"the row has only one of {one} and {other}", where=where, hint="give both or none"
+            )
+    pixel, degrees, click = (
+        None if a is None or b is None else (a, b) for a, b in ((values[a], values[b]) for a, b in _PAIRS)
+    )
+    if not texts.get("name"):
+        raise TableError("the row has no name", where=where)
+    if (click is None) != (not texts.get("photo")):
+        raise TableError("a click needs photo, photo_x_px and photo_y_px", where=where)
+    return PointRow(
+        texts["name"],
+        where,
+        MapPixel(*pixel) if pixel is not None else None if degrees is None else LatLon(*degrees),
+        values["height_m"],
+        values["accuracy_m"],
+        texts.get("photo") or None,
+        click,
+    )
+
+
+def _number(text: str, where: str) -> float | None:
+    if not text:
+        return None
+    try:
+        value = float(text.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TableError(f"{text[:40]!r} is not a number", where=where, hint="write a plain number")
+    return value
+
+
+def format_rows(rows: Iterable[PointRow], latlon: Mapping[str, LatLon]) -> str:
+    """Write a table; `latlon` are the positions of points on the Earth, by name."""
+    out = io.StringIO()
+    writer = csv.writer(out, delimiter=";", lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        at = row.position or ("", "")
+        degrees = [f"{value:.8f}" for value in latlon[row.name]] if row.name in latlon else ["", ""]
+        facts = ["" if value is None else value for value in (row.height_m, row.accuracy_m)]
+        click = ("", "") if row.click_px is None else [f"{value:.2f}" for value in row.click_px]
+        writer.writerow([plain_cell(row.name), *at, *degrees, *facts, plain_cell(row.photo or ""), *click])
+    return out.getvalue()

@@ -1,0 +1,230 @@
+"""The control points of a map as its landmarks see them, and how well the known positions fit them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.geometry.equirectangular import ray_of_panorama
+from webapp.core.landmarks.absolute_pose import Lens, ray_of_pixel
+from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.core.landmarks.control_points import KnownPoint
+from webapp.core.landmarks.georegister import Georegistration, georegister
+from webapp.core.landmarks.pieces import RigidPiece, turn_of_view
+from webapp.core.landmarks.placing import LaidPiece, NotLaid
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.panorama import experience_of
+from webapp.errors import IndexDamaged
+from webapp.files.localize.features import read_segment
+from webapp.files.localize.index_store import IndexFolder
+from webapp.tasks.landmarks.known import AnyPhoto, known_positions
+
+_DEFAULT_PX, _LEAST_PX = 1.0, 0.01
+"""Standard deviation of a point on the map where none is given, and that is not believed to be smaller."""
+
+
+_MANY = 1_000_000
+"""More clicks than a point has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """How well a placed photo or a control point fits all others.
+
+    Attributes
+    ----------
+    photo : int or None
+        Id of the photo; None for a control point.
+    name : str
+        Of the photo's file, or of the control point.
+    at : MapPixel or None
+        Where it is said to be.
+    others_have : MapPixel or None
+        Where the others have it; None where they are too few.
+    contradicts : bool
+        It was left out: the others agree on another place.
+    wrong : tuple of str
+        Photos in which a control point is clicked elsewhere.
+    problem : str or None
+        Why a control point takes no part.
+    """
+
+    photo: int | None
+    name: str
+    at: MapPixel | None
+    others_have: MapPixel | None = None
+    contradicts: bool = False
+    wrong: tuple[str, ...] = ()
+    problem: str | None = None
+
+    @property
+    def residual_px(self) -> float | None:
+        """Distance between the two places."""
+        if self.at is None or self.others_have is None:
+            return None
+        return math.dist(self.at, self.others_have)
+
+    def residual_m(self, the_map: Map) -> float | None:
+        """Return that distance in metres, on a map with a georeference."""
+        off = self.residual_px
+        if off is None or self.at is None or the_map.georeference is None:
+            return None
+        return off * the_map.georeference.metres_per_pixel(self.at)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoLenses:
+    """What is known of the cameras of photos.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the landmarks.
+    cloud : LandmarkCloud
+    content_of : mapping of int to str
+        By the numbers that photos have in pieces.
+    """
+
+    folder: Path
+    cloud: LandmarkCloud
+    content_of: Mapping[int, str]
+
+    def lens(self, number: int) -> Lens | None:
+        """Return that of a photo; None where the photo is not joined."""
+        content = self.content_of.get(number)
+        if content is None or content not in self.cloud.contents:
+            return None
+        row = self.cloud.contents.index(content)
+        if not self.cloud.focal_px[row] > 0.0:
+            return None
+        try:
+            described = read_segment(IndexFolder(self.folder).spool_path(content)).entry(0)
+        except (OSError, IndexDamaged):
+            return None
+        size = described.features.photo_size
+        return Lens(*size, float(self.cloud.focal_px[row]), float(self.cloud.distortion[row]))
+
+
+def georegister_all(
+    pieces: Sequence[RigidPiece],
+    photos: Sequence[AnyPhoto | None],
+    *,
+    the_map: Map,
+    lenses: PhotoLenses,
+) -> list[Georegistration]:
+    """Lay pieces on a map by its placed photos and control points.
+
+    Parameters
+    ----------
+    photos : sequence of Experience or UnplacedPhoto or None
+        By the numbers that the pieces have: photos, or the views of panoramas.
+    """
+    known = known_positions(photos, the_map)
+    points = known_points(photos, the_map, lenses=lenses)
+    return [georegister(piece, known, points=points) for piece in pieces]
+
+
+def known_points(
+    photos: Sequence[AnyPhoto | None], the_map: Map, *, lenses: PhotoLenses
+) -> tuple[KnownPoint, ...]:
+    """Gather the control points that are on the map, with rays for their clicks."""
+    pictures: dict[int, list[int]] = {}
+    for number, photo in enumerate(photos):
+        if photo is not None:
+            pictures.setdefault(experience_of(photo.id), []).append(number)
+    found = []
+    for point in the_map.control_points:
+        if point.position is None:
+            continue
+        rays = [
+            (number, photo.photo, ray)
+            for click in point.clicks
+            for number in pictures.get(click.photo, ())
+            if (photo := photos[number]) is not None
+            and (ray := _ray(click, photo, number=number, lenses=lenses)) is not None
+        ]
+        numbers = np.array([number for number, _, _ in rays], np.int64)
+        ray = np.array([ray for _, _, ray in rays], np.float64).reshape(-1, 3)
+        sigma, height = _sigma_and_height(point, point.position, the_map)
+        shown_by = tuple(name for _, name, _ in rays)
+        found.append(KnownPoint(point.name, complex(*point.position), sigma, height, numbers, shown_by, ray))
+    return tuple(found)
+
+
+def _sigma_and_height(point: GroundControlPoint, at: MapPixel, the_map: Map) -> tuple[float, float]:
+    """Return how exact a point is, and its height, in map pixels; NaN on a map without scale."""
+    scale = math.nan if the_map.georeference is None else the_map.georeference.metres_per_pixel(at)
+    if not scale > 0.0:
+        return _DEFAULT_PX, math.nan
+    sigma = _DEFAULT_PX if point.accuracy_m is None else max(point.accuracy_m / scale, _LEAST_PX)
+    return sigma, math.nan if point.height_m is None else point.height_m / scale
+
+
+def _ray(
+    click: PhotoClick, photo: AnyPhoto, *, number: int, lenses: PhotoLenses
+) -> NDArray[np.float64] | None:
+    """Return where a click points to, in the frame of the photo's camera; None where that is not known."""
+    if photo.view is not None:
+        return np.asarray(turn_of_view(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
+    if photo.panorama is not None:
+        return ray_of_panorama(click.x, click.y)
+    lens = lenses.lens(number)
+    if lens is None:
+        return None
+    return ray_of_pixel(np.array([click.x * lens.width - 0.5, click.y * lens.height - 0.5]), lens=lens)
+
+
+def residuals_of(
+    pieces: Sequence[RigidPiece],
+    results: Sequence[Georegistration],
+    *,
+    photos: Sequence[AnyPhoto | None],
+    the_map: Map,
+) -> list[Residual]:
+    """List how well placed photos and control points fit, the largest residual first."""
+    found = [
+        one
+        for piece, result in zip(pieces, results, strict=True)
+        if isinstance(result.laid, LaidPiece)
+        for one in _of_photos(piece, result.laid, photos=photos)
+    ]
+    found += [_of_point(point, results) for point in the_map.control_points]
+    return sorted(found, key=lambda one: (-(one.residual_px or 0.0), one.name))
+
+
+def _of_photos(
+    piece: RigidPiece, laid: LaidPiece, *, photos: Sequence[AnyPhoto | None]
+) -> Iterator[Residual]:
+    for row, number in enumerate(piece.photo.tolist()):
+        photo, there = photos[number], complex(laid.others_have[row])
+        if isinstance(photo, Experience) and not math.isnan(there.real):
+            others = MapPixel(there.real, there.imag)
+            wrong = bool(laid.contradicting[row])
+            yield Residual(experience_of(photo.id), photo.photo, photo.position, others, wrong)
+
+
+def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> Residual:
+    """Judge a control point by the first piece that has it; else say why none has."""
+    if point.position is None:
+        return Residual(None, point.name, None, problem="it is not on the map yet")
+    clicks, problem = -1, "no photo is joined with others"
+    wrong: tuple[str, ...] = ()
+    for result in results:
+        for fit in result.points:
+            if fit.name == point.name and isinstance(result.laid, NotLaid):
+                clicks, problem, wrong = _MANY, result.laid.reason, fit.wrong
+            elif fit.name == point.name:
+                there = fit.others_have
+                others = None if math.isnan(there.real) else MapPixel(there.real, there.imag)
+                return Residual(None, point.name, point.position, others, fit.contradicts, fit.wrong)
+        for one in result.problems:
+            if one.point.name == point.name and one.clicks > clicks:
+                clicks, problem = one.clicks, f"it {one.reason}" if one.clicks < 2 else one.reason
+    return Residual(None, point.name, point.position, wrong=wrong, problem=problem)

@@ -1,0 +1,36 @@
+"""How well the placed photos and control points of a map fit its landmarks as they are on the disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from webapp.core.mapmodel.model import Map
+from webapp.core.mapmodel.views import content_of, level_views
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
+from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.files.maps.folder import photo_path
+from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
+from webapp.tasks.landmarks.known import all_photos
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.maps.photo_files import sha256_of
+
+
+def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
+    """List how well known positions fit the landmarks of a map that are there; None where there are none.
+
+    Raises
+    ------
+    MapError
+    """
+    folder = landmarks_folder(cfg)
+    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
+    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+        return None
+    photos = {
+        content_of(one, sha256_of(photo_path(cfg, one.photo))): one
+        for one in level_views(all_photos(the_map))
+    }
+    of_cloud = [photos.get(content) for content in pieces.contents]
+    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(pieces.contents)))
+    results = georegister_all(pieces.pieces, of_cloud, the_map=the_map, lenses=lenses)
+    return residuals_of(pieces.pieces, results, photos=of_cloud, the_map=the_map)

@@ -1,0 +1,164 @@
+"""The control points of a map by the API, and how well they and the placed photos fit the landmarks."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Float, Integer, List, Nested, String
+from apiflask.validators import Length, Range
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
+from webapp.errors import StorageError, UsageError
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.landmarks.edit_points import set_in_library
+from webapp.tasks.landmarks.show_cloud import shown_cloud
+from webapp.web.context import account, library, open_map
+from webapp.web.fields import Boolean
+from webapp.web.landmarks.jobs import queue_landmarks, running_job
+
+blueprint = APIBlueprint(
+    "api_control_points",
+    __name__,
+    url_prefix="/api/v1/maps/<slug>/landmarks/control-points",
+    tag="Landmarks",
+)
+
+_MOST_CLICKS = 200
+
+
+class ClickFields(Schema):
+    """Where a photo shows a control point: shares of the upright photo, from its top left corner."""
+
+    id = Integer(required=True, metadata={"description": "Of the photo."})
+    x = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the width."})
+    y = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the height."})
+
+
+class ControlPointIn(Schema):
+    """A spot of the world that is known on the map and clicked in photos."""
+
+    x_px = Float(load_default=None, allow_none=True, metadata={"description": "On the map; with y_px."})
+    y_px = Float(load_default=None, allow_none=True)
+    accuracy_m = Float(
+        load_default=None,
+        allow_none=True,
+        validate=Range(min=0.0, min_inclusive=False),
+        metadata={"description": "Standard deviation of that along each axis; null: one pixel of the map."},
+    )
+    height_m = Float(
+        load_default=None,
+        allow_none=True,
+        metadata={"description": "Above any level that is the same for all."},
+    )
+    photos = List(Nested(ClickFields), load_default=[], validate=Length(max=_MOST_CLICKS))
+
+
+class ControlPointOut(Schema):
+    """A control point."""
+
+    name = String()
+    x_px = Float(allow_none=True)
+    y_px = Float(allow_none=True)
+    accuracy_m = Float(allow_none=True)
+    height_m = Float(allow_none=True)
+    photos = List(Nested(ClickFields))
+
+
+class ResidualOut(Schema):
+    """How well a placed photo or a control point fits all others."""
+
+    photo = Integer(allow_none=True, metadata={"description": "Its id; null for a control point."})
+    name = String()
+    x_px = Float(allow_none=True)
+    y_px = Float(allow_none=True)
+    others_x_px = Float(
+        allow_none=True, metadata={"description": "Where the others have it; null where they are too few."}
+    )
+    others_y_px = Float(allow_none=True)
+    residual_px = Float(allow_none=True)
+    residual_m = Float(allow_none=True, metadata={"description": "On a map with a georeference."})
+    contradicts = Boolean(metadata={"description": "It was left out: the others agree on another place."})
+    wrong_clicks = List(String(), metadata={"description": "Photos in which it is clicked elsewhere."})
+    problem = String(allow_none=True, metadata={"description": "Why a control point takes no part."})
+
+
+class ControlPointsOut(Schema):
+    """The control points, and how well they fit."""
+
+    points = List(Nested(ControlPointOut))
+    residuals = List(Nested(ResidualOut), metadata={"description": "The largest first."})
+    laid = Boolean(metadata={"description": "Whether the map has landmarks, which the residuals are of."})
+    current = Boolean(metadata={"description": "Whether nothing was changed since they were laid."})
+    job = Integer(allow_none=True, metadata={"description": "That lays them just now."})
+
+
+@blueprint.get("")
+@blueprint.output(ControlPointsOut)
+def show(slug: str) -> dict[str, Any]:
+    """Get the control points, and the residuals of these and of the placed photos.
+
+    Where something was changed since the landmarks were laid on the map, a job lays them anew.
+    """
+    return _answer(open_map(slug))
+
+
+@blueprint.put("/<name>")
+@blueprint.input(ControlPointIn, arg_name="data")
+@blueprint.output(ControlPointsOut)
+def put(slug: str, name: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Add a control point or replace it, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    if (data["x_px"] is None) != (data["y_px"] is None):
+        raise UsageError("x_px and y_px go together", where=name, hint="give both or none")
+    clicks = {click["id"]: PhotoClick(click["id"], click["x"], click["y"]) for click in data["photos"]}
+    if len(clicks) < len(data["photos"]):
+        raise UsageError("a photo shows a control point once", where=name, hint="click it again to move it")
+    point = GroundControlPoint(
+        name,
+        None if data["x_px"] is None else MapPixel(data["x_px"], data["y_px"]),
+        tuple(clicks[id] for id in sorted(clicks)),
+        data["accuracy_m"],
+        data["height_m"],
+    )
+    set_in_library(library(), record.id, points={name: point}, account_id=account().id)
+    return _answer(open_map(slug))
+
+
+@blueprint.delete("/<name>")
+@blueprint.output(ControlPointsOut)
+def delete(slug: str, name: str) -> dict[str, Any]:
+    """Take a control point away, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    set_in_library(library(), record.id, points={name: None}, account_id=account().id)
+    return _answer(open_map(slug))
+
+
+def _answer(record: MapRecord) -> dict[str, Any]:
+    shown = shown_cloud(library(), record)
+    if not shown.is_current:
+        with suppress(StorageError):  # a full disk: what is there is shown all the same
+            queue_landmarks(record, only_lay=True)
+    with library().database.read() as session:
+        names = {photo.path: photo.name for photo in maps.photos(session, record) if not photo.removed}
+        job = running_job(session, record)
+    empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None}
+    residuals = [] if shown.points is None else shown.points.about.get("residuals", [])
+    return {
+        "points": [{**empty, **point} for point in record.control_points or ()],
+        "residuals": [
+            {
+                **one,
+                "name": one["name"] if one["photo"] is None else names[one["name"]],
+                "wrong_clicks": [names.get(path, path) for path in one["wrong_clicks"]],
+            }
+            for one in residuals
+            if one["photo"] is None or one["name"] in names
+        ],
+        "laid": shown.points is not None,
+        "current": shown.is_current,
+        "job": job,
+    }

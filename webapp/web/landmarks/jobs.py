@@ -1,0 +1,34 @@
+"""The job that computes the landmarks of a map, or lays them on it anew."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.web.context import account, library
+
+_JOB = "landmarks"
+_JOBS = (_JOB, "place-rest")
+"""Both make the landmarks."""
+
+
+def queue_landmarks(record: MapRecord, *, only_lay: bool) -> None:
+    """Queue it, unless it waits already."""
+    with library().database.write() as session:
+        jobs.enqueue(
+            session,
+            _JOB,
+            map_id=record.id,
+            account_id=account().id,
+            arguments={"only_lay": only_lay},
+            key="lay" if only_lay else "",
+        )
+
+
+def running_job(session: Session, record: MapRecord) -> int | None:
+    """Return the id of the job that makes landmarks of a map just now."""
+    running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
+    return session.scalars(running.limit(1)).first()
