@@ -19,7 +19,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "learned": ("onnx", "onnxruntime"),
         "missions": ("rosbags", "pynmea2", "fitdecode"),
         "geotiff": ("rasterio",),
-        "sfm": ("pycolmap",),
+        "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
     }
 )

@@ -12,7 +12,13 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.store.library import open_library
 from webapp.store.maps import edits
 from webapp.store.schema import Account, Photo
-from webapp.tasks.landmarks.place_rest import CheckedPhoto, LeftPhoto, RestReport, SuggestedPlace
+from webapp.tasks.landmarks.place_rest import (
+    CheckedPhoto,
+    CorrectedPlace,
+    LeftPhoto,
+    RestReport,
+    SuggestedPlace,
+)
 from webapp.tasks.maps import adopt_map
 
 REPORT = RestReport(
@@ -28,6 +34,10 @@ REPORT = RestReport(
         CheckedPhoto(6, "photos/6.jpg", None, False),
     ),
     place_next=(3, 4),
+    corrected=(
+        CorrectedPlace(0, "photos/0.jpg", MapPixel(95.0, 90.0), 30.0, 4.0, 10.0, 12.0),
+        CorrectedPlace(1, "photos/1.jpg", MapPixel(45.0, 300.0), 60.0, 8.0, 10.0, None),
+    ),
 )
 
 
@@ -45,6 +55,24 @@ def cfg(tmp_path, make_map, monkeypatch):
     take_off(cfg)
     monkeypatch.setattr(place_rest, "suggest_rest", lambda *_, **__: REPORT)
     return cfg
+
+
+def test_photos_placed_by_gps_are_moved_when_asked(expmap, cfg):
+    the_map = read_map(cfg)
+    first = replace(the_map.experiences[0], by_gps=True)
+    write_map(cfg, replace(the_map, experiences=(first, *the_map.experiences[1:])))
+    _, _, err = expmap("map", "place-rest", cfg)
+    assert (
+        "2 photos placed by GPS would be moved by --correct: by 6.0 m on average, at most by 8.0 m "
+        "(photos/1.jpg)" in err
+    )
+    assert read_map(cfg).experiences[0] == first
+    code, _, err = expmap("map", "place-rest", cfg, "--correct")
+    assert code == 0
+    assert "2 photos placed by GPS were moved" in err
+    moved, stayed = read_map(cfg).experiences
+    assert (moved.position, moved.heading_deg, moved.by_gps) == ((95.0, 90.0), 12.0, False)
+    assert stayed.position == the_map.experiences[1].position  # somebody has placed it
 
 
 def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):

@@ -8,7 +8,7 @@ from tests.design.conftest import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"])
 FOLDERS = "webapp|static|templates|tests|docs|benchmarks|maps|ros"
-MOST_LINES = 1350
+MOST_LINES = 1400
 """Of the tour."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from statistics import fmean
 
 import click
 
@@ -11,7 +12,14 @@ from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.settings import keep_freed_memory
-from webapp.tasks.landmarks.accept import accept_in_folder, accept_in_library, library_of, owner_of
+from webapp.tasks.landmarks.accept import (
+    accept_in_folder,
+    accept_in_library,
+    correct_in_folder,
+    correct_in_library,
+    library_of,
+    owner_of,
+)
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
 from webapp.tasks.landmarks.stored import as_json as report_as_json
 
@@ -25,18 +33,22 @@ from webapp.tasks.landmarks.stored import as_json as report_as_json
     metavar="PX",
     help="With --accept: only photos whose radius is at most so many pixels.",
 )
+@click.option("--correct", is_flag=True, help="Move photos that their GPS has placed to where all have them.")
 @click.option("--check", is_flag=True, help="List the placed photos by how far off the others have them.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def place_rest(cfg: Path, accept: bool, within: float | None, check: bool, as_json: bool) -> None:
+def place_rest(
+    cfg: Path, accept: bool, within: float | None, correct: bool, check: bool, as_json: bool
+) -> None:
     """Suggest where the photos in the tray of a map were taken, by the photos that are placed.
 
     All photos are joined by structure from motion, and laid on the map by those that have a place; a dozen
     of those are often enough. What cannot be joined stays in the tray, with the reason. Nothing is changed
     without --accept. It can be interrupted at any moment; the next time only new photos are computed.
+    Photos that their GPS has placed are joined, too, and known better then: --correct moves them.
     With --check the photos that are placed are listed instead, those first that contradict the others.
     """
-    if check and accept:
-        raise click.UsageError("--check changes nothing: it does not go with --accept")
+    if check and (accept or correct):
+        raise click.UsageError("--check changes nothing: it does not go with --accept or --correct")
     if within is not None and not accept:
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
@@ -50,6 +62,13 @@ def place_rest(cfg: Path, accept: bool, within: float | None, check: bool, as_js
             else:
                 library, map_id = there
                 accept_in_library(library, map_id, suggested=chosen, account_id=owner_of(library))
+        if correct and report.corrected:
+            if there is None:
+                correct_in_folder(cfg, report.corrected)
+            else:
+                library, map_id = there
+                owner = owner_of(library)
+                correct_in_library(library, map_id, corrected=report.corrected, account_id=owner)
     accepted = {one.id for one in chosen} if accept else set()
     click.echo(
         json.dumps(report_as_json(report, accepted=accepted), indent=1)
@@ -59,6 +78,8 @@ def place_rest(cfg: Path, accept: bool, within: float | None, check: bool, as_js
         else _table(report, accepted)
     )
     _print_notes(cfg, report, accepted)
+    if report.corrected:
+        _print_corrections(report, are_moved=correct)
 
 
 def _table(report: RestReport, accepted: set[int]) -> str:
@@ -105,3 +126,15 @@ def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
     if report.place_next:
         ids = ", ".join(str(id) for id in report.place_next)
         click.echo(f"placing these photos by hand would help most (ids): {ids}", err=True)
+
+
+def _print_corrections(report: RestReport, *, are_moved: bool) -> None:
+    """Print on standard error how far photos with GPS are from where all have them."""
+    metres = fmean(one.moved_m for one in report.corrected)
+    farthest = max(report.corrected, key=lambda one: one.moved_m)
+    done = "were moved" if are_moved else "would be moved by --correct"
+    click.echo(
+        f"{len(report.corrected)} photos placed by GPS {done}: by {metres:.1f} m on average, at most by "
+        f"{farthest.moved_m:.1f} m ({farthest.photo})",
+        err=True,
+    )

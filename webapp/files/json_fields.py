@@ -104,6 +104,17 @@ class JsonField:
             raise self.error(f"is not {meaning}")
         return float(self.value)
 
+    def boolean(self) -> bool:
+        """Return true or false.
+
+        Raises
+        ------
+        MapJsonError
+        """
+        if not isinstance(self.value, bool):
+            raise self._wrong("true or false")
+        return self.value
+
     def text(self) -> str:
         """Return a text.
 

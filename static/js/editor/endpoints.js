@@ -35,6 +35,7 @@ export function endpointsOf(slug) {
 
     rest: () => get(`${map}/place-rest`),
     findRest: () => post(`${map}/place-rest`, {}),
+    correctRest: (ids) => post(`${map}/place-rest/correct`, { ids }),
     acceptRest: (ids) => post(`${map}/place-rest/accept`, { ids }),
 
     streetServices: () => get(`${map}/street-photos`),

@@ -31,7 +31,7 @@ export function restDialog({ store, server, refresh, dots, view }) {
     job = rest.job;
     find.disabled = job !== null;
     ids = rest.suggested.map(({ id }) => id);
-    dots.setSuggestions(rest.suggested);
+    dots.setSuggestions([...rest.suggested, ...rest.corrected]);
     offer(place, ids.length);
     outcome.replaceChildren(...[
       job !== null && h("p", {}, t("This is being computed; it takes a few minutes.")),
@@ -40,6 +40,7 @@ export function restDialog({ store, server, refresh, dots, view }) {
       nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
       nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
         t("{name}: they have it {distance} away", { name, distance: length(away) }))),
+      rest.corrected.length > 0 && corrections(rest.corrected),
       rest.place_next.length > 0 && h("p", { class: "row" }, t("Placing these by hand helps most:"), ...rest.place_next.map(chooser)),
     ].filter(Boolean));
   };
@@ -51,6 +52,24 @@ export function restDialog({ store, server, refresh, dots, view }) {
     h("button", { class: "button button--quiet", type: "button", onclick: () => view.focus([[one.x_px, one.y_px]]) }, one.name),
     h("span", { class: "soft" }, t("within {distance}", { distance: length(one.radius_px) })),
     h("button", { class: "button button--quiet", type: "button", "aria-label": t("Place {name}", { name: one.name }), onclick: () => accept([one.id]) }, t("Place")));
+  const corrections = (corrected) => {
+    const mean = corrected.reduce((sum, { moved_m: metres }) => sum + metres, 0) / corrected.length;
+    const move = h("button", { class: "button", type: "button", "data-testid": "rest-correct", onclick: () => correct(corrected.map(({ id }) => id)) }, t("Move them"));
+    return h("p", { class: "row" }, tn(
+      "{n} photo placed by GPS is {distance} from where all photos together have it.",
+      "{n} photos placed by GPS are {distance} on average from where all photos together have them.",
+      corrected.length, { distance: accuracyText(mean) }), move);
+  };
+  const correct = async (chosen) => {
+    try {
+      const { placed } = await server.correctRest(chosen);
+      await refresh();
+      toast(tn("{n} photo moved.", "{n} photos moved.", placed.length));
+      await look(server.rest);
+    } catch (problem) {
+      error.show(problem);
+    }
+  };
   const chooser = (id) => h("button", { class: "button button--quiet", type: "button", onclick: () => store.setCurrent(id) },
     store.photos.get(id)?.name ?? String(id));
   const look = async (question) => {

@@ -70,6 +70,18 @@ def test_a_walk_that_bends_is_straightened_by_five_positions(scene):
     assert (scene[0] / "adjusted" / "images.bin").exists()
 
 
+def test_where_little_holds_a_walk_it_is_less_certain(scene):
+    """Positions at one end only: the farther from them, the less certain, and still about as far as said."""
+    truth, placed = walk()[0], [0, 1, 3, 5, 7]
+    model = adjust(make_job(scene, [range(PHOTOS)], at=truth, placed=placed))
+    order = [model.contents.index(name) for name in CONTENTS]
+    sigma_px = np.sqrt(np.trace(model.covariance[order], axis1=1, axis2=2) / 2.0)
+    assert (np.diff(sigma_px[8:]) > 0.0).all()
+    away_px = SCALE * np.linalg.norm((model.centre[order] / SCALE - truth)[:, :2], axis=1)
+    assert np.mean(away_px < 3.0 * sigma_px) > 0.9
+    assert sigma_px[-1] > 5.0 * sigma_px[4]
+
+
 def test_one_wrong_position_does_not_pull_the_others(scene):
     truth, placed = walk()[0], [*range(0, PHOTOS, 3)]
     at = truth + np.where(np.arange(PHOTOS) == 12, 9.0, 0.0)[:, None] * [1.0, 0.0, 0.0]

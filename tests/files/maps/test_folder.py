@@ -30,6 +30,7 @@ def full_maps(draw: st.DrawFn) -> Map:
             heading_deg=draw(some),
             fov_deg=draw(some),
             gps_accuracy_m=draw(some),
+            by_gps=draw(st.booleans()),
             taken_at=draw(st.none() | st.datetimes().map(lambda time: time.isoformat())),
             source=draw(st.sampled_from([None, PhotoSource("Street", f"s-{id}", "CC BY 4.0", "Ana")])),
         )

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import UnplacedPhoto
 from webapp.errors import Cancelled, MissingPart, UsageError
@@ -172,3 +173,33 @@ def test_a_photo_that_is_placed_wrongly_is_where_the_others_have_it(court):
     assert found.residual_px == pytest.approx(90.0, abs=1.0)
     assert np.hypot(*(found.others_have - court.at[3])) < 1.0
     assert all(one.residual_px < 2.0 for one in report.checked if one.id != 3)
+
+
+def test_photos_placed_by_gps_are_corrected_by_all_together(court):
+    rng = np.random.default_rng(1)
+    accept_in_folder(court.cfg, suggest(court.cfg).suggested)
+    whole = read_map(court.cfg)
+    by_gps = tuple(
+        replace(
+            e,
+            position=MapPixel(*(e.position + rng.normal(0.0, 8.0, 2))),
+            heading_deg=None if e.id else 5.0,
+            gps_accuracy_m=0.1 * 1.515 * 8.0,
+            by_gps=True,
+        )
+        for e in whole.experiences
+    )
+    tenth = Georeference(
+        "EPSG:32635", (0.1, 0.0, 470_683.0, 0.0, -0.1, 6_696_811.0, 0.0, 0.0, 1.0), "corners"
+    )
+    write_map(court.cfg, replace(whole, experiences=by_gps, unplaced=(), georeference=tenth))
+    corrected = {one.id: one for one in suggest(court.cfg).corrected}
+    assert len(corrected) == len(by_gps)
+    off = np.array(
+        [[np.hypot(*(at - court.at[e.id])) for at in (e.position, corrected[e.id].position)] for e in by_gps]
+    )
+    before, after = np.sqrt((off**2).mean(0))
+    assert after < 0.6 * before
+    assert corrected[1].moved_m == pytest.approx(0.1 * corrected[1].moved_px, rel=0.01)
+    assert corrected[0].heading_deg is None
+    assert turned(corrected[1].heading_deg, court.headings[1]) < 5.0

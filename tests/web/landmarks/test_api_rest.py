@@ -5,10 +5,17 @@ import pytest
 from tests.web.landmarks.conftest import place
 from webapp.core.geo.types import MapPixel
 from webapp.extras import install_line
+from webapp.files.maps.map_json import parse_georeference
 from webapp.jobs.kinds import KINDS
-from webapp.store.schema import Job
+from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks import stored
-from webapp.tasks.landmarks.place_rest import CheckedPhoto, LeftPhoto, RestReport, SuggestedPlace
+from webapp.tasks.landmarks.place_rest import (
+    CheckedPhoto,
+    CorrectedPlace,
+    LeftPhoto,
+    RestReport,
+    SuggestedPlace,
+)
 
 
 @pytest.fixture
@@ -77,6 +84,63 @@ def test_what_is_not_suggested_cannot_be_accepted(client, suggested):
     assert answer.json["error"]["message"] == "no place is suggested for this photo"
     photos = {p["id"]: p for p in client.get(suggested).json["photos"]}
     assert photos[1]["x_px"] is None
+
+
+@pytest.fixture
+def corrected(yard, library):
+    """The same, with three photos where their GPS has them, and corrections for two of those."""
+    url, slug = yard
+    plane_from_pixel = [[0.2, 0.0, 470_683.0], [0.0, -0.2, 6_696_811.0], [0.0, 0.0, 1.0]]
+    stated = {"plane": "EPSG:32635", "plane_from_pixel": plane_from_pixel, "method": "corners"}
+    with library.database.write() as session:
+        session.query(MapRecord).filter_by(slug=slug).one().georeference = stated
+        for photo in session.query(Photo).filter(Photo.id > 0):
+            at = MapPixel(50.0 * photo.id, 60.0)
+            photo.gps_lat, photo.gps_lon = parse_georeference(stated, where=slug).latlon_of(at)
+            photo.x_px, photo.y_px = at
+    report = RestReport(
+        (),
+        (),
+        (),
+        (),
+        (
+            CorrectedPlace(1, "photos/1.jpg", MapPixel(80.0, 60.0), 30.0, 6.0, 4.0, 45.0),
+            CorrectedPlace(2, "photos/2.jpg", MapPixel(130.0, 60.0), 30.0, 6.0, 4.0, None),
+        ),
+    )
+    (library.map_folder(slug) / "derived").mkdir(exist_ok=True)
+    stored.keep(library.cfg(slug), report, revision=3)
+    return url
+
+
+def test_photos_placed_by_gps_are_corrected_in_one_step(client, corrected):
+    found = client.get(f"{corrected}/place-rest").json["corrected"]
+    assert [(one["id"], one["name"], one["moved_m"]) for one in found] == [
+        (1, "1.jpg", 6.0),
+        (2, "2.jpg", 6.0),
+    ]
+    answer = client.post(f"{corrected}/place-rest/correct", json={"ids": [1, 2]})
+    assert answer.json["placed"] == [1, 2]
+    photos = {p["id"]: p for p in client.get(corrected).json["photos"]}
+    assert (photos[1]["x_px"], photos[1]["heading_deg"]) == (80.0, 45.0)
+    assert client.get(f"{corrected}/place-rest").json["corrected"] == []
+    client.post(f"{corrected}/undo", json={})
+    photos = {p["id"]: p for p in client.get(corrected).json["photos"]}
+    assert (photos[1]["x_px"], photos[2]["x_px"]) == (50.0, 100.0)
+
+
+def test_a_photo_that_somebody_has_moved_is_not_corrected(client, corrected):
+    place(client, corrected, 2, at=(5, 6))
+    assert [one["id"] for one in client.get(f"{corrected}/place-rest").json["corrected"]] == [1]
+    answer = client.post(f"{corrected}/place-rest/correct", json={"ids": [1, 2]})
+    assert answer.json["placed"] == [1]
+    assert {p["id"]: p for p in client.get(corrected).json["photos"]}[2]["x_px"] == 5
+
+
+def test_a_photo_without_a_correction_is_refused(client, corrected):
+    answer = client.post(f"{corrected}/place-rest/correct", json={"ids": [1, 3]})
+    assert answer.status_code == 404
+    assert answer.json["error"]["message"] == "no correction is suggested for this photo"
 
 
 def test_looking_for_places_is_a_job(client, yard, library):

@@ -209,15 +209,7 @@ def ray_of_pixel(xy: Array, *, lens: Lens) -> Array:
 def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array | None:
     """Invert the normal matrix, scaled by the residuals `off`; None where it is singular."""
     own = (points - centre) @ rotation.T
-    depth = own[:, 2]
-    flat = own[:, :2] / depth[:, None]
-    squared = (flat**2).sum(1)
-    wide = (1.0 + lens.distortion * squared)[:, None, None] * np.eye(2)
-    wide = wide + 2.0 * lens.distortion * flat[:, :, None] * flat[:, None, :]
-    by_own = np.zeros((len(points), 2, 3))
-    by_own[:, 0, 0] = by_own[:, 1, 1] = 1.0 / depth
-    by_own[:, :, 2] = -flat / depth[:, None]
-    by_own = lens.focal_px * wide @ by_own
+    by_own = projection_jacobian(own, focal_px=lens.focal_px, distortion=lens.distortion)
     cross = np.zeros((len(points), 3, 3))
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -own[:, 2], own[:, 1], -own[:, 0]
     cross -= np.swapaxes(cross, 1, 2)
@@ -230,6 +222,26 @@ def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centr
         return None
     covariance: Array = sigma**2 * np.linalg.inv(normal) / np.outer(scale, scale)
     return covariance
+
+
+def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Array | float) -> Array:
+    """Derivatives (n, 2, 3) of where points are projected, pixels, by the points (n, 3) in their cameras.
+
+    Parameters
+    ----------
+    focal_px, distortion : float or (n,) float64
+        See `Lens`.
+    """
+    focal, radial = (np.broadcast_to(value, len(own))[:, None, None] for value in (focal_px, distortion))
+    depth = own[:, 2]
+    flat = own[:, :2] / depth[:, None]
+    squared = (flat**2).sum(1)[:, None, None]
+    wide = (1.0 + radial * squared) * np.eye(2) + 2.0 * radial * flat[:, :, None] * flat[:, None, :]
+    by_own = np.zeros((len(own), 2, 3))
+    by_own[:, 0, 0] = by_own[:, 1, 1] = 1.0 / depth
+    by_own[:, :, 2] = -flat / depth[:, None]
+    jacobian: Array = focal * (wide @ by_own)
+    return jacobian
 
 
 def angles_of(rotation: Array) -> Array:

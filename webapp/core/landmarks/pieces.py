@@ -46,12 +46,16 @@ class RigidPiece:
     error_rate : float
         Least error to be expected, over the distance to the nearest placed photo: as it was measured before
         the piece was adjusted by known positions. 0 where it was not.
+    covariance : (n, 2, 2) float64 or None
+        Of the positions on the map, map pixels squared, of a piece that was adjusted by known positions, by
+        which its world is that of the map; see `position_covariances`.
     """
 
     photo: NDArray[np.int64]
     centre: Array
     rotation: Array
     error_rate: float = 0.0
+    covariance: Array | None = None
 
     def __len__(self) -> int:
         """Count the photos."""
@@ -76,7 +80,10 @@ def of_photos(piece: RigidPiece, *, photo: NDArray[np.int64], turn_deg: NDArray[
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
     middle = np.array([turn_of_view(turn_deg[row]).T @ piece.rotation[row] for row in first])
-    return RigidPiece(photo[first], piece.centre[first], middle.reshape(-1, 3, 3), piece.error_rate)
+    covariance = None if piece.covariance is None else piece.covariance[first]
+    return RigidPiece(
+        photo[first], piece.centre[first], middle.reshape(-1, 3, 3), piece.error_rate, covariance
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

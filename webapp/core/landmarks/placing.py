@@ -22,6 +22,12 @@ from webapp.core.landmarks.pieces import (
     view_by_level_cameras,
     view_by_positions,
 )
+from webapp.core.landmarks.radii import (
+    PlacedPhotos,
+    error_rate_of,
+    radius_by_covariance,
+    radius_by_distance,
+)
 from webapp.core.landmarks.similarity import Similarity
 
 Array = NDArray[np.float64]
@@ -31,14 +37,6 @@ _EXPONENTS = (0.0, 1.0, 2.0, 3.0)
 
 _NEAREST = 0.02
 """Distances are not taken to be shorter than this share of the extent of the placed photos."""
-
-_RELATIVE_ERROR, _AS_IF = 0.25, 3.0
-"""Error over the distance to the nearest placed photo, before anything is measured, and how many measurements
-that counts as."""
-
-_MOST_RELATIVE = 2.0
-_RADIUS_OVER_RMS = 1.07
-"""68 % radius over root mean square of errors that are normal in the plane."""
 
 _FEW = 4
 """Placed photos from which on one that contradicts the others can be identified."""
@@ -135,7 +133,7 @@ class PlanTransform:
     @property
     def error_rate(self) -> float:
         """Error over the distance to the nearest placed photo."""
-        return max(self.least_rate, _error_rate(self.relative))
+        return max(self.least_rate, error_rate_of(self.relative))
 
     def similarity(self) -> Similarity:
         """Fit one similarity of the whole piece, to map pixels with a third axis that points down from it."""
@@ -166,7 +164,7 @@ class PlanTransform:
         """Lay cameras (n, 3) of the piece on the map, placed or not."""
         seen, own = centre @ self.frame.T, self.centre @ self.frame.T
         plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
-        known = _Known(np.arange(len(plan)), self.at, self.sigma_px)
+        known = PlacedPhotos(np.arange(len(plan)), self.at, self.sigma_px)
         at, factor = _moved(targets, known, exponent=self.exponent, plan=plan)
         weight = _weights(targets, known, exponent=self.exponent, plan=plan)
         return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
@@ -176,9 +174,9 @@ class PlanTransform:
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
         plan = own[:, 0] + 1j * own[:, 1]
         target = np.array([seen[0] + 1j * seen[1]])
-        known = _Known(np.arange(len(plan)), self.at, self.sigma_px)
+        known = PlacedPhotos(np.arange(len(plan)), self.at, self.sigma_px)
         at, factor = _moved(target, known, exponent=self.exponent, plan=plan)
-        radius = _radius(
+        radius = radius_by_distance(
             np.append(plan, target), known, factor=np.append(0.0 * plan, factor), rate=self.error_rate
         )
         nearest = np.abs(plan - target).argmin()
@@ -242,19 +240,8 @@ def lay_piece(
     problem = _misfit(view.position[placed], at[placed])
     if problem:
         return NotLaid(problem, tuple(piece.photo[placed].tolist()))
-    placed_photos = _Known(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]])
+    placed_photos = PlacedPhotos(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]])
     return _lay(piece, view, placed_photos)
-
-
-class _Known(NamedTuple):
-    """Placed photos: which of a piece (k,), where on the map (k,), and how exactly (k,)."""
-
-    row: NDArray[np.int64]
-    at: Points
-    sigma_px: Array
-
-    def subset(self, kept: NDArray[np.bool_]) -> _Known:
-        return _Known(self.row[kept], self.at[kept], self.sigma_px[kept])
 
 
 def _misfit(plan: Points, at: Points) -> str | None:
@@ -276,7 +263,7 @@ def _global_rms(plan: Points, at: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
 
 
-def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
+def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
     kept = np.ones(len(known.row), np.bool_)
     exponent, moved, error, relative = _leave_one_out(view.position, known)
     while len(error) >= _FEW:
@@ -297,10 +284,13 @@ def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
     residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
     contradicting[wrong] = True
-    rate = max(piece.error_rate, _error_rate(relative))
+    radius = radius_by_covariance(piece, used)
+    if radius is None:
+        rate = max(piece.error_rate, error_rate_of(relative))
+        radius = radius_by_distance(view.position, used, factor=factor, rate=rate)
     return LaidPiece(
         at,
-        _radius(view.position, used, factor=factor, rate=rate),
+        radius,
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
         residual,
         others_have,
@@ -318,22 +308,7 @@ def _lay(piece: RigidPiece, view: PlanView, known: _Known) -> LaidPiece:
     )
 
 
-def _error_rate(relative: Array) -> float:
-    """Error over the distance to the nearest placed photo, as it was measured."""
-    measured = np.minimum(relative, _MOST_RELATIVE)
-    return float(np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured))))
-
-
-def _radius(plan: Points, known: _Known, *, factor: Points, rate: float) -> Array:
-    """How far off photos may be: by the distance to the nearest placed one."""
-    apart = np.abs(plan[:, None] - plan[known.row])
-    nearest = apart.argmin(1)
-    away = apart[np.arange(len(plan)), nearest] * np.abs(factor)
-    radius: Array = _RADIUS_OVER_RMS * np.hypot(np.sqrt(2.0) * known.sigma_px[nearest], rate * away)
-    return radius
-
-
-def _leave_one_out(plan: Points, known: _Known) -> tuple[float, Points, Array, Array]:
+def _leave_one_out(plan: Points, known: PlacedPhotos) -> tuple[float, Points, Array, Array]:
     """Choose the exponent by which placed photos place each other best.
 
     Returns
@@ -362,7 +337,7 @@ def _leave_one_out(plan: Points, known: _Known) -> tuple[float, Points, Array, A
 
 
 def _moved(
-    targets: Points, known: _Known, *, exponent: float, plan: Points, leave_out: bool = False
+    targets: Points, known: PlacedPhotos, *, exponent: float, plan: Points, leave_out: bool = False
 ) -> tuple[Points, Points]:
     """Map points by similarities of their own.
 
@@ -387,7 +362,7 @@ def _moved(
 
 
 def _weights(
-    targets: Points, known: _Known, *, exponent: float, plan: Points, leave_out: bool = False
+    targets: Points, known: PlacedPhotos, *, exponent: float, plan: Points, leave_out: bool = False
 ) -> Array:
     """Weigh the placed photos for each target, (t, k); each row adds up to 1."""
     source = plan[known.row]

@@ -88,6 +88,8 @@ class Experience:
         Of a photo that shows the whole sphere.
     view : LevelView or None
         Of a panorama, where `level_views` has put it in the panorama's place.
+    by_gps : bool
+        Its position is what its GPS gave, and as exact; else somebody has placed it.
     """
 
     id: int
@@ -102,6 +104,7 @@ class Experience:
     source: PhotoSource | None = None
     panorama: Panorama | None = None
     view: LevelView | None = None
+    by_gps: bool = False
 
 
 @dataclass(frozen=True, slots=True)

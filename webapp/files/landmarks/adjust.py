@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.landmarks.uncertainty import AdjustedCameras, position_covariances
 from webapp.files.landmarks.colmap import Model, as_model, pycolmap
 from webapp.files.landmarks.match_database import LEAST_INLIERS
 
@@ -350,7 +351,35 @@ class _Scene:
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
         self._model.write(out)
-        return as_model(self._model)
+        model = as_model(self._model)
+        return replace(model, covariance=self._covariance(model))
+
+    def _covariance(self, model: Model) -> Array | None:
+        """Compute how exactly the photos of the model (n,) are known on the map, (n, 2, 2)."""
+        frames, frame = np.unique(model.frame, return_inverse=True)
+        ids = [self._id[content] for content in model.contents]
+        row = {id: number for number, id in enumerate(ids)}
+        lenses = [self._model.image(id).camera for id in ids]
+        points = list(self._model.points3D.values())
+        seen = [(row[e.image_id], n) for n, point in enumerate(points) for e in point.track.elements]
+        camera_row, point_row = np.array(seen, np.int64).reshape(-1, 2).T
+        prior = np.full((len(frames), 3), np.inf)
+        for content, number in zip(model.contents, frame.tolist(), strict=True):
+            if content in self._known:
+                sigma = self._known[content][1]
+                prior[number] = sigma, sigma, self._job.height_sigma_px
+        cameras = AdjustedCameras(
+            frame,
+            model.centre,
+            model.rotation,
+            np.array([lens.mean_focal_length() for lens in lenses]),
+            np.array([lens.params[-1] for lens in lenses]),
+            np.array([point.xyz for point in points]).reshape(-1, 3),
+            camera_row,
+            point_row,
+        )
+        found = position_covariances(cameras, keypoint_sigma_px=self._pixel, prior_sigma=prior)
+        return None if found is None else found[frame]
 
 
 def agreed_rotation(given: Sequence[tuple[Array, int]]) -> tuple[Array, int]:

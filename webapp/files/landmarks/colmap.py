@@ -25,7 +25,7 @@ from webapp.files.localize.arrays import read_arrays, write_arrays
 PIECES_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
 """The pieces as they are used, and as they were before they were joined by known positions."""
 
-_FORMAT = 3
+_FORMAT = 4
 
 
 def pycolmap() -> ModuleType:
@@ -57,6 +57,8 @@ class Model:
         Points of the model that two photos both see.
     frame : (n,) int64
         The same number for the views of a panorama.
+    covariance : (n, 2, 2) float64 or None
+        Of the centres along the first two axes, of a model that was adjusted by known positions.
     """
 
     contents: list[str]
@@ -64,6 +66,7 @@ class Model:
     rotation: NDArray[np.float64]
     shared: NDArray[np.int32]
     frame: NDArray[np.int64]
+    covariance: NDArray[np.float64] | None = None
 
     def parts(self) -> list[NDArray[np.int64]]:
         """Split its photos into parts that are held together; see `rigid_parts`."""
@@ -168,6 +171,7 @@ def write_pieces(path: Path, stored: StoredPieces) -> None:
         "centre": np.concatenate([np.zeros((0, 3)), *(p.centre for p in pieces)]),
         "rotation": np.concatenate([np.zeros((0, 3, 3)), *(p.rotation for p in pieces)]),
         "error_rate": np.array([p.error_rate for p in pieces], np.float64),
+        "covariance": np.concatenate([np.zeros((0, 2, 2)), *(_covariance(p) for p in pieces)]),
     }
     meta = {
         "format": _FORMAT,
@@ -187,11 +191,23 @@ def read_pieces(path: Path) -> StoredPieces | None:
             return None
         start = arrays["start"].tolist()
         rates = arrays["error_rate"].tolist()
+        covariance = arrays["covariance"]
         pieces = tuple(
-            RigidPiece(arrays["photo"][a:b], arrays["centre"][a:b], arrays["rotation"][a:b], rate)
+            RigidPiece(
+                arrays["photo"][a:b],
+                arrays["centre"][a:b],
+                arrays["rotation"][a:b],
+                rate,
+                None if np.isnan(covariance[a:b]).all() else covariance[a:b],
+            )
             for a, b, rate in zip(start[:-1], start[1:], rates, strict=True)
         )
         texts = (str(meta[name]) for name in ("key", "adjusted", "problem"))
         return StoredPieces(pieces, tuple(meta["contents"]), *texts)
     except (IndexDamaged, KeyError):
         return None
+
+
+def _covariance(piece: RigidPiece) -> NDArray[np.float64]:
+    """Give the covariances of a piece; NaN where it has none."""
+    return np.full((len(piece), 2, 2), np.nan) if piece.covariance is None else piece.covariance

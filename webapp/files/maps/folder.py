@@ -185,6 +185,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         blurred=known.blurred,
         source=known.source,
         panorama=known.panorama,
+        by_gps=known.by_gps,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 
 from webapp.core.blur import BlurBox
@@ -38,6 +38,7 @@ class MapJsonPhoto:
     blurred: tuple[BlurBox, ...] = ()
     source: PhotoSource | None = None
     panorama: Panorama | None = None
+    by_gps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,12 +213,13 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
 
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
-    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", *_FACTS))
+    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", "by_gps", *_FACTS))
     x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
     position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
-    return fields["id"].integer(largest=MAX_NUMBER), _facts(fields, position)
+    by_gps = not fields["by_gps"].missing and fields["by_gps"].boolean()
+    return fields["id"].integer(largest=MAX_NUMBER), replace(_facts(fields, position), by_gps=by_gps)
 
 
 def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
@@ -336,8 +338,10 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
         "panorama": panorama_fields(photo.panorama),
     }
     present = {name: value for name, value in known.items() if value is not None}
-    position = _position_fields(photo.position) if isinstance(photo, Experience) else {}
-    return {"id": photo.id, "photo": photo.photo, **position, **present}
+    if not isinstance(photo, Experience):
+        return {"id": photo.id, "photo": photo.photo, **present}
+    by_gps = {"by_gps": True} if photo.by_gps else {}
+    return {"id": photo.id, "photo": photo.photo, **_position_fields(photo.position), **present, **by_gps}
 
 
 def _placement_fields(placement: Placement) -> dict[str, object]:

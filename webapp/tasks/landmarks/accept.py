@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from sqlalchemy import select
 
@@ -15,10 +16,14 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.store.accounts import accounts
 from webapp.store.library import DATABASE, INNER, Library, open_library
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.place_rest import SuggestedPlace
+from webapp.store.maps.changing import MapChange
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 from webapp.tasks.maps import export
+from webapp.tasks.maps.library_map import georeference, placed_by_gps
 from webapp.tasks.maps.placing import PlacingResult, RequestedPose, find_spots, needed_image, place_spots
+
+Place = TypeVar("Place", SuggestedPlace, CorrectedPlace)
 
 
 @contextmanager
@@ -67,18 +72,46 @@ def accept_in_library(
     UsageError
         The map has no satellite image any more.
     """
-    places = {one.id: one for one in suggested}
     with library.changing(map_id) as change:
-        session, record = change.session, change.record
-        image = needed_image(record, with_georeference=False)
         wanted = [
-            RequestedPose(photo, MapPixel(*places[id].position), places[id].heading_deg)
-            for id, photo in maps.photos_by_id(session, record, places).items()
-            if not photo.removed and photo.x_px is None
+            RequestedPose(photo, MapPixel(*place.position), place.heading_deg)
+            for photo, place in _photos_of(change, suggested)
+            if photo.x_px is None
         ]
-        spots = find_spots(image, wanted)
-        placing = place_spots(session, record, spots=spots, kind="place-rest", account_id=account_id)
+        placing = _place(change, wanted, account_id=account_id)
     return replace(placing, job=change.job)
+
+
+def correct_in_library(
+    library: Library, map_id: int, *, corrected: Iterable[CorrectedPlace], account_id: int
+) -> PlacingResult:
+    """Move photos from where their GPS has them, as one edit; those that were moved by now stay there.
+
+    Parameters and errors are those of `accept_in_library`.
+    """
+    with library.changing(map_id) as change:
+        found = _photos_of(change, corrected)
+        by_gps = placed_by_gps([photo for photo, _ in found], georeference(change.record))
+        wanted = [
+            RequestedPose(photo, MapPixel(*place.position), place.heading_deg)
+            for photo, place in found
+            if photo.id in by_gps
+        ]
+        placing = _place(change, wanted, account_id=account_id)
+    return replace(placing, job=change.job)
+
+
+def _photos_of(change: MapChange, places: Iterable[Place]) -> list[tuple[Photo, Place]]:
+    """Pair places with the photos of the map that are still there."""
+    by_id = {one.id: one for one in places}
+    photos = maps.photos_by_id(change.session, change.record, by_id)
+    return [(photo, by_id[id]) for id, photo in photos.items() if not photo.removed]
+
+
+def _place(change: MapChange, wanted: Sequence[RequestedPose], *, account_id: int) -> PlacingResult:
+    image = needed_image(change.record, with_georeference=False)
+    spots = find_spots(image, wanted)
+    return place_spots(change.session, change.record, spots=spots, kind="place-rest", account_id=account_id)
 
 
 def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
@@ -112,3 +145,23 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
         unplaced=tuple(photo for photo in the_map.unplaced if photo.id not in places),
     )
     write_map(cfg, changed)
+
+
+def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:
+    """Move photos from where their GPS has them, in the files of a map that is in no library.
+
+    Raises
+    ------
+    MapError, StorageError
+    """
+    the_map = read_map(cfg)
+    places = {one.id: one for one in corrected}
+    write_map(cfg, replace(the_map, experiences=tuple(_moved(e, places) for e in the_map.experiences)))
+
+
+def _moved(e: Experience, places: Mapping[int, CorrectedPlace]) -> Experience:
+    place = places.get(e.id)
+    if place is None or not e.by_gps:
+        return e
+    heading = e.heading_deg if place.heading_deg is None else place.heading_deg
+    return replace(e, position=place.position, heading_deg=heading, by_gps=False)

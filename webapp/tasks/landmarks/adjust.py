@@ -36,7 +36,7 @@ _LEAST_WIDE = 0.05
 _HEIGHT_SHARE = 0.02
 """Standard deviation of a camera's height, which no map says, over the extent of the known positions."""
 
-_FORMAT = 2
+_FORMAT = 3
 """Part of what stands for the known positions: other rules of joining adjust anew."""
 
 
@@ -137,7 +137,7 @@ def _adjust(
         for piece, result in zip(rigid.pieces, results, strict=True)
         if isinstance(result, NotLaid) and not np.isin(piece.photo, photo).any()
     ]
-    joined = RigidPiece(photo, model.centre, model.rotation)
+    joined = RigidPiece(photo, model.centre, model.rotation, covariance=model.covariance)
     return replace(rigid, pieces=(joined, *others), adjusted=adjusted, problem="")
 
 

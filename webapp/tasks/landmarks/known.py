@@ -8,14 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from webapp.core.landmarks.placing import KnownPositions
+from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.core.mapmodel.panorama import experience_of
 
 _CLICK_PX = 1.0
 """Standard deviation of a position that somebody clicked."""
 
-_RADIUS_OVER_SIGMA = 1.515
-"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
+_GPS_M = 8.0
+"""68 % radius of positions of GPS that do not say how exact they are: phones between buildings."""
 
 AnyPhoto = Experience | UnplacedPhoto
 
@@ -37,7 +38,8 @@ def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPos
         if isinstance(photo, Experience) and experience_of(photo.id) not in seen:
             seen.add(experience_of(photo.id))
             at[number] = complex(*photo.position)
-            if photo.gps_accuracy_m is not None and the_map.georeference is not None:
-                accuracy_px = photo.gps_accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
-                sigma[number] = max(accuracy_px / _RADIUS_OVER_SIGMA, _CLICK_PX)
+            if photo.by_gps and the_map.georeference is not None:
+                accuracy_m = _GPS_M if photo.gps_accuracy_m is None else photo.gps_accuracy_m
+                accuracy_px = accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
+                sigma[number] = max(accuracy_px / RADIUS_OVER_SIGMA, _CLICK_PX)
     return KnownPositions(at, sigma)

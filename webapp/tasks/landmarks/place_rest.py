@@ -14,6 +14,7 @@ from webapp.core.landmarks.georegister import Georegistration, georegister
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid
 from webapp.core.landmarks.proposals import propose_next
+from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
@@ -89,11 +90,38 @@ class CheckedPhoto:
 
 
 @dataclass(frozen=True, slots=True)
+class CorrectedPlace:
+    """Where a photo that was placed by its GPS was taken, as all together have it.
+
+    Attributes
+    ----------
+    moved_px : float
+        Distance from where its GPS has it.
+    moved_m : float
+        The same in metres.
+    radius_px : float
+        68 % radius, which is less than that of the GPS.
+    heading_deg : float or None
+        Degrees clockwise from north; None where the photo has one.
+    """
+
+    id: int
+    photo: str
+    position: MapPixel
+    moved_px: float
+    moved_m: float
+    radius_px: float
+    heading_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class RestReport:
     """Where the photos without a place come.
 
     Attributes
     ----------
+    corrected : tuple of CorrectedPlace
+        Photos that were placed by GPS and are known better now.
     place_next : tuple of int
         Ids of the photos that help most if they are placed by hand next.
     """
@@ -102,6 +130,7 @@ class RestReport:
     left: tuple[LeftPhoto, ...]
     checked: tuple[CheckedPhoto, ...]
     place_next: tuple[int, ...]
+    corrected: tuple[CorrectedPlace, ...] = ()
 
 
 def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bool = False) -> RestReport:
@@ -110,21 +139,22 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     Parameters
     ----------
     check : bool
-        The photos that are placed are to be checked: the tray may be empty.
+        The photos that are placed are to be checked: the tray may be empty. So it may on a map on which
+        photos are placed by GPS.
 
     Raises
     ------
     MapError
         The map cannot be read.
     UsageError
-        No photo is left to be placed.
+        No photo is left to be placed or corrected.
     MissingPart
         The extra `sfm` is not installed.
     StorageError, ProcessLost, Cancelled
     """
     pycolmap()  # what is missing is said before anything is read
     the_map = read_map(cfg)
-    if not the_map.unplaced and not check:
+    if not the_map.unplaced and not check and not any(e.by_gps for e in the_map.experiences):
         raise UsageError("the map has no photo without a place", where=str(cfg))
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
     joined, _ = adjust_pieces(found, the_map, progress=progress)
@@ -154,6 +184,7 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
         tuple(sorted(left, key=lambda one: one.id)),
         tuple(sorted(checked, key=lambda one: one.id)),
         tuple(found.photos[number].id for number in proposed),
+        tuple(sorted(_corrected(found, laid, known=known, the_map=the_map), key=lambda one: one.id)),
     )
 
 
@@ -200,6 +231,34 @@ def _of_piece(
             _heading(float(laid.angle_deg[row]), at, the_map),
             tuple(photos[other].id for other in nearest.tolist()),
         )
+
+
+def _corrected(
+    found: Reconstruction,
+    laid: Sequence[LaidPiece | NotLaid],
+    *,
+    known: KnownPositions,
+    the_map: Map,
+) -> Iterator[CorrectedPlace]:
+    """Take the places of photos with GPS from pieces that were adjusted: their world is that of the map."""
+    georeference, image = the_map.georeference, the_map.satellite
+    for piece, result in zip(found.pieces, laid, strict=True):
+        if piece.covariance is None or isinstance(result, NotLaid) or georeference is None:
+            continue
+        for row, number in enumerate(piece.photo.tolist()):
+            photo, at = found.photos[number], MapPixel(*piece.centre[row, :2].tolist())
+            if not isinstance(photo, Experience) or not photo.by_gps or result.contradicting[row]:
+                continue
+            radius = float(result.radius_px[row])
+            if radius >= RADIUS_OVER_SIGMA * known.sigma_px[number]:
+                continue
+            if not inside(at, width=image.width, height=image.height):
+                continue
+            heading = _heading(float(result.angle_deg[row]), at, the_map)
+            moved = math.dist(at, photo.position)
+            metres = moved * georeference.metres_per_pixel(photo.position)
+            new = heading if photo.heading_deg is None else None
+            yield CorrectedPlace(photo.id, photo.photo, at, moved, metres, radius, new)
 
 
 def _heading(angle_deg: float, at: MapPixel, the_map: Map) -> float | None:

@@ -11,10 +11,10 @@ from webapp.core.geo.types import MapPixel
 from webapp.errors import NotFound, StorageError
 from webapp.files.atomic import write_text
 from webapp.files.listing import DERIVED
-from webapp.tasks.landmarks.place_rest import RestReport, SuggestedPlace
+from webapp.tasks.landmarks.place_rest import CorrectedPlace, RestReport, SuggestedPlace
 
 _FILE = "place-rest.json"
-_VERSION = 1
+_VERSION = 2
 
 
 def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, Any]:
@@ -48,7 +48,25 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
         }
         for one in report.checked
     ]
-    return {"photos": [*suggested, *left], "checked": checked, "place_next": list(report.place_next)}
+    corrected = [
+        {
+            "id": one.id,
+            "photo": one.photo,
+            "x_px": round(one.position.x, 2),
+            "y_px": round(one.position.y, 2),
+            "moved_px": round(one.moved_px, 2),
+            "moved_m": round(one.moved_m, 2),
+            "radius_px": round(one.radius_px, 2),
+            "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
+        }
+        for one in report.corrected
+    ]
+    return {
+        "photos": [*suggested, *left],
+        "checked": checked,
+        "place_next": list(report.place_next),
+        "corrected": corrected,
+    }
 
 
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
@@ -95,23 +113,51 @@ def suggested_of(cfg: Path, ids: Iterable[int]) -> list[SuggestedPlace]:
         There is none for one of them.
     StorageError
     """
-    photos = (read(cfg) or {"photos": []})["photos"]
-    known = {photo["id"]: photo for photo in photos if "error" not in photo}
-    wanted = list(ids)
-    missing = [id for id in wanted if id not in known]
-    if missing:
-        raise NotFound("no place is suggested for this photo", where=f"photo/{missing[0]}")
+    records = [photo for photo in (read(cfg) or {"photos": []})["photos"] if "error" not in photo]
     return [
         SuggestedPlace(
-            id,
-            known[id]["photo"],
-            MapPixel(known[id]["x_px"], known[id]["y_px"]),
-            known[id]["radius_px"],
-            known[id]["heading_deg"],
-            tuple(known[id]["placed_by"]),
+            one["id"],
+            one["photo"],
+            MapPixel(one["x_px"], one["y_px"]),
+            one["radius_px"],
+            one["heading_deg"],
+            tuple(one["placed_by"]),
         )
-        for id in wanted
+        for one in _chosen(records, ids, missing="no place is suggested for this photo")
     ]
+
+
+def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
+    """Take out the corrections of some photos.
+
+    Raises
+    ------
+    NotFound
+        There is none for one of them.
+    StorageError
+    """
+    records = (read(cfg) or {"corrected": []})["corrected"]
+    return [
+        CorrectedPlace(
+            one["id"],
+            one["photo"],
+            MapPixel(one["x_px"], one["y_px"]),
+            one["moved_px"],
+            one["moved_m"],
+            one["radius_px"],
+            one["heading_deg"],
+        )
+        for one in _chosen(records, ids, missing="no correction is suggested for this photo")
+    ]
+
+
+def _chosen(records: Iterable[dict[str, Any]], ids: Iterable[int], *, missing: str) -> list[dict[str, Any]]:
+    known = {one["id"]: one for one in records}
+    wanted = list(ids)
+    for id in wanted:
+        if id not in known:
+            raise NotFound(missing, where=f"photo/{id}")
+    return [known[id] for id in wanted]
 
 
 def _path(cfg: Path) -> Path:

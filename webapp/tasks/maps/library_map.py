@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import PurePosixPath
 from typing import Any
 
+import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -27,6 +29,9 @@ from webapp.files.maps.map_json import parse_georeference, parse_panorama
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
+_SAME_PX = 1.0
+"""So close to where its GPS has it a photo was placed by that."""
+
 
 def as_map(session: Session, record: MapRecord) -> Map | None:
     """Build the map model from the records.
@@ -39,7 +44,8 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
     if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
         return None
     photos = [p for p in maps.photos(session, record) if not p.removed]
-    experiences = tuple(e for p in photos if (e := _experience(p)) is not None)
+    by_gps = placed_by_gps(photos, georeference(record))
+    experiences = tuple(e for p in photos if (e := _experience(p, by_gps=p.id in by_gps)) is not None)
     return Map(
         satellite=SatelliteImage(record.satellite_path, record.satellite_width, record.satellite_height),
         experiences=experiences,
@@ -63,7 +69,18 @@ def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
     return parse_control_points(JsonField(record.control_points, "$.control_points", record.slug))
 
 
-def _experience(photo: Photo) -> Experience | None:
+def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
+    """Return the ids of photos that are where their GPS has them: whoever clicked a place knew better."""
+    known = [p for p in photos if p.x_px is not None and p.gps_lat is not None and p.gps_lon is not None]
+    if georeference is None or not known:
+        return set()
+    at = np.array([[p.x_px, p.y_px] for p in known], np.float64)
+    latlon = np.array([[p.gps_lat, p.gps_lon] for p in known], np.float64)
+    off = np.abs(georeference.pixel_from_latlon(latlon) - at).max(1)
+    return {p.id for p, away in zip(known, off.tolist(), strict=True) if away <= _SAME_PX}
+
+
+def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
     if photo.x_px is None or photo.y_px is None:
         return None
     return Experience(
@@ -71,6 +88,7 @@ def _experience(photo: Photo) -> Experience | None:
         photo=photo.path,
         position=MapPixel(photo.x_px, photo.y_px),
         **_facts(photo),
+        by_gps=by_gps,
     )
 
 

@@ -235,6 +235,7 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
         gps_accuracy_m=s.gps.accuracy_m if s.gps else None,
         taken_at=s.facts.taken_at,
         panorama=Panorama() if s.is_panorama else None,
+        by_gps=s.gps is not None,
     )
     return FileResult(s.name, FileState.PLACED, experience=experience, latlon=latlon, notes=notes)
 

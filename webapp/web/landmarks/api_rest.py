@@ -15,7 +15,8 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.landmarks import stored
-from webapp.tasks.landmarks.accept import accept_in_library
+from webapp.tasks.landmarks.accept import accept_in_library, correct_in_library
+from webapp.tasks.maps.library_map import georeference, placed_by_gps
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps.api_placing import PlacingOut, placing_json
@@ -57,6 +58,18 @@ class DoubtfulPhotoOut(Schema):
     residual_px = Float(metadata={"description": "Distance from where the others have it."})
 
 
+class CorrectedPhotoOut(Schema):
+    """A photo that was placed by its GPS, and where all photos together have it."""
+
+    id = Integer()
+    name = String()
+    x_px = Float()
+    y_px = Float()
+    moved_m = Float(metadata={"description": "Distance from where its GPS has it."})
+    radius_px = Float(metadata={"description": "Holds the truth in 68 % of the cases."})
+    heading_deg = Float(allow_none=True, metadata={"description": "Null where the photo has one."})
+
+
 class RestOut(Schema):
     """Suggestions for the photos that are still in the tray."""
 
@@ -67,6 +80,7 @@ class RestOut(Schema):
     suggested = List(Nested(SuggestedPlaceOut))
     left = List(Nested(LeftPhotoOut))
     doubtful = List(Nested(DoubtfulPhotoOut))
+    corrected = List(Nested(CorrectedPhotoOut))
     place_next = List(
         Integer(), metadata={"description": "Photos that help most if they are placed by hand."}
     )
@@ -74,7 +88,7 @@ class RestOut(Schema):
 
 
 class AcceptIn(Schema):
-    """Photos to place where they are suggested."""
+    """Photos to place, or to move, where they are suggested."""
 
     ids = List(Integer(), required=True, validate=Length(min=1, max=_MOST))
 
@@ -108,14 +122,27 @@ def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
     return placing_json(placing)
 
 
+@landmarks_api.post("/correct")
+@landmarks_api.input(AcceptIn, arg_name="data")
+@landmarks_api.output(PlacingOut)
+def correct(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
+    """Move photos from where their GPS has them to where all have them, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    chosen = stored.corrected_of(library().cfg(record.slug), dict.fromkeys(data["ids"]))
+    placing = correct_in_library(library(), record.id, corrected=chosen, account_id=account().id)
+    return placing_json(placing)
+
+
 def _rest(record: MapRecord) -> dict[str, Any]:
     found = stored.read(library().cfg(record.slug))
     with library().database.read() as session:
         running = select(Job.id).where(Job.map_id == record.id, Job.kind == _JOB, Job.state.not_in(ENDED))
         job = session.scalars(running.limit(1)).first()
         names = {p.id: p for p in maps.photos(session, record) if not p.removed}
+        by_gps = placed_by_gps(names.values(), georeference(record))
     if found is None:
-        nothing: dict[str, Any] = {"suggested": [], "left": [], "doubtful": [], "place_next": []}
+        lists = ("suggested", "left", "doubtful", "corrected", "place_next")
+        nothing: dict[str, Any] = {name: [] for name in lists}
         return {"revision": None, "current": False, **nothing, "job": job}
     tray = [p for p in found["photos"] if p["id"] in names and names[p["id"]].x_px is None]
     return {
@@ -127,6 +154,9 @@ def _rest(record: MapRecord) -> dict[str, Any]:
             {**p, "name": names[p["id"]].name}
             for p in found["checked"]
             if p["contradicts"] and p["id"] in names
+        ],
+        "corrected": [
+            {**one, "name": names[one["id"]].name} for one in found["corrected"] if one["id"] in by_gps
         ],
         "place_next": [id for id in found["place_next"] if id in names and names[id].x_px is None],
         "job": job,

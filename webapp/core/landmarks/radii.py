@@ -1,0 +1,122 @@
+"""How far off photos of a piece may be."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.pieces import Points, RigidPiece
+
+Array = NDArray[np.float64]
+
+_RELATIVE_ERROR, _AS_IF = 0.25, 3.0
+"""Error over the distance to the nearest placed photo, before anything is measured, and how many measurements
+that counts as."""
+
+_MOST_RELATIVE = 2.0
+_RADIUS_OVER_RMS = 1.07
+"""68 % radius over root mean square of errors that are normal in the plane."""
+
+RADIUS_OVER_SIGMA = 1.515
+"""68 % radius over the standard deviation along one axis."""
+
+_SHARE = 0.68
+_AS_EXACT = 2.0
+"""Standard deviation over that of the position that is known best, up to which another is as good."""
+
+
+class PlacedPhotos(NamedTuple):
+    """Placed photos: which of a piece (k,), where on the map (k,), and how exactly (k,), map pixels."""
+
+    row: NDArray[np.int64]
+    at: Points
+    sigma_px: Array
+
+    def subset(self, kept: NDArray[np.bool_]) -> PlacedPhotos:
+        """Keep some of them, (k,)."""
+        return PlacedPhotos(self.row[kept], self.at[kept], self.sigma_px[kept])
+
+
+def error_rate_of(relative: Array) -> float:
+    """Error over the distance to the nearest placed photo, from what was measured of it."""
+    measured = np.minimum(relative, _MOST_RELATIVE)
+    return float(np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured))))
+
+
+def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rate: float) -> Array:
+    """Compute 68 % radii (n,), map pixels, from the distance to the nearest placed photo.
+
+    Parameters
+    ----------
+    plan : (n,) complex128
+        The piece from above.
+    factor : (n,) complex128
+        Rotation and scale from there to the map.
+    rate : float
+        Error over that distance.
+    """
+    apart = np.abs(plan[:, None] - plan[known.row])
+    nearest = apart.argmin(1)
+    away = apart[np.arange(len(plan)), nearest] * np.abs(factor)
+    radius: Array = _RADIUS_OVER_RMS * np.hypot(np.sqrt(2.0) * known.sigma_px[nearest], rate * away)
+    return radius
+
+
+def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None:
+    """Compute 68 % radii (n,), map pixels, from the covariances of an adjusted piece.
+
+    Covariances say which photos hang on little, but not how far the model is off as a whole: that is measured
+    by leaving out each placed photo in turn. Its error over how much more uncertain than usual it is, is what
+    is taken for the others, times how much more uncertain they are (split conformal prediction with scaled
+    residuals: J. Lei, M. G'Sell, A. Rinaldo, R. Tibshirani, L. Wasserman, "Distribution-free predictive
+    inference for regression", 2018).
+
+    It is measured at the positions that are known best, whose own errors are taken off.
+
+    Returns
+    -------
+    array or None
+        None for a piece without covariances, or with too few placed photos.
+    """
+    if piece.covariance is None:
+        return None
+    known = known.subset(known.sigma_px <= _AS_EXACT * known.sigma_px.min())
+    rank = math.ceil(_SHARE * (len(known.row) + 1))
+    if rank > len(known.row):
+        return None
+    sigma = _sigma(piece.covariance)
+    usual = float(np.median(sigma))
+    error, without = _left_out(piece.centre[:, 0] + 1j * piece.centre[:, 1], piece.covariance, known)
+    score = float(np.sort(error / np.maximum(without / usual, 1.0))[rank - 1])
+    own = RADIUS_OVER_SIGMA * float(np.median(known.sigma_px))
+    score = math.sqrt(max(score**2 - own**2, score**2 / len(known.row)))
+    radius: Array = np.maximum(score * np.maximum(sigma / usual, 1.0), RADIUS_OVER_SIGMA * sigma)
+    return radius
+
+
+def _left_out(at: Points, covariance: Array, known: PlacedPhotos) -> tuple[Array, Array]:
+    """Compute the error of placed photos, and how uncertain each would be, without its own position.
+
+    Taking an observation out of a least-squares estimate needs no new estimate: its residual grows by what
+    it has contributed.
+    """
+    off = known.at - at[known.row]
+    residual = np.stack([off.real, off.imag], 1)[:, :, None]
+    own = covariance[known.row]
+    contributed = own / known.sigma_px[:, None, None] ** 2
+    left = np.eye(2) - contributed
+    # what was left out of the adjustment, as it contradicted others, has contributed nothing
+    used = np.linalg.eigvalsh(left @ own + own @ np.swapaxes(left, 1, 2)).min(1) > 0.0
+    left[~used] = np.eye(2)
+    away = np.linalg.solve(left, residual)[:, :, 0]
+    without = np.asarray(np.linalg.solve(left, own), np.float64)
+    return np.hypot(away[:, 0], away[:, 1]), _sigma(without)
+
+
+def _sigma(covariance: Array) -> Array:
+    """Standard deviations (n,) along one axis, of covariances (n, 2, 2)."""
+    sigma: Array = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0)
+    return sigma
