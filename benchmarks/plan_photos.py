@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from webapp.configuration import load_settings
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Map
+from webapp.core.mapmodel.recognition import Rectangle
 from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
@@ -89,6 +90,12 @@ def distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArra
     return np.asarray(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)))
 
 
+def around(places: Places) -> Rectangle:
+    """Give the area of all places: people may walk there."""
+    (left, top), (right, bottom) = np.min([*places], axis=0), np.max([*places], axis=0)
+    return Rectangle(float(left), float(top), float(right), float(bottom))
+
+
 def ids_at(places: Places, chosen: Collection[MapPixel]) -> set[int]:
     """Give the photos at some places."""
     return {id for place in chosen for id in places[place]}
@@ -140,7 +147,7 @@ def measure(
             bench.map, experiences=tuple(e for e in bench.map.experiences if e.id in there), placements=()
         )
         trials = bench.trials(there)
-        wanted = PlanRequest(options.spots)
+        wanted = PlanRequest(options.spots, around(places))
         spots = plan_photos(left, trials=trials, request=wanted)
         by_density = plan_photos(left, trials=MapTrials("none", {}), request=wanted)
         count = len(spots.spots)

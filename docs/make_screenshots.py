@@ -43,6 +43,7 @@ PAGES = {
     "edit": ("/maps/sample/edit", ("", "-phone")),
     "image": ("/maps/sample/image", ("",)),
     "place-rest": ("/maps/sample/edit", ("",)),
+    "next-photos": ("/maps/sample/edit", ("",)),
     "landmarks": ("/maps/sample/landmarks", ("",)),
     "landmarks-above": ("/maps/sample/landmarks", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
@@ -91,6 +92,7 @@ def main() -> None:
         make_missions(api, app)
         fill_tray(api)
         suggest_places(api)
+        plan_photos(api)
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
@@ -143,6 +145,13 @@ def suggest_places(api: Api) -> None:
     api.wait_for_jobs("sample")
     api.ask("GET", "/maps/sample/landmarks")  # lays them on the map by a job
     api.wait_for_jobs("sample")
+
+
+def plan_photos(api: Api) -> None:
+    """Evaluate the map on its own photos, and plan where the next ones are to be taken."""
+    api.ask("POST", "/maps/sample/evaluation", data={"limit": 60})
+    api.wait_for_jobs("sample")
+    api.ask("POST", "/maps/sample/photo-plan", data={"spots": 10})
 
 
 def make_missions(api: Api, app: App) -> None:
@@ -212,6 +221,10 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#place-menu summary").click()
         page.locator("#place-the-rest").click()
         page.get_by_test_id("suggested-photo").first.wait_for()
+    if name == "next-photos":
+        page.locator("#place-menu summary").click()
+        page.locator("#plan-button").click()
+        page.get_by_test_id("plan-spot").first.wait_for()
     if name == "mission-import":
         preview_import(page)
     settle(page)

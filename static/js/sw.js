@@ -15,7 +15,7 @@ const AWAY = "/offline";
 
 const MAP = "/api/v1/maps/[^/]+";
 const KEPT_PAGES = /^\/($|field$|offline$|missions$|maps\/[^/]+\/(edit|localize)$)/;
-const KEPT_STATE = new RegExp(`^/api/v1/maps$|^${MAP}(/photos)?$`);
+const KEPT_STATE = new RegExp(`^/api/v1/maps$|^${MAP}(/photos|/photo-plan)?$`);
 const PICTURES = [
   { cache: "ground", most: 2000, path: new RegExp(`^${MAP}/(satellite|satellite/tiles/.+|thumbnail)$`), versioned: true },
   { cache: "thumbs", most: 3000, path: new RegExp(`^${MAP}/(photos|queries)/\\d+/thumb$`) },

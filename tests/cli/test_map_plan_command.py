@@ -33,7 +33,7 @@ def evaluation(lost):
         }
         for n in range(8)
     ]
-    return json.dumps([{"place_radius_px": 50.0, "per_query": queries}])
+    return json.dumps([{"scheme": "leave-one-out", "place_radius_px": 50.0, "per_query": queries}])
 
 
 def test_spots_are_printed_and_lead_a_phone(expmap, cfg, tmp_path):

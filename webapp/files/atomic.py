@@ -26,6 +26,19 @@ _HINTS = {
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are missing.
+
+    Raises
+    ------
+    StorageError
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise storage_error(error, where=folder.name) from error
+
+
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text as `write_bytes` does; line ends stay as they are in `text`."""
     write_bytes(path, text.encode("utf-8"))

@@ -38,6 +38,9 @@ export function endpointsOf(slug) {
     correctRest: (ids) => post(`${map}/place-rest/correct`, { ids }),
     acceptRest: (ids) => post(`${map}/place-rest/accept`, { ids }),
 
+    plan: () => get(`${map}/photo-plan`),
+    makePlan: (wish) => post(`${map}/photo-plan`, wish),
+
     streetServices: () => get(`${map}/street-photos`),
     countStreet: (wish) => post(`${map}/street-photos/preview`, wish),
     addStreet: (wish) => post(`${map}/street-photos`, wish),

@@ -9,6 +9,7 @@ import { t, tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
 import { toastError } from "../shared/toast.js";
+import { Guide } from "./guide.js";
 import { Outbox } from "./outbox.js";
 import { PhotoList } from "./photo-list.js";
 import { Sender } from "./sender.js";
@@ -19,12 +20,14 @@ const session = new QuerySession();
 const photos = new PhotoList(byId("outbox"), { open, remove: (entry) => outbox.remove([entry.key]) });
 const outbox = await Outbox.open(account);
 const sender = new Sender(outbox);
-const shown = { slug: null };
+/** @type {{slug: ?string, guide: ?Guide}} */
+const shown = { slug: null, guide: null };
 
 outbox.addEventListener("change", render);
 sender.addEventListener("state", status);
 const inputs = ["shot-input", "photo-input"].map((id) => byId(id, HTMLInputElement));
 for (const input of inputs) input.addEventListener("change", take);
+byId("spot-input", HTMLInputElement).addEventListener("change", takeAtSpot);
 byId("send").addEventListener("click", () => sender.send().catch(toastError));
 byId("clear").addEventListener("click", clear);
 byId("insecure").hidden = isSecureContext;
@@ -47,11 +50,27 @@ async function take(event) {
   }
 }
 
+/** Keep a photo of the spot that is led to, and go on to the next one. */
+async function takeAtSpot(event) {
+  const input = targetOf(event, HTMLInputElement);
+  const files = [...input.files];
+  input.value = "";
+  const spot = shown.guide?.target;
+  if (!files.length || !spot) return;
+  try {
+    await outbox.add(files, shown.slug, { spot });
+    shown.guide.photographed();
+    await sender.send();
+  } catch (error) {
+    toastError(error);
+  }
+}
+
 async function render() {
   const entries = await outbox.all();
   photos.show(entries);
   byId("outbox-none").hidden = entries.length > 0;
-  byId("clear-part").hidden = !entries.some(({ state }) => state === "answered");
+  byId("clear-part").hidden = !entries.some(isSettled);
   status(entries);
 }
 
@@ -72,7 +91,12 @@ async function status(given) {
 async function clear() {
   const entries = await outbox.all();
   session.setAnswer(null);
-  await outbox.remove(entries.filter(({ state }) => state === "answered").map(({ key }) => key));
+  await outbox.remove(entries.filter(isSettled).map(({ key }) => key));
+}
+
+/** @param {import("./outbox.js").Entry} entry */
+function isSettled({ state }) {
+  return state === "answered" || state === "added";
 }
 
 /** What is asked before there is a service worker is asked once more, so that it is kept. */
@@ -82,6 +106,7 @@ function keepWhatIsSeen() {
     await get("/maps");
     if (!shown.slug) return;
     const state = await get(`/maps/${encodeURIComponent(shown.slug)}`);
+    await get(`/maps/${encodeURIComponent(shown.slug)}/photo-plan`);
     if (state.satellite) new Image().src = state.satellite.url;
   }, { once: true });
 }
@@ -119,7 +144,14 @@ function showMap(state) {
   byId("zoom-out").addEventListener("click", () => view.zoom(-1));
   byId("zoom-fit").addEventListener("click", () => view.fit());
   byId("map-canvas").dataset.ready = state.slug;
+  if (state.can_edit && satellite) leadThrough(view, state);
   if (!satellite) nothing(t("This map has no image yet."));
+}
+
+/** Who may add photos is led through the plan, where the map has one. */
+function leadThrough(view, state) {
+  shown.guide = new Guide(view, state);
+  shown.guide.load().catch((error) => error.code === "offline" || toastError(error));
 }
 
 function nothing(text) {

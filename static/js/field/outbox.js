@@ -3,7 +3,8 @@
  */
 
 /** @typedef {{key: string, account: number, map: string, name: string, at: string, photo: ?Blob, thumb: ?Blob,
- *   state: "waiting"|"answered"|"refused", answer: ?Object, error: ?string}} Entry */
+ *   state: "waiting"|"answered"|"added"|"refused", answer: ?Object, error: ?string,
+ *   spot: ?import("./guide.js").Target}} Entry a photo of a spot is added to the map, any other is localized */
 
 const DATABASE = "expmap-field";
 const STORE = "photos";
@@ -34,12 +35,13 @@ export class Outbox extends EventTarget {
    * Put photos in; when this returns, they are on the disk.
    * @param {File[]} files
    * @param {string} map slug
+   * @param {{spot?: ?import("./guide.js").Target}} [of]
    */
-  async add(files, map) {
+  async add(files, map, { spot = null } = {}) {
     const at = new Date().toISOString();
     const entries = await Promise.all([...files].map(async (file, n) => ({
       key: newKey(), account: this.account, map, name: file.name || "photo.jpg", at, n,
-      photo: file, thumb: await thumbOf(file), state: "waiting", answer: null, error: null,
+      photo: file, thumb: await thumbOf(file), state: "waiting", answer: null, error: null, spot,
     })));
     await this._write((store) => entries.forEach((entry) => store.put(entry)));
   }

@@ -60,6 +60,7 @@ function about({ state, error, map, at }) {
 
 function badge({ state, answer }) {
   if (state === "waiting") return h("span", { class: "badge badge--warning" }, t("waiting"));
+  if (state === "added") return h("span", { class: "badge badge--success" }, t("added"));
   if (state === "refused") return h("span", { class: "badge badge--danger" }, t("rejected"));
   if (isOffMap(answer)) return h("span", { class: "badge" }, t("not here"));
   const [first] = answer.hypotheses;

@@ -60,12 +60,18 @@ export class Sender extends EventTarget {
   }
 
   /** Send a photo; what can be better later stops here, what cannot is reported and left behind. */
-  async _one({ key, map, name, photo }) {
+  async _one({ key, map, name, photo, spot }) {
     const body = new FormData();
     body.append("file", photo, name);
-    const headers = { "Idempotency-Key": key };
+    const address = `/maps/${encodeURIComponent(map)}`;
     try {
-      const answer = await api(`/maps/${encodeURIComponent(map)}/localize`, { method: "POST", body, headers });
+      if (spot) {
+        for (const [field, value] of Object.entries(spot)) if (value !== null) body.append(field, String(value));
+        await api(`${address}/photo-plan/photos`, { method: "POST", body });
+        await this.outbox.change(key, { state: "added", photo: null });
+        return;
+      }
+      const answer = await api(`${address}/localize`, { method: "POST", body, headers: { "Idempotency-Key": key } });
       await this.outbox.change(key, { state: "answered", answer, photo: null });
     } catch (error) {
       if (!("code" in error)) throw error;

@@ -1,6 +1,6 @@
 """Where the next photos of a map help most, as a short walk.
 
-A photo that is added recognises others as the prior of `recognition` has it. Its gain is the share of the
+A photo that is added recognises others as `recognition` has it. Its gain is the share of the
 area that is recognised then and was not before. The more photos there are, the less another one gains, so
 that a greedy choice is nearly the best: at least 63 % of it where any photos may be chosen (G. Nemhauser,
 L. Wolsey and M. Fisher, "An analysis of approximations for maximizing submodular set functions", 1978), as
@@ -21,7 +21,6 @@ import numpy as np
 
 from webapp.core.mapmodel.recognition import (
     DIRECTIONS,
-    RECOGNISES,
     STEP_DEG,
     Array,
     PhotoTrials,
@@ -78,19 +77,19 @@ def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> lis
     wanted = np.flatnonzero(grid.wanted)
     if not len(wanted) or not len(photos.position):
         return []
-    at = distance_kernel(grid.cell[wanted], grid.cell[wanted], length=grid.length)
-    around = RECOGNISES * angle_kernel()
-    missing = 1.0 - grid.mean[wanted]
+    at = distance_kernel(grid.cell[wanted], grid.cell[wanted], length=grid.kernel.length)
+    around = grid.kernel.probability * angle_kernel()
+    missing, factor = 1.0 - grid.mean[wanted], np.minimum(grid.factor[wanted], 1.0)
     directed = bool(np.isfinite(photos.heading_deg).any())
     free = np.ones(len(wanted), np.bool_)
     chosen: list[PlannedSpot] = []
     while len(chosen) < count and free.any():
-        gains = (at @ missing @ around).max(axis=1)
+        gains = (at @ (factor * missing) @ around).max(axis=1)
         spot = int(np.where(free, gains, -1.0).argmax())
         free &= at[spot] < _APART
-        headings, gain = _take(missing, at[spot], around, directed=directed)
+        headings, gain = _take(missing, factor * at[spot, :, None], around=around, directed=directed)
         place = grid.cell[wanted[spot]]
-        reason, about = _reason(place, headings[0] * STEP_DEG, photos, length=grid.length)
+        reason, about = _reason(place, headings[0] * STEP_DEG, photos, reach=grid.reach)
         x, y = place.tolist()
         towards = tuple(heading * STEP_DEG for heading in headings) if directed else ()
         chosen.append(PlannedSpot((x, y), towards, gain / missing.size, reason, about))
@@ -98,29 +97,35 @@ def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> lis
     return [chosen[n] for n in order]
 
 
-def _take(missing: Array, at: Array, around: Array, *, directed: bool) -> tuple[list[int], float]:
-    """Add the photos of a spot to the field in place; gives their directions and their gain."""
+def _take(missing: Array, at: Array, *, around: Array, directed: bool) -> tuple[list[int], float]:
+    """Add the photos of a spot to the field in place; gives their directions and their gain.
+
+    Parameters
+    ----------
+    at : (c, DIRECTIONS) float64
+        Weight of each cell and direction for the spot.
+    """
     most, worth = (_MOST_HEADINGS, _WORTH_TURNING) if directed else (DIRECTIONS, 0.0)
     headings: list[int] = []
     total = first = 0.0
     while len(headings) < most:
-        gains = at @ missing @ around
+        gains = (at * missing).sum(axis=0) @ around
         best = int(gains.argmax())
         if best in headings or gains[best] < worth * first:
             break
         first = first or float(gains[best])
         total += float(gains[best])
         headings.append(best)
-        missing *= 1.0 - at[:, None] * around[best]
+        missing *= 1.0 - at * around[best]
     return headings, total
 
 
 def _reason(
-    place: Array, heading_deg: float, photos: PhotoTrials, *, length: float
+    place: Array, heading_deg: float, photos: PhotoTrials, *, reach: float
 ) -> tuple[Reason, tuple[int, ...]]:
     away = np.hypot(*(photos.position - place).T)
     order = np.argsort(away, kind="stable")
-    near = order[away[order] <= length]
+    near = order[away[order] <= reach]
     turned = np.abs((photos.heading_deg - heading_deg + 180.0) % 360.0 - 180.0)
     same = near[~(turned[near] > _NEAR_DEG)]  # those of unknown heading too
     lost = same[photos.success[same] <= _FAILED]

@@ -1,22 +1,22 @@
 """How well each part of a map is recognised, in each direction, with what is not known of it.
 
-The share of photos that are recognised is a field over places and directions. Trials, the map's own photos
-that were looked for as if they were not on it, are successes and failures at some points of the field. Each
-counts around its point by a kernel of distance and angle, as in R. Goetschalckx, P. Poupart and J. Hoey,
-"Continuous correlated beta processes" (IJCAI 2011): at every point the share has a beta distribution, to
-which the trials add their weighted successes and failures.
+A photo recognises one that is taken at its own place in its own direction with some probability, less by a
+kernel of distance and angle farther off, and several photos do so independently of each other (a noisy OR:
+J. Pearl, "Probabilistic Reasoning in Intelligent Systems", 1988). In logarithms their support adds up: with
+the support S, a photo is recognised with the probability 1 - exp(-S).
 
-The prior is what the photos promise by where they are: a photo recognises one taken at its own place in its
-own direction with the probability `RECOGNISES`, less by the same kernel farther off, and several photos do so
-independently of each other (a noisy OR: J. Pearl, "Probabilistic Reasoning in Intelligent Systems", 1988). It
-weighs as much as one trial. Without trials it is all there is, and the standard deviation says so. A trial
-whose direction is not known counts for all directions; a photo whose direction is not known has one of them.
+Trials are the map's own photos that were looked for as if they were not on it. Where there are enough, the
+probability at a photo's own place and the kernel's length are those under which the trials are likeliest.
+What differs from part to part, since a hedge is not a facade, is a factor of the support. It has a gamma
+prior around 1, as rates in disease mapping (D. Clayton and J. Kaldor, Biometrics 43, 1987); each trial counts
+around its place by the kernel, as in continuous correlated beta processes (R. Goetschalckx, P. Poupart and
+J. Hoey, IJCAI 2011). The deviation of the factor is that of the share; without trials it is large.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,17 +28,28 @@ DIRECTIONS = 8
 
 STEP_DEG = 360.0 / DIRECTIONS
 
-RECOGNISES = 0.8
-"""Probability that a photo is recognised by one of the same place and direction."""
+_RECOGNISES = 0.8
+_LENGTH = 0.5
+"""Where there are too few trials: the probability at a photo's own place, and the length in place radii."""
+
+_PROBABILITIES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97)
+_LENGTHS = (0.25, 0.375, 0.5, 0.75, 1.0, 1.5)
+"""What is tried where there are more, length in place radii."""
+
+_FEWEST_TRIALS, _MOST_FITTED, _MOST_TRIALS = 20, 300, 1000
+_LEAST = 1e-3
+"""No trial was impossible."""
 
 _ANGLE_SIGMA_DEG = 30.0
 """Photos with the usual field of view of 60 to 70 degrees that are turned by 45 share a third of it."""
 
-_PRIOR_TRIALS = 1.0
-_LEAST = 0.05
-"""Neither success nor failure is ever certain before it was tried."""
+_PRIOR = 1.0
+"""Support that the prior of the factor is worth."""
 
-_CELLS_PER_LENGTH = 2.0
+_ROUNDS = 5
+"""Of expectation and maximisation: then the factor hardly changes."""
+
+_CELLS_PER_RADIUS = 4.0
 _MOST_CELLS = 1500
 _COARSER = 1.25
 
@@ -77,6 +88,22 @@ class Rectangle:
         return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
+@dataclass(frozen=True, slots=True)
+class RecognitionKernel:
+    """How far a photo is recognised.
+
+    Attributes
+    ----------
+    probability : float
+        At its own place, in its own direction.
+    length : float
+        Standard deviation of the distance.
+    """
+
+    probability: float
+    length: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RecognitionGrid:
     """The field on square cells, those near photos and those of the area that is asked about.
@@ -87,8 +114,11 @@ class RecognitionGrid:
         Their middles.
     side : float
         Of a cell.
-    length : float
-        Standard deviation of the kernel of distance.
+    reach : float
+        How far from photos people walk.
+    kernel : RecognitionKernel
+    factor : (c, DIRECTIONS) float64
+        Of the support that photos give there.
     mean, sigma : (c, DIRECTIONS) float64
         Of the share of photos that are recognised.
     wanted : (c,) bool
@@ -97,7 +127,9 @@ class RecognitionGrid:
 
     cell: Array
     side: float
-    length: float
+    reach: float
+    kernel: RecognitionKernel
+    factor: Array
     mean: Array
     sigma: Array
     wanted: NDArray[np.bool_]
@@ -109,36 +141,95 @@ class RecognitionGrid:
 
 
 def estimate_recognition(
-    photos: PhotoTrials, *, length: float, image: Rectangle, area: Rectangle | None = None
+    photos: PhotoTrials, *, radius: float, image: Rectangle, area: Rectangle | None = None
 ) -> RecognitionGrid:
-    """Estimate the field within `length` of photos and in the area, never outside of the image.
+    """Estimate the field within a radius of photos and in the area, never outside of the image.
 
     Parameters
     ----------
-    length : float
-        How far a photo speaks for places around it: the place radius.
+    radius : float
+        How far from photos people walk; the place radius of the map.
     area : Rectangle, optional
         That is asked about; by default all that is near photos.
     """
-    side, index = _cells(photos.position, length=length, image=image, area=area)
+    side, index = _cells(photos.position, radius=radius, image=image, area=area)
     cell = _middles(index, side)
-    length = max(length, side)
-    wanted = np.ones(len(cell), np.bool_) if area is None else area.holds(cell)
+    tried = _evenly(np.flatnonzero(np.isfinite(photos.success)), _MOST_TRIALS)
+    kernel = _fit(photos, tried, radius)
+    kernel = replace(kernel, length=max(kernel.length, side))
     towards = _directions(photos.heading_deg)
     own = _cell_numbers(index, photos.position, side)
     near = own >= 0
     count = np.zeros((len(cell), DIRECTIONS))
     np.add.at(count, own[near], towards[near])
-    prior = np.clip(_promised(cell, count, length=length), _LEAST, 1.0 - _LEAST)
-    tried = np.isfinite(photos.success)
-    at = distance_kernel(cell, photos.position[tried], length=length)
-    around = np.where(np.isfinite(photos.heading_deg[tried, None]), towards[tried] @ angle_kernel(), 1.0)
-    success = photos.success[tried, None]
-    won = _PRIOR_TRIALS * prior + at @ (around * success)
-    lost = _PRIOR_TRIALS * (1.0 - prior) + at @ (around * (1.0 - success))
-    total = won + lost
-    mean = won / total
-    return RecognitionGrid(cell, side, length, mean, np.sqrt(mean * (1.0 - mean) / (total + 1.0)), wanted)
+    support = _support(cell, count, kernel)
+    known = np.isfinite(photos.heading_deg[tried, None])
+    weights = (
+        distance_kernel(cell, photos.position[tried], length=kernel.length),
+        np.where(known, towards[tried] @ angle_kernel(), 1.0),
+    )
+    factor, deviation = _factor(_promised(photos, tried, kernel), photos.success[tried], weights=weights)
+    missed = np.exp(-factor * support)
+    sigma = np.minimum(missed * support * deviation, 0.5)
+    wanted = np.ones(len(cell), np.bool_) if area is None else area.holds(cell)
+    return RecognitionGrid(cell, side, radius, kernel, factor, 1.0 - missed, sigma, wanted)
+
+
+def _factor(promised: Array, success: Array, *, weights: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Estimate the factor of the support, (c, DIRECTIONS), and its standard deviation.
+
+    The number of photos that recognise a trial is taken for a Poisson variable, of which a trial says only
+    whether it is zero: what successes are worth is their expectation, which depends on the factor.
+
+    Parameters
+    ----------
+    promised, success : (n,) float64
+        Support of the trials, and what came of them.
+    weights : tuple of (c, n) and (n, DIRECTIONS) float64
+        Of the trials, by distance and by angle.
+    """
+    at, around = weights
+    exposure = _PRIOR + at @ (around * promised[:, None])
+    factor = np.ones_like(exposure)
+    seen = exposure
+    for _ in range(_ROUNDS):
+        seen = np.full_like(exposure, _PRIOR)
+        for direction in range(DIRECTIONS):
+            mean = np.maximum(factor[:, [direction]] * promised, _LEAST)
+            worth = mean / -np.expm1(-mean) * success
+            seen[:, direction] += (at * worth) @ around[:, direction]
+        factor = seen / exposure
+    return factor, np.sqrt(seen) / exposure
+
+
+def _evenly(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    return numbers[:: max(1, -(-len(numbers) // most))]
+
+
+def _fit(photos: PhotoTrials, tried: NDArray[np.int64], radius: float) -> RecognitionKernel:
+    """Find the kernel under which the trials are likeliest."""
+    if len(tried) < _FEWEST_TRIALS:
+        return RecognitionKernel(_RECOGNISES, _LENGTH * radius)
+    some = _evenly(tried, _MOST_FITTED)
+    success = photos.success[some]
+
+    def unlikely(kernel: RecognitionKernel) -> float:
+        support = np.maximum(_promised(photos, some, kernel), _LEAST)
+        return float(((1.0 - success) * support - success * np.log(-np.expm1(-support))).sum())
+
+    return min(
+        (RecognitionKernel(p, share * radius) for p in _PROBABILITIES for share in _LENGTHS), key=unlikely
+    )
+
+
+def _promised(photos: PhotoTrials, tried: NDArray[np.int64], kernel: RecognitionKernel) -> Array:
+    """Add up the support of the other photos for each that was tried; (len(tried),)."""
+    at = distance_kernel(photos.position[tried], photos.position, length=kernel.length)
+    turn = np.abs((photos.heading_deg[tried, None] - photos.heading_deg + 180.0) % 360.0 - 180.0)
+    around = np.where(np.isfinite(turn), _of_angle(np.nan_to_num(turn)), angle_kernel()[0].mean())
+    support = -np.log1p(-kernel.probability * at * around)
+    support[np.arange(len(tried)), tried] = 0.0
+    return np.asarray(support.sum(axis=1))
 
 
 def distance_kernel(first: Array, second: Array, *, length: float) -> Array:
@@ -151,16 +242,22 @@ def angle_kernel() -> Array:
     """Weight each direction for each other; symmetric, 1 on the diagonal."""
     steps = np.arange(DIRECTIONS)
     apart = (steps[:, None] - steps + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2
-    return np.asarray(np.exp(-((apart * STEP_DEG) ** 2) / (2.0 * _ANGLE_SIGMA_DEG**2)))
+    return _of_angle(np.asarray(apart * STEP_DEG, np.float64))
 
 
-def _promised(cell: Array, count: Array, *, length: float) -> Array:
-    """Compute the noisy OR of photos, which are counted by cell and direction; (c, DIRECTIONS)."""
-    at, around = distance_kernel(cell, cell, length=length), angle_kernel()[0]
-    missed = np.zeros_like(count)
+def _of_angle(turn_deg: Array) -> Array:
+    return np.asarray(np.exp(-(turn_deg**2) / (2.0 * _ANGLE_SIGMA_DEG**2)))
+
+
+def _support(cell: Array, count: Array, kernel: RecognitionKernel) -> Array:
+    """Add up the support of photos, which are counted by cell and direction; (c, DIRECTIONS)."""
+    taken = np.flatnonzero(count.any(axis=1))
+    at, around = distance_kernel(cell, cell[taken], length=kernel.length), angle_kernel()[0]
+    support = np.zeros_like(count)
     for turn in range(DIRECTIONS):
-        missed += np.log1p(-RECOGNISES * around[turn] * at) @ np.roll(count, turn, axis=1)
-    return np.asarray(1.0 - np.exp(missed))
+        weight = -np.log1p(-kernel.probability * around[turn] * at)
+        support += weight @ np.roll(count[taken], turn, axis=1)
+    return support
 
 
 def _directions(heading_deg: Array) -> Array:
@@ -176,15 +273,15 @@ def _directions(heading_deg: Array) -> Array:
 
 
 def _cells(
-    position: Array, *, length: float, image: Rectangle, area: Rectangle | None
+    position: Array, *, radius: float, image: Rectangle, area: Rectangle | None
 ) -> tuple[float, NDArray[np.int64]]:
     """Choose the cells' side, and number their columns and rows; coarser where there would be too many."""
-    side = length / _CELLS_PER_LENGTH
+    side = radius / _CELLS_PER_RADIUS
     if area is not None:
         size = (area.right - area.left) * (area.bottom - area.top)
         side = max(side, math.sqrt(size / _MOST_CELLS))
     while True:
-        found = [_around(position, reach=length, side=side)]
+        found = [_around(position, reach=radius, side=side)]
         found += [] if area is None else [_inside(area, side)]
         index = np.unique(np.concatenate(found), axis=0)
         index = index[image.holds(_middles(index, side))]

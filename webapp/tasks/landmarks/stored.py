@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from webapp.core.geo.types import MapPixel
 from webapp.errors import NotFound, StorageError
-from webapp.files.atomic import write_text
+from webapp.files.atomic import make_folder, write_text
 from webapp.files.listing import DERIVED
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, RestReport, SuggestedPlace
 
 _FILE = "place-rest.json"
 _VERSION = 2
+_NOTHING: dict[str, Any] = {"photos": [], "checked": [], "place_next": [], "corrected": []}
+_WAIT_S = 20.0
 
 
 def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, Any]:
     """Turn suggestions into plain values; `accepted` are ids of photos that have been placed there."""
-    suggested: list[dict[str, Any]] = [
-        {
-            "id": one.id,
-            "photo": one.photo,
-            "x_px": round(one.position.x, 2),
-            "y_px": round(one.position.y, 2),
-            "radius_px": round(one.radius_px, 2),
-            "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
-            "placed_by": list(one.placed_by),
-            "accepted": one.id in accepted,
-        }
-        for one in report.suggested
-    ]
+    suggested = [_place_json(one, accepted=one.id in accepted) for one in report.suggested]
     left: list[dict[str, Any]] = [
         {"id": one.id, "photo": one.photo, "error": one.reason, "place_first": list(one.join)}
         for one in report.left
@@ -69,6 +62,19 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
     }
 
 
+def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
+    return {
+        "id": one.id,
+        "photo": one.photo,
+        "x_px": round(one.position.x, 2),
+        "y_px": round(one.position.y, 2),
+        "radius_px": round(one.radius_px, 2),
+        "heading_deg": None if one.heading_deg is None else round(one.heading_deg, 2),
+        "placed_by": list(one.placed_by),
+        "accepted": accepted,
+    }
+
+
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
     """Keep suggestions for the page of the map.
 
@@ -82,7 +88,47 @@ def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
     StorageError
     """
     content = {"version": _VERSION, "revision": revision, **as_json(report)}
-    write_text(_path(cfg), json.dumps(content))
+    with _one_writer(cfg):
+        found = {photo["id"] for photo in content["photos"] if "error" not in photo}
+        planned = [p for p in _planned(cfg) if p["id"] not in found]
+        known = {photo["id"] for photo in planned}
+        content["photos"] = [*planned, *(p for p in content["photos"] if p["id"] not in known)]
+        write_text(_path(cfg), json.dumps(content))
+
+
+def suggest(cfg: Path, place: SuggestedPlace, *, revision: int) -> None:
+    """Suggest a place for one photo, which was planned there; it stays where nothing better is found.
+
+    Raises
+    ------
+    StorageError
+    """
+    one = {**_place_json(place, accepted=False), "planned": True}
+    with _one_writer(cfg):
+        content = read(cfg) or {**_NOTHING, "version": _VERSION, "revision": revision}
+        others = [photo for photo in content["photos"] if photo["id"] != place.id]
+        write_text(_path(cfg), json.dumps({**content, "photos": [one, *others]}))
+
+
+def _planned(cfg: Path) -> list[dict[str, Any]]:
+    try:
+        found = read(cfg) or _NOTHING
+    except StorageError:
+        return []  # to look for places again is what is advised then
+    return [photo for photo in found["photos"] if photo.get("planned")]
+
+
+@contextmanager
+def _one_writer(cfg: Path) -> Iterator[None]:
+    """Let those who change the suggestions of a map wait for each other."""
+    make_folder(_path(cfg).parent)
+    try:
+        with FileLock(_path(cfg).with_suffix(".lock"), timeout=_WAIT_S):
+            yield
+    except Timeout as error:
+        raise StorageError(
+            "the suggested places are busy", where=_FILE, hint="try again in a moment"
+        ) from error
 
 
 def read(cfg: Path) -> dict[str, Any] | None:

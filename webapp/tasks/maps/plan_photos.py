@@ -25,7 +25,7 @@ from webapp.core.mapmodel.recognition import (
     estimate_recognition,
 )
 from webapp.errors import StorageError, UsageError
-from webapp.files.atomic import write_text
+from webapp.files.atomic import make_folder, write_text
 from webapp.files.listing import DERIVED
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import health
@@ -116,8 +116,8 @@ def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoP
         raise UsageError(f"plan 1 to {MOST_SPOTS} spots", where="spots")
     image = Rectangle(0.0, 0.0, map_.satellite.width, map_.satellite.height)
     photos, ids = _photos(map_.experiences, trials.by_photo)
-    length = place_radius_px(photos.position, width=map_.satellite.width, height=map_.satellite.height)
-    grid = estimate_recognition(photos, length=length, image=image, area=_on_image(request.area, image))
+    radius = place_radius_px(photos.position, width=map_.satellite.width, height=map_.satellite.height)
+    grid = estimate_recognition(photos, radius=radius, image=image, area=_on_image(request.area, image))
     if not grid.wanted.any():
         raise UsageError("the area is not on the image", where="area", hint="draw a larger one on the image")
     spots = [
@@ -170,9 +170,11 @@ def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> M
     KeyError, TypeError
         It is something else.
     """
+    every = list(schemes)
+    chosen = [one for one in every if one["scheme"] == "leave-one-out"] or every
     by_path = {e.photo: e for e in map_.experiences}
     found: dict[int, list[PhotoTrial]] = {}
-    for scheme in schemes:
+    for scheme in chosen:
         radius = scheme["place_radius_px"]
         for result in scheme["per_query"]:
             e, truth = by_path.get(result["path"]), result["truth"]
@@ -271,6 +273,7 @@ def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
     StorageError
     """
     content = {"version": _VERSION, "id": secrets.token_hex(8), **plan_json(plan)}
+    make_folder(_path(cfg).parent)
     write_text(_path(cfg), json.dumps(content))
     return content
 

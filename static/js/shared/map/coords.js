@@ -49,6 +49,25 @@ export function imageAngle([x, y], [toX, toY]) {
   return (Math.atan2(toX - x, y - toY) * 180) / Math.PI;
 }
 
+/** Distance on the ground by the haversine formula, metres. @param {number[]} from lat, lon @param {number[]} to */
+export function groundMetres(from, to) {
+  const [[lat, lon], [toLat, toLon]] = [from, to].map((place) => place.map(radians));
+  const half = Math.sin((toLat - lat) / 2) ** 2 + Math.cos(lat) * Math.cos(toLat) * Math.sin((toLon - lon) / 2) ** 2;
+  return 2 * EARTH_M * Math.asin(Math.sqrt(half));
+}
+
+/** Direction on the ground, clockwise from north, in [0, 360). @param {number[]} from lat, lon @param {number[]} to */
+export function bearingDeg(from, to) {
+  const [[lat, lon], [toLat, toLon]] = [from, to].map((place) => place.map(radians));
+  const east = Math.sin(toLon - lon) * Math.cos(toLat);
+  const north = Math.cos(lat) * Math.sin(toLat) - Math.sin(lat) * Math.cos(toLat) * Math.cos(toLon - lon);
+  return ((Math.atan2(east, north) * 180) / Math.PI + 360) % 360;
+}
+
+function radians(degrees) {
+  return (degrees * Math.PI) / 180;
+}
+
 /** Latitude and longitude on the Earth of a map's pixels, through the grid that the server samples. */
 export class Georeference {
   /**
@@ -91,10 +110,7 @@ export class Georeference {
    */
   metres(from, to) {
     const places = [this.latLon(from), this.latLon(to)];
-    if (places.some((place) => !place)) return null;
-    const [[lat, lon], [toLat, toLon]] = places.map((place) => place.map((degrees) => (degrees * Math.PI) / 180));
-    const half = Math.sin((toLat - lat) / 2) ** 2 + Math.cos(lat) * Math.cos(toLat) * Math.sin((toLon - lon) / 2) ** 2;
-    return 2 * EARTH_M * Math.asin(Math.sqrt(half));
+    return places.some((place) => !place) ? null : groundMetres(places[0], places[1]);
   }
 
   /** Where north points at a map pixel, clockwise from image-up; 0 without a georeference. @param {number[]} pixel */
