@@ -10,6 +10,9 @@ import { offer, placeButton, placeOnClick } from "./place-button.js";
 
 const SHOWN = 200;
 
+/** Suggestions less certain than so many times the median are to be looked at before they are placed. */
+const UNCERTAIN = 4;
+
 /**
  * Open the dialog.
  * @param {Object} page store, server, refresh, dots and view
@@ -18,25 +21,36 @@ export function restDialog({ store, server, refresh, dots, view }) {
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "rest-outcome" });
   const error = errorLine();
   const place = placeButton({ "data-testid": "rest-place" });
+  const within = h("input", { class: "input ed-rest__within", type: "number", min: 0, step: "any", inputmode: "decimal", "data-testid": "rest-within" });
+  const limit = h("label", { class: "row", hidden: true }, t("Place those that are certain within"), within, unit(store) === 1 ? t("pixels") : t("metres"));
   const find = h("button", { class: "button", type: "button", "data-testid": "rest-find" }, t("Suggest places"));
   const dialog = openDialog(t("Place the rest"), [
     h("p", { class: "soft" }, t("Place a few photos by hand, far apart. What all photos show in common then says where the others were taken.")),
+    limit,
     outcome,
     error,
   ], { actions: [find, place], modeless: true });
 
   let job = null;
+  let suggested = [];
   let ids = [];
+  const choose = () => {
+    const most = within.valueAsNumber / unit(store);
+    ids = suggested.filter(({ radius_px: radius }) => !(radius > most)).map(({ id }) => id);
+    offer(place, ids.length);
+  };
   const show = (rest) => {
     job = rest.job;
     find.disabled = job !== null;
-    ids = rest.suggested.map(({ id }) => id);
+    suggested = rest.suggested.toSorted((a, b) => b.radius_px - a.radius_px);
+    limit.hidden = !suggested.length;
+    if (!within.value && suggested.length) within.value = limitOf(suggested, unit(store));
+    choose();
     dots.setSuggestions([...rest.suggested, ...rest.corrected]);
-    offer(place, ids.length);
     outcome.replaceChildren(...[
       job !== null && h("p", {}, t("This is being computed; it takes a few minutes.")),
-      job === null && rest.revision !== null && summary(rest),
-      ids.length > 0 && h("ul", { class: "small ed-rest" }, ...rest.suggested.slice(0, SHOWN).map(row)),
+      job === null && rest.revision !== null && (suggested.length > 0 || !rest.corrected.length) && summary(rest),
+      suggested.length > 0 && h("ul", { class: "small ed-rest" }, ...suggested.slice(0, SHOWN).map(row)),
       nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
       nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
         t("{name}: they have it {distance} away", { name, distance: length(away) }))),
@@ -96,10 +110,11 @@ export function restDialog({ store, server, refresh, dots, view }) {
     job = null;
     look(server.rest).then(() => {
       if (known.state === "failed") error.show(known.error);
-      else if (ids.length) view.focus(dots.suggestions.map(({ x_px: x, y_px: y }) => [x, y]));
+      else if (suggested.length) view.focus(dots.suggestions.map(({ x_px: x, y_px: y }) => [x, y]));
     });
   };
   store.addEventListener("jobs", watch);
+  within.addEventListener("input", choose);
   find.addEventListener("click", () => look(server.findRest).then(refresh));
   placeOnClick(place, {
     place: () => server.acceptRest(ids),
@@ -116,6 +131,17 @@ export function restDialog({ store, server, refresh, dots, view }) {
     dots.setSuggestions([]);
   });
   look(server.rest);
+}
+
+/** Metres of a pixel; 1 on a map without a georeference. */
+function unit(store) {
+  return store.georeference.metresPerPixel || 1;
+}
+
+/** Up to which radius suggestions are placed at once, at first; rounded up. */
+function limitOf(suggested, metresPerPixel) {
+  const most = UNCERTAIN * suggested[Math.floor(suggested.length / 2)].radius_px * metresPerPixel;
+  return String(most < 10 ? Math.ceil(most * 10) / 10 : Math.ceil(most));
 }
 
 /** How many photos have a place now, and whether that is still of the map as it is. */
