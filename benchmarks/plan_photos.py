@@ -31,8 +31,9 @@ from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline, with_hidden_photos
+from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.maps.plan_photos import MapTrials, PhotoTrial, PlanRequest, plan_photos
 
 Places = Mapping[MapPixel, Sequence[int]]

@@ -97,6 +97,17 @@ class RetrievalSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class LandmarkSettings:
+    """Landmarks around the place of a query, where the map has none."""
+
+    around_s: Annotated[float, AtLeast(0)] = 120.0
+    """Seconds that method `landmarks` may take to reconstruct the surroundings of a place; 0: never."""
+
+    around_photos: Annotated[int, AtLeast(8)] = 40
+    """Photos that are reconstructed, those nearest to the best one; a panorama counts as six."""
+
+
+@dataclass(frozen=True, slots=True)
 class WebSettings:
     """What the pages and the API allow."""
 
@@ -289,6 +300,7 @@ class Settings:
     imports: ImportLimits = field(default_factory=ImportLimits)
     extract: ExtractSettings = field(default_factory=ExtractSettings)
     retrieval: RetrievalSettings = field(default_factory=RetrievalSettings)
+    landmarks: LandmarkSettings = field(default_factory=LandmarkSettings)
     web: WebSettings = field(default_factory=WebSettings)
     serve: ServeSettings = field(default_factory=ServeSettings)
     jobs: JobSettings = field(default_factory=JobSettings)

@@ -20,7 +20,7 @@ def cfg(tmp_path, make_map, monkeypatch):
     cfg = make_map(tmp_path, 5)
     piece = RigidPiece(np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3, 3)))
     photos = read_map(cfg).experiences
-    found = Reconstruction(photos, (piece,), {4: "it is not an image"}, tmp_path, {})
+    found = Reconstruction(photos, (piece,), {4: "it is not an image"}, tmp_path, tmp_path, {})
     monkeypatch.setattr(landmarks, "reconstruct", lambda *_, **__: found)
     report = [
         AdjustedPiece((0, 2, 3), "", {0: 1.234, 3: 140.0}),

@@ -126,6 +126,13 @@ def test_an_uncertain_answer_is_called_uncertain(probability, off_map, verdict):
     assert text.splitlines()[0] == f"q.jpg: {verdict}"
 
 
+def test_what_is_missing_is_said_below_the_places():
+    place = Hypothesis(1, "position", MapPixel(20, 30), 0.8, 5.0, None, (1,), 20, 40)
+    statistics = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
+    answer = Answer((place,), 0.2, 0.0, None, statistics, note="too few landmarks agree")
+    assert answer_text(answer, query="q.jpg", georeference=None).splitlines()[-1].strip() == answer.note
+
+
 def test_photo_and_map_in_the_wrong_order_are_explained(expmap, cfg, photos):
     code, _, err = expmap("localize", photos / "1.jpg", cfg)
     assert code == 3

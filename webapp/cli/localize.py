@@ -60,6 +60,8 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
         lines.append(f"   {_percent(answer.other_probability)} other places on this map")
     if answer.off_map_probability is not None:
         lines.append(f"   {_percent(answer.off_map_probability)} not on this map")
+    if answer.note:
+        lines.append(f"   {answer.note}")
     return "\n".join([f"{query}: {_verdict(answer)}", *lines])
 
 

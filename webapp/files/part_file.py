@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 from collections.abc import Iterator
@@ -209,3 +210,9 @@ def _on_disk(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise storage_error(error, where=path.name) from error
+
+
+def sha256_of(path: Path) -> str:
+    """Hash a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

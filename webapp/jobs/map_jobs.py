@@ -25,11 +25,12 @@ from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.cascade import look_options
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
@@ -110,7 +111,7 @@ def evaluate_map(context: Context) -> dict[str, Any]:
     context.progress.note("preparing the map")
     localizer = open_pipeline(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
     done = evaluate.evaluate_self(
-        with_hidden_photos(localizer),
+        evaluate.with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=limit),
         progress=context.progress,
@@ -146,12 +147,19 @@ def suggest_places(context: Context) -> dict[str, Any]:
 def build_landmarks(context: Context) -> dict[str, Any]:
     """Join a map's photos by structure from motion, as `expmap landmarks build` does, and lay them on it.
 
-    With the argument `only_lay` they are only laid on it, as it is now.
+    With the argument `only_lay` they are only laid on it, as it is now. With `photos`, ids, only these
+    are joined, for queries among them.
     """
     library, record = context.library, context.map()
     export.export_map(library, record.id)
     cfg, settings = library.cfg(record.slug), context.settings
     result: dict[str, Any] = {}
+    if "photos" in context.arguments:
+        the_map = read_map(cfg)
+        known = {e.id: e for e in the_map.experiences}
+        photos = [known[id] for id in context.arguments["photos"] if id in known]
+        reconstruct_part(cfg, the_map, photos=photos, settings=settings, progress=context.progress)
+        return {"photos": len(photos)}
     if not context.arguments.get("only_lay"):
         the_map = read_map(cfg)
         found = reconstruct(cfg, the_map, settings=settings, progress=context.progress)

@@ -21,6 +21,7 @@ function rows(session, { options, askAgain }) {
   const { statistics: counts, seconds } = answer;
   /** @type {Array<[string, string|Node]>} */
   const facts = [[t("Method"), `${answer.method}, ${(answer.looks ?? [answer.features]).join(", ")}`]];
+  if (answer.note) facts.push([t("Note"), noteText(answer.note)]);
   if (answer.fov_deg !== null) facts.push([t("Field of view"), fieldOfView(answer, options, askAgain)]);
   facts.push([t("Keypoints"), numberText(counts.keypoints)]);
   facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);
@@ -36,6 +37,16 @@ function rows(session, { options, askAgain }) {
   facts.push([t("Time"), times(seconds)]);
   facts.push([t("Map revision"), numberText(answer.map_revision)]);
   return facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
+}
+
+/** Notes of method `landmarks` where the map has none, in the user's language. */
+function noteText(note) {
+  const known = {
+    "the landmarks around this place are not reconstructed yet: ask again in a minute": t("The landmarks around this place are being reconstructed. Ask again in a minute."),
+    "no place is likely enough to look for landmarks around it": t("No place is likely enough to reconstruct what is around it."),
+    "too few landmarks around this place agree with the photo": t("Too few landmarks around this place agree with the photo."),
+  };
+  return known[note] ?? note;
 }
 
 function times(seconds) {

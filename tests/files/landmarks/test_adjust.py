@@ -45,7 +45,8 @@ def make_job(scene, pieces, *, at, placed):
     for piece, result in laid:
         known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredPieces(tuple(rigid), CONTENTS, "key")
-    return adjust_job(stored, known, laid=laid, folder=folder, out=folder / "adjusted")
+    matches, out = folder / "matches.db", folder / "adjusted"
+    return adjust_job(stored, known, laid=laid, matches=matches, folder=folder, out=out)
 
 
 def joined(scene, pieces, *, at, placed):

@@ -17,7 +17,7 @@ from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE
 from webapp.files.localize.arrays import read_arrays, write_arrays
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import LandmarkSettings, Settings
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -27,8 +27,11 @@ from webapp.tasks.localize.pipeline import open_pipeline
 OPTIONS = OpenOptions(method="landmarks")
 
 
+NONE_AROUND = Settings(landmarks=LandmarkSettings(around_s=0.0))
+
+
 def open_court(cfg, **options):
-    return open_pipeline(cfg, replace(OPTIONS, **options), settings=Settings(), progress=Progress())
+    return open_pipeline(cfg, replace(OPTIONS, **options), settings=NONE_AROUND, progress=Progress())
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,10 @@ from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.spot import photo_headings
 from webapp.tasks.localize.trials import try_photos
 

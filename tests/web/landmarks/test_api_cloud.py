@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import json
 import zipfile
 from dataclasses import replace
 
@@ -14,11 +15,16 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.extras import install_line
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import KINDS
+from webapp.jobs.map_jobs import build_landmarks
+from webapp.store.operate.jobs import Lease
 from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks import show_cloud
+from webapp.tasks.landmarks.reconstruct import SURROUNDINGS
 from webapp.tasks.landmarks.show_cloud import lay_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.web.localize import pages as localize_pages
 
 
 @pytest.fixture
@@ -173,8 +179,23 @@ def test_the_page_opens_with_and_without_landmarks(client, laid, new_map, owner)
     assert b"Add photos first" in empty.data
 
 
-def test_the_page_that_localizes_offers_them_where_they_are(client, joined, new_map, owner):
+def test_the_page_that_localizes_offers_them_where_they_are_or_can_be_made(
+    client, joined, new_map, owner, monkeypatch
+):
     with_them = client.get(joined[0].removeprefix("/api/v1").replace("/landmarks", "/localize"))
     assert b'<option value="landmarks">' in with_them.data
-    without = client.get(f"/maps/{new_map(owner, name='Bare')}/localize")
-    assert b'<option value="landmarks">' not in without.data
+    bare = f"/maps/{new_map(owner, name='Bare')}/localize"
+    assert b'<option value="landmarks">' in client.get(bare).data
+    monkeypatch.setattr(localize_pages, "can_reconstruct", lambda _settings: False)
+    assert b'<option value="landmarks">' not in client.get(bare).data
+
+
+def test_a_job_reconstructs_the_photos_that_it_names(yard, library, settings):
+    cfg = library.cfg(yard[1])
+    with library.database.read() as session:
+        map_id = session.query(MapRecord).filter_by(slug=yard[1]).one().id
+    context = Context(library, settings, JobProgress(), Lease(0, 0), map_id, None, {"photos": [0, 99]})
+    assert build_landmarks(context) == {"photos": 1}
+    (tried,) = (landmarks_folder(cfg) / SURROUNDINGS).glob("*/photos.json")
+    assert len(json.loads(tried.read_text())["photos"]) == 1
+    assert not (landmarks_folder(cfg) / CLOUD_FILE).exists()

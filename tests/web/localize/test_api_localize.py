@@ -15,6 +15,7 @@ from webapp.store import queries as stored
 from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.localize import upload
+from webapp.tasks.localize.around import NOT_YET
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.maps import adopt_map
 from webapp.web.localize import api_localize
@@ -319,10 +320,15 @@ def test_the_page_opens_also_without_an_image(client, sample, park):
         assert page.status_code == 200 and b'data-testid="query-input"' in page.data
 
 
-def test_landmarks_that_were_not_built_are_refused_with_what_builds_them(client, sample, ask, queries):
-    response = ask(client, queries / "query_01.jpg", method="landmarks")
-    assert 400 <= response.status_code < 500
-    error = response.get_json()["error"]
-    assert error["message"] == "the map has no landmarks"
-    assert error["hint"] == "run expmap landmarks build on it"
-    assert "/" not in error["where"]
+def test_where_a_map_has_no_landmarks_those_around_are_queued_once(client, library, sample, ask, queries):
+    for _ in range(2):
+        answer = ask(client, queries / "query_01.jpg", method="landmarks").get_json()
+        assert answer["method"] == "landmarks"
+        assert answer["note"] == NOT_YET
+        assert "camera" not in answer["hypotheses"][0]
+    best = answer["hypotheses"][0]["experiences"][0]
+    with library.database.read() as session:
+        (job,) = session.scalars(select(Job).where(Job.kind == "landmarks"))
+    assert job.key == f"around {best}"
+    assert job.arguments["photos"][0] == best
+    assert len(job.arguments["photos"]) <= 40

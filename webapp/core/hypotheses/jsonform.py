@@ -74,6 +74,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "place_radius_px": source.place_radius_px,
         "looks": list(answer.looks),
         **({"sequence": True} if source.sequence else {}),
+        **({"note": answer.note} if answer.note else {}),
     }
 
 

@@ -127,6 +127,8 @@ class Answer:
         Features that were used, in order; where the first were sure, there are no others.
     quarter_turns : int
         Clockwise, that bring the query upright; 0 where its keypoints show none.
+    note : str
+        Why there is less than was asked for; empty where there is not.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -139,6 +141,7 @@ class Answer:
     fov: FieldOfView | None = None
     looks: tuple[str, ...] = ()
     quarter_turns: int = 0
+    note: str = ""
 
     @property
     def abstained(self) -> bool:

@@ -30,6 +30,8 @@ from webapp.tasks.evaluation.types import (
     Scheme,
     Subject,
 )
+from webapp.tasks.localize import orient_map
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
 def evaluate_queries(
@@ -285,3 +287,20 @@ def versions() -> dict[str, str]:
         "faiss": faiss.__version__,
         "experience-map": __version__,
     }
+
+
+def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
+    """Prepare a pipeline for the photos of its own map, which are hidden in turn.
+
+    Raises
+    ------
+    StorageError
+    """
+    known, opened = pipeline.calibration, pipeline.opened
+    if known is None:
+        return pipeline
+    return replace(
+        pipeline,
+        sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg),
+        second=None if pipeline.second is None else with_hidden_photos(pipeline.second),
+    )

@@ -61,7 +61,7 @@ class AdjustedPiece:
 
 
 def adjust_pieces(
-    found: Reconstruction, the_map: Map, *, progress: Progress
+    found: Reconstruction, the_map: Map, *, progress: Progress, wait_s: float = 0.0
 ) -> tuple[Reconstruction, list[AdjustedPiece]]:
     """Join pieces by the placed photos and by those with GPS, each as exactly as it is known.
 
@@ -75,7 +75,7 @@ def adjust_pieces(
         The reconstruction is gone from the disk.
     StorageError, ProcessLost, Cancelled
     """
-    with writer_lock(found.folder):
+    with writer_lock(found.shared, wait_s=wait_s):
         rigid, now = (read_pieces(found.folder / name) for name in (RIGID_FILE, PIECES_FILE))
         if rigid is None:
             raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
@@ -85,7 +85,7 @@ def adjust_pieces(
             now = _adjust(rigid, known, found=found, adjusted=adjusted, progress=progress)
             write_pieces(found.folder / PIECES_FILE, now)
             _remove_others(found.folder / ADJUSTED, adjusted)
-        keep_cloud(found.folder, now)
+        keep_cloud(found.folder, now, features=found.shared)
     pieces = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
     return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known)]
 
@@ -126,7 +126,9 @@ def _adjust(
         np.where(usable, known.at, complex(math.nan, math.nan))[number], known.sigma_px[number]
     )
     out = found.folder / ADJUSTED / adjusted
-    job = adjust_job(rigid, pictures, laid=laid, folder=found.folder, out=out)
+    job = adjust_job(
+        rigid, pictures, laid=laid, matches=found.shared / MATCHES_FILE, folder=found.folder, out=out
+    )
     model = run_adjustment(job, progress=progress)
     if model is None:
         return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
@@ -156,6 +158,7 @@ def adjust_job(
     known: KnownPositions,
     *,
     laid: Sequence[tuple[RigidPiece, LaidPiece]],
+    matches: Path,
     folder: Path,
     out: Path,
 ) -> AdjustJob:
@@ -167,8 +170,8 @@ def adjust_job(
         Of the pictures in `contents`, photos and views of panoramas; those that contradict others have none.
     laid : sequence of (RigidPiece, LaidPiece)
         Pieces of pictures, and how they lie on the map.
-    folder, out : Path
-        Of the reconstruction, and for the joined model.
+    matches, folder, out : Path
+        The database, the folder of the reconstruction, and that for the joined model.
     """
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
@@ -183,7 +186,7 @@ def adjust_job(
     usable = np.flatnonzero(np.isfinite(known.at))
     where = np.column_stack([known.at[usable].real, known.at[usable].imag])
     return AdjustJob(
-        folder / MATCHES_FILE,
+        matches,
         tuple(model_folders(folder)),
         out,
         rigid.contents,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
@@ -30,6 +31,7 @@ from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
 from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_path
+from webapp.files.part_file import sha256_of
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.landmarks.known import AnyPhoto
@@ -42,8 +44,10 @@ from webapp.tasks.landmarks.mapping import (
 )
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.maps.photo_files import sha256_of
 from webapp.threads import cores, in_threads
+
+SURROUNDINGS = "surroundings"
+"""Folder of the parts of a map that were reconstructed one by one; all photos together replace them."""
 
 _CHOICE = FeatureChoice("sift", "sift", "l2")
 _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
@@ -63,7 +67,9 @@ class Reconstruction:
     problems : mapping of int to str
         Why photos cannot take part, by their number.
     folder : Path
-        Where all of it is kept.
+        Where the pieces, their models and their points are kept.
+    shared : Path
+        Where the features and matches are that they were made of; of all photos of the map the same folder.
     number_of : mapping of str to int
         Numbers of the photos that could be read, by the SHA-256 of their files; those of panoramas by what
         stands for their views.
@@ -75,15 +81,33 @@ class Reconstruction:
     pieces: tuple[RigidPiece, ...]
     problems: Mapping[int, str]
     folder: Path
+    shared: Path
     number_of: Mapping[str, int]
     turn_of: Mapping[str, int] = field(default_factory=dict)
 
 
-def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progress) -> Reconstruction:
+def reconstruct(
+    cfg: Path,
+    the_map: Map,
+    *,
+    settings: Settings,
+    progress: Progress,
+    part: Path | None = None,
+    wait_s: float = 0.0,
+) -> Reconstruction:
     """Join the photos of a map, those in the tray included.
 
     What is finished of it is kept at once: killed, it goes on there, and the next time only photos that are
     new are described and compared.
+
+    Parameters
+    ----------
+    the_map : Map
+        With the photos to join.
+    part : Path, optional
+        Folder for what comes of it where they are not all photos of the map.
+    wait_s : float
+        Seconds to wait for another process that joins photos of this map.
 
     Raises
     ------
@@ -99,7 +123,8 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
         pictures += views
         owner += [number] * len(views)
     folder = landmarks_folder(cfg)
-    with writer_lock(folder):
+    out = folder if part is None else part
+    with writer_lock(folder, wait_s=wait_s):
         entries, problems = _describe(
             cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
         )
@@ -118,12 +143,14 @@ def reconstruct(cfg: Path, the_map: Map, *, settings: Settings, progress: Progre
             key = database.signature(contents)
         finally:
             database.close()
-        pieces = _pieces(folder, database.path, contents=contents, key=key, progress=progress)
+        pieces = _pieces(out, database.path, contents=contents, key=key, progress=progress)
+        if part is None:
+            shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
     number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
     turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
     found = tuple(renumbered(pieces, number_of, turn_of=turn_of))
     why = {owner[n]: problem for n, problem in problems.items()}
-    return Reconstruction(photos, found, why, folder, number_of, turn_of)
+    return Reconstruction(photos, found, why, out, folder, number_of, turn_of)
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
@@ -252,17 +279,23 @@ def _pieces(
         write_pieces(folder / RIGID_FILE, stored)
     if used is None or used.key != key:
         write_pieces(folder / PIECES_FILE, used := stored)
-    keep_cloud(folder, used)
+    keep_cloud(folder, used, features=database.parent)
     return stored
 
 
-def keep_cloud(folder: Path, pieces: StoredPieces) -> None:
-    """Write the landmarks of the pieces, unless those that are there are theirs."""
+def keep_cloud(folder: Path, pieces: StoredPieces, *, features: Path) -> None:
+    """Write the landmarks of the pieces, unless those that are there are theirs.
+
+    Parameters
+    ----------
+    features : Path
+        Folder of what the photos are described by.
+    """
     file = folder / CLOUD_FILE
     there = read_cloud(file)
     if there is not None and there.key == pieces.cloud_key:
         return
-    index = IndexFolder(folder)
+    index = IndexFolder(features)
 
     def described(content: str) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         features = read_segment(index.spool_path(content)).entry(0).features

@@ -9,10 +9,10 @@ from webapp.core.mapmodel.views import content_of, level_views
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
 from webapp.files.maps.folder import photo_path
+from webapp.files.part_file import sha256_of
 from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
 from webapp.tasks.landmarks.known import all_photos
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.maps.photo_files import sha256_of
 
 
 def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:

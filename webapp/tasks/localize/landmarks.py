@@ -88,23 +88,32 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
         There is none, or none that this program can use.
     """
     folder = landmarks_folder(opened.cfg)
-    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
-    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+    laid = lay_landmarks(opened, folder)
+    if laid is None:
         is_there = (folder / CLOUD_FILE).exists()
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
             where=str(opened.cfg),
             hint="run expmap landmarks build on it",
         )
-    number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
-    map_photo = np.array([number.get(content, -1) for content in pieces.contents], np.int64)
-    missing = len(number.keys() - set(pieces.contents))
+    missing = len({content for content in opened.contents if content} - set(laid.cloud.contents))
     if missing:
         progress.note(
             f"{missing} photos of the map show no landmarks; where they are new, run expmap landmarks build"
         )
+    return replace(opened, landmarks=laid)
+
+
+def lay_landmarks(opened: OpenMap, folder: Path) -> LaidCloud | None:
+    """Lay a cloud on the map, as its photos stand now; None where the folder has none that fits."""
+    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
+    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+        return None
+    number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
+    map_photo = np.array([number.get(content, -1) for content in pieces.contents], np.int64)
     photos = [opened.pictures[n] if n >= 0 else None for n in map_photo.tolist()]
-    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(pieces.contents)))
+    described = landmarks_folder(opened.cfg)  # also where the folder is of a part
+    lenses = PhotoLenses(described, stored.cloud, dict(enumerate(pieces.contents)))
     results = georegister_all(pieces.pieces, photos, the_map=opened.map, lenses=lenses)
     laid = tuple(result.laid for result in results)
-    return replace(opened, landmarks=LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid))
+    return LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid)

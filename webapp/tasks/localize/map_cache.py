@@ -24,6 +24,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize import calibrate, cascade, describe_photos, landmarks, open_map, orient_map
+from webapp.tasks.localize.around import LandmarksAround, usual_options
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map
@@ -131,9 +132,11 @@ class MapCache:
         """
         method, features = choice.resolved()
         asked = OpenOptions(method=method, features=features, build=False)
+        asked = usual_options(self._cfg(map_id), asked, settings=self._settings)
+        around = None if asked.method == method else LandmarksAround(self._settings, Progress(), build=False)
         first, *further = cascade.look_options(asked, first=choose("verified"), settings=self._settings)
         opened = self._get_look(map_id, first)
-        opened = replace(opened, pipeline=replace(opened.pipeline, asked=method))
+        opened = replace(opened, pipeline=replace(opened.pipeline, asked=method, around=around))
         if not further:
             return opened
         try:
@@ -143,6 +146,13 @@ class MapCache:
             return replace(opened, to_calibrate=True)  # it is built meanwhile, and one look answers
         except (MapError, MissingPart, InputError):
             return opened  # `expmap build` says why
+
+    def _cfg(self, map_id: int) -> Path:
+        with self._library.database.read() as session:
+            record = session.get(MapRecord, map_id)
+            if record is None:
+                raise NotFound("the map is gone")
+            return self._library.cfg(record.slug)
 
     def _get_look(self, map_id: int, options: OpenOptions) -> OpenedMap:
         choice = options.choice()  # so that an index is open once, however its features were asked for

@@ -52,8 +52,8 @@ from webapp.tasks.localize import (
     describe_photos,
     landmarks,
     open_map,
-    orient_map,
 )
+from webapp.tasks.localize.around import LandmarksAround, usual_options
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences
 
@@ -97,6 +97,8 @@ class LocalizationPipeline:
         The second look of `auto`.
     both : Calibration
         Of both looks together.
+    around : LandmarksAround or None
+        Solves the camera where the map has no landmarks of its own.
     """
 
     opened: OpenMap
@@ -107,6 +109,7 @@ class LocalizationPipeline:
     asked: Method | None = None
     second: LocalizationPipeline | None = None
     both: Calibration = looks.DEFAULT
+    around: LandmarksAround | None = None
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize one photo by all stages.
@@ -190,6 +193,8 @@ class LocalizationPipeline:
         calibration = self.calibration.calibration if self.calibration else DEFAULT
         answer = with_probabilities(indexed, found, calibration=calibration, top=_ALL)
         answer = replace(to_experiences(answer, self.opened), fov=fov)
+        if self.around is not None:
+            answer = self.around.refine(answer, self.opened, query=features, fov_deg=fov.degrees, hide=hide)
         if photo.view is not None:
             answer = photo.view.to_panorama(answer)
         answer = relative_to_north(answer, self.map.georeference)
@@ -306,10 +311,12 @@ def open_pipeline(
     """
     options.choice()  # what cannot work is reported before anything is read
     the_map = read_map(cfg)
+    asked, options = options.method, usual_options(cfg, options, settings=settings)
+    around = None if options.method == asked else LandmarksAround(settings, progress, build=True)
     newest = cascade.newest_features(cfg, options, settings=settings)
     one, *further = cascade.look_options(options, first=newest, settings=settings)
     first = _open_look(cfg, one, the_map=the_map, settings=settings, progress=progress)
-    first = replace(first, fov_deg=fov_deg, asked=options.method)
+    first = replace(first, fov_deg=fov_deg, asked=asked, around=around)
     if not further:
         return first
     try:
@@ -370,20 +377,3 @@ def join_looks(
     one = replace(first.calibration, calibration=calibrations[0])
     other = replace(second.calibration, calibration=calibrations[1])
     return replace(first, calibration=one, second=replace(second, calibration=other), both=both)
-
-
-def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Prepare a pipeline for the photos of its own map, which are hidden in turn.
-
-    Raises
-    ------
-    StorageError
-    """
-    known, opened = pipeline.calibration, pipeline.opened
-    if known is None:
-        return pipeline
-    return replace(
-        pipeline,
-        sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg),
-        second=None if pipeline.second is None else with_hidden_photos(pipeline.second),
-    )

@@ -19,9 +19,12 @@ from webapp.store.maps import maps
 from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.localize import upload
+from webapp.tasks.localize import around, upload
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult
+
+LANDMARKS_JOB = "landmarks"
+"""Kind of the job that reconstructs photos of a map."""
 
 _OWN_JOB: tuple[Method, ...] = ("thorough", "landmarks")
 """Methods that need more than the index and the orientations, and have a calibration of their own."""
@@ -53,7 +56,21 @@ def localize_or_build(
         _build_index(library, record, method, features=features, settings=settings)
     if result.opened.to_calibrate:
         _calibrate(library, record, method, features=features, settings=settings)
+    if result.form.get("note") == around.NOT_YET:
+        _reconstruct_around(library, record, result, settings=settings)
     return result
+
+
+def _reconstruct_around(
+    library: Library, record: MapRecord, result: LocalizeResult, *, settings: Settings
+) -> None:
+    """Queue a reconstruction of the surroundings of the best place."""
+    seeds = result.form["hypotheses"][0]["experiences"]
+    opened = result.opened.pipeline.opened
+    photos = around.photos_around(opened, seeds, count=settings.landmarks.around_photos)
+    key = f"around {seeds[0]}"
+    with library.database.write() as session:
+        jobs.enqueue(session, LANDMARKS_JOB, map_id=record.id, arguments={"photos": photos}, key=key)
 
 
 def _build_index(

@@ -14,7 +14,7 @@ from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
 from webapp.files.maps.map_json import panorama_fields, source_fields
-from webapp.files.part_file import show_file_as
+from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
 from webapp.files.photos.panorama import PanoramaTags, find_panorama
@@ -24,7 +24,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.photo_files import forget_intake, free_path, keep, sha256_of
+from webapp.tasks.maps.photo_files import forget_intake, free_path, keep
 from webapp.tasks.maps.place_photos import FileState, SurveyedFile, place
 from webapp.tasks.maps.placing import image_of
 

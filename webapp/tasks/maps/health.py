@@ -19,7 +19,7 @@ from webapp.settings import Settings
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline, with_hidden_photos
+from webapp.tasks.localize.pipeline import open_pipeline
 
 LIMIT = 200
 """Maximum number of photos tried, evenly spread over the map."""
@@ -50,7 +50,7 @@ def find_weak_places(
     options = options or OpenOptions(method="verified")
     localizer = open_pipeline(cfg, options, settings=settings, progress=progress)
     done = evaluate.evaluate_self(
-        with_hidden_photos(localizer),
+        evaluate.with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=LIMIT),
         progress=progress,

@@ -7,7 +7,6 @@ person's.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import unicodedata
 from pathlib import Path, PurePosixPath
@@ -17,7 +16,7 @@ from sqlalchemy.orm import Session
 
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED, folded
-from webapp.files.part_file import discard, move_in
+from webapp.files.part_file import discard, move_in, sha256_of
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
@@ -115,12 +114,6 @@ def sweep_orphans(library: Library, map_id: int) -> int:
                 swept += 1
             discard(note)
     return swept
-
-
-def sha256_of(path: Path) -> str:
-    """Hash a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _note(folder: Path, sha256: str) -> Path:

@@ -93,6 +93,7 @@ class Located(Schema):
     map_revision = Integer()
     map_kind = String(metadata={"enum": [*MAP_KINDS], "description": "What the photos' positions are."})
     place_radius_px = Float(metadata={"description": "A place is right when it is at most so far off."})
+    note = String(metadata={"description": "Why there is less than was asked for; else it is missing."})
     sequence = Boolean(metadata={"description": "True, where the frames before this one count, too."})
 
 

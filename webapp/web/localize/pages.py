@@ -21,6 +21,7 @@ from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Kept, Miss
+from webapp.tasks.localize.around import can_reconstruct
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference
@@ -48,7 +49,7 @@ def localize(slug: str) -> str:
         features=sorted(usable_features(settings().models)),
         methods=usable_methods(settings().models),
         colours=answer_colours(),
-        has_landmarks=has_landmarks(library().cfg(slug)),
+        has_landmarks=has_landmarks(library().cfg(slug)) or can_reconstruct(settings()),
         examples=examples.names_of(library().cfg(slug)),
     )
 

@@ -1,0 +1,148 @@
+"""Landmarks around the place of a query, on a map that has none of its own."""
+
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render
+from webapp.files.landmarks.cloud import CLOUD_FILE
+from webapp.files.lock import writer_lock
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import LandmarkSettings, Settings
+from webapp.tasks.landmarks import surroundings
+from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.place_rest import suggest_rest
+from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
+from webapp.tasks.localize import around
+from webapp.tasks.localize.around import photos_around
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+
+LANDMARKS = OpenOptions(method="landmarks")
+
+
+def settings(**chosen):
+    return Settings(landmarks=LandmarkSettings(**chosen))
+
+
+def opened(cfg, **chosen):
+    return open_pipeline(cfg, LANDMARKS, settings=settings(**chosen), progress=Progress())
+
+
+@pytest.fixture(scope="module")
+def all_placed(joined_court, tmp_path_factory):
+    """The court with all its photos placed, an index and no landmarks: nobody may change it."""
+    folder = tmp_path_factory.mktemp("around") / "court"
+    shutil.copytree(joined_court.cfg.parent, folder)
+    cfg = folder / "map.cfg"
+    accept_in_folder(cfg, suggest_rest(cfg, settings=Settings(), progress=Progress()).suggested)
+    for file in landmarks_folder(cfg).glob("*.arrays"):
+        file.unlink()
+    opened(cfg)
+    return cfg
+
+
+@pytest.fixture
+def bare(all_placed, tmp_path):
+    """A copy of it that a test may change."""
+    shutil.copytree(all_placed.parent, tmp_path / "court")
+    return tmp_path / "court" / "map.cfg"
+
+
+@pytest.fixture
+def query(tmp_path):
+    """A photo of the court, and where it was taken, map pixels."""
+    x, y = SIDE / 2 + 4.2 * np.cos(0.9), SIDE / 2 + 3.2 * np.sin(0.9)
+    path = tmp_path / "query.png"
+    cv2.imwrite(str(path), render(x, y, 0.9 - np.pi / 2 + 0.4))
+    return path, np.array([x, y]) * PIXELS_PER_METRE
+
+
+def parts(cfg):
+    return sorted((landmarks_folder(cfg) / SURROUNDINGS).glob("*/photos.json"))
+
+
+def test_the_surroundings_are_reconstructed_once(bare, query, monkeypatch):
+    path, at = query
+    localizer = opened(bare)
+    usual = replace(localizer, around=None).localize(path, top=3)
+    answer = localizer.localize(path, top=3)
+    first = answer.hypotheses[0]
+    assert localizer.method == "landmarks"
+    assert answer.note == ""
+    assert first.camera.landmarks > 100
+    assert abs(first.camera.pitch_deg) < 0.2
+    assert np.hypot(*(first.position - at)) < 0.1 * PIXELS_PER_METRE
+    assert first.probability == usual.hypotheses[0].probability
+    assert answer.hypotheses[1:] == usual.hypotheses[1:]
+    assert len(parts(bare)) == 1
+
+    def built_again(*_args, **_options):
+        raise AssertionError("the surroundings are there")
+
+    monkeypatch.setattr(around, "reconstruct_part", built_again)
+    again = opened(bare).localize(path, top=3)
+    np.testing.assert_allclose(again.hypotheses[0].position, first.position)
+
+
+def test_too_little_time_leaves_the_usual_answer_and_says_so(bare, query):
+    path, _ = query
+    localizer = opened(bare, around_s=1e-6)
+    answer = localizer.localize(path, top=3)
+    assert answer.hypotheses == replace(localizer, around=None).localize(path, top=3).hypotheses
+    assert "take longer than 1e-06 s" in answer.note
+    assert parts(bare) == []
+    assert opened(bare).localize(path, top=3).note == ""
+
+
+def test_while_another_process_reconstructs_nothing_is_built_twice(bare, query):
+    path, _ = query
+    with writer_lock(landmarks_folder(bare)):
+        answer = opened(bare, around_s=0.2).localize(path, top=3)
+    assert "another process" in answer.note
+    assert answer.hypotheses[0].camera is None
+    assert parts(bare) == []
+
+
+def test_photos_that_cannot_be_joined_are_tried_once(bare, query, monkeypatch):
+    path, _ = query
+    monkeypatch.setattr(surroundings, "reconstruct", only_two_photos(surroundings.reconstruct))
+    for _ in range(2):
+        answer = opened(bare).localize(path, top=3)
+        assert answer.note == "too few landmarks around this place agree with the photo"
+        assert answer.hypotheses[0].camera is None
+    assert len(parts(bare)) == 1
+
+
+def only_two_photos(reconstruct_all):
+    def reconstruct_two(cfg, the_map, **options):
+        some = replace(the_map, experiences=the_map.experiences[:2])
+        return reconstruct_all(cfg, some, **options)
+
+    return reconstruct_two
+
+
+def test_all_photos_together_replace_the_parts(bare, query):
+    path, at = query
+    opened(bare).localize(path, top=1)
+    reconstruct(bare, read_map(bare), settings=Settings(), progress=Progress())
+    assert (landmarks_folder(bare) / CLOUD_FILE).exists()
+    assert parts(bare) == []
+    localizer = opened(bare)
+    assert localizer.around is None
+    assert np.hypot(*(localizer.localize(path, top=1).hypotheses[0].position - at)) < 0.2 * PIXELS_PER_METRE
+
+
+def test_photos_are_chosen_by_what_they_share_and_not_too_many(bare):
+    pipeline = opened(bare)
+    ids = [e.id for e in pipeline.map.experiences]
+    chosen = photos_around(pipeline.opened, [ids[2]], count=4)
+    assert chosen[0] == ids[2]
+    assert len(chosen) == len(set(chosen)) == 4
+    assert max(abs(ids.index(id) - 2) for id in chosen) <= 3
+    assert sorted(photos_around(pipeline.opened, [ids[2]], count=100)) == sorted(ids)

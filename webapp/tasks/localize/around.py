@@ -1,0 +1,199 @@
+"""Method `landmarks` on a map without landmarks: `verified` finds the place, landmarks around it the pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from webapp.core.features.types import Features
+from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.localize.landmarks import find_by_landmarks
+from webapp.core.localize.verified import with_probabilities
+from webapp.core.mapmodel.model import Experience
+from webapp.core.mapmodel.panorama import experiences_of
+from webapp.errors import IndexDamaged, ProcessLost, StorageError
+from webapp.extras import is_installed
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks.surroundings import part_around, reconstruct_part
+from webapp.tasks.localize import orient_map
+from webapp.tasks.localize.landmarks import has_landmarks, lay_landmarks
+from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+
+NOT_YET = "the landmarks around this place are not reconstructed yet: ask again in a minute"
+"""Note of an answer that is to come with the pose when they are."""
+
+
+def usual_options(cfg: Path, options: OpenOptions, *, settings: Settings) -> OpenOptions:
+    """Return how places are found: as asked, but by `verified` where landmarks are only around them."""
+    if options.method != "landmarks" or has_landmarks(cfg) or not can_reconstruct(settings):
+        return options
+    choice = options.choice()
+    return replace(
+        options,
+        method="verified",
+        features="auto",
+        detector=choice.detector,
+        extractor=choice.extractor,
+        matcher=choice.matcher,
+    )
+
+
+def can_reconstruct(settings: Settings) -> bool:
+    """Return whether the surroundings of a place are reconstructed on demand."""
+    return settings.landmarks.around_s > 0.0 and is_installed("sfm")
+
+
+_ENOUGH = 100
+"""Matches of two photos above which more say nothing more."""
+
+_REACH = 4
+"""Photos are chosen from so many times as many, the nearest."""
+
+
+@dataclass(frozen=True, slots=True)
+class LandmarksAround:
+    """Solves the camera of a query from landmarks around its best place.
+
+    Attributes
+    ----------
+    progress : Progress
+        Of a reconstruction.
+    build : bool
+        Whether the surroundings are reconstructed at once where that has not been done.
+    """
+
+    settings: Settings
+    progress: Progress
+    build: bool
+
+    def refine(
+        self, answer: Answer, opened: OpenMap, *, query: Features, fov_deg: float, hide: Collection[int]
+    ) -> Answer:
+        """Give the first hypothesis the pose that landmarks around it say, within the map's place radius.
+
+        Its probability stays: it is that of a place. Where no pose can be had the answer has a note instead.
+
+        Parameters
+        ----------
+        answer : Answer
+            About experiences, headings clockwise from image-up.
+        fov_deg : float
+            Horizontal field of view of the upright query.
+        hide : collection of int
+            Ids of pictures to leave out.
+
+        Raises
+        ------
+        Cancelled
+        """
+        if answer.abstained:
+            return replace(answer, note="no place is likely enough to look for landmarks around it")
+        first, *others = answer.hypotheses
+        try:
+            folder = self._folder(opened, first)
+        except (StorageError, ProcessLost, IndexDamaged) as error:
+            return replace(answer, note=error.message)
+        if folder is None:
+            return replace(answer, note=NOT_YET)
+        found = _solve(opened, folder, query=query, near=first, fov_deg=fov_deg, hide=hide)
+        if found is None:
+            return replace(answer, note="too few landmarks around this place agree with the photo")
+        solved = replace(
+            first,
+            kind="position",
+            position=found.position,
+            radius_px=found.radius_px,
+            heading_deg=found.heading_deg,
+            camera=found.camera,
+        )
+        return replace(answer, hypotheses=(solved, *others))
+
+    def _folder(self, opened: OpenMap, place: Hypothesis) -> Path | None:
+        there = part_around(opened.cfg, _experiences(opened, place.experiences))
+        if there is not None or not self.build:
+            return there
+        photos = photos_around(opened, place.experiences, count=self.settings.landmarks.around_photos)
+        return reconstruct_part(
+            opened.cfg,
+            opened.map,
+            photos=_experiences(opened, photos),
+            settings=self.settings,
+            progress=self.progress,
+        )
+
+
+def photos_around(opened: OpenMap, seeds: Sequence[int], *, count: int) -> list[int]:
+    """Choose photos that show what some do: one after the other, the one that shares most with those chosen.
+
+    Where none shares anything the nearest is next. Far ones are no choice: facades look alike.
+
+    Parameters
+    ----------
+    seeds : sequence of int
+        Ids of experiences, the best first; they are all chosen.
+    count : int
+        Maximum number of photos besides; a panorama counts as its views.
+
+    Returns
+    -------
+    list of int
+        Ids of experiences.
+
+    Raises
+    ------
+    StorageError
+    """
+    pairs = orient_map.stored_pairs(opened, map_fov_deg=opened.options.map_fov_deg)
+    ids = np.array([e.id for e in opened.map.experiences])
+    position = np.array([e.position for e in opened.map.experiences])
+    row = np.searchsorted(ids, experiences_of(opened.indexed.ids), sorter=(order := np.argsort(ids)))
+    first, second = (order[row[of]] for of in (pairs.first, pairs.second))
+    shared = np.minimum(np.diff(pairs.start), _ENOUGH)
+    views = np.bincount(order[row], minlength=len(ids))
+    chosen = [int(np.flatnonzero(ids == seed)[0]) for seed in seeds]
+    distance = np.hypot(*(position - position[chosen[0]]).T)
+    reach = np.sort(np.repeat(distance, views))[: _REACH * count].max()
+    gain = np.where(distance <= reach, -distance / (1.0 + reach), -np.inf)
+    for one, other in ((first, second), (second, first)):
+        gain += np.bincount(other, shared * np.isin(one, chosen), minlength=len(ids))
+    gain[chosen] = -np.inf
+    while np.isfinite(gain.max()):
+        best = int(gain.argmax())
+        if views[[*chosen, best]].sum() > count:
+            break
+        chosen.append(best)
+        for one, other in ((first, second), (second, first)):
+            gain += np.bincount(other, shared * (one == best), minlength=len(ids))
+        gain[best] = -np.inf
+    return [int(id) for id in ids[chosen]]
+
+
+def _experiences(opened: OpenMap, ids: Sequence[int]) -> list[Experience]:
+    known = {e.id: e for e in opened.map.experiences}
+    return [known[id] for id in ids]
+
+
+def _solve(
+    opened: OpenMap,
+    folder: Path,
+    *,
+    query: Features,
+    near: Hypothesis,
+    fov_deg: float,
+    hide: Collection[int],
+) -> Hypothesis | None:
+    """Solve the camera from the landmarks in a folder; None where it is not near the place."""
+    laid = lay_landmarks(opened, folder)
+    if laid is None:
+        return None
+    indexed = opened.indexed
+    search = find_by_landmarks(indexed, query, fov_deg=fov_deg, laid=laid, hide=hide)
+    solved = with_probabilities(indexed, search, calibration=DEFAULT, top=len(search.places))
+    close = (h for h in solved.hypotheses if math.dist(h.position, near.position) <= indexed.place_radius_px)
+    return next(close, None)
