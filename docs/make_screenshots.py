@@ -16,16 +16,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from benchmarks import derived_maps
 from docs.simulated_mission import Round
+from docs.simulated_survey import survey
 from tests.browser.api import Api
 from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 from tests.ports import reserved_port
 from webapp.core.geo.types import LatLon, MapPixel
+from webapp.core.mapmodel.panorama import band
 from webapp.files.maps.folder import read_map
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
@@ -35,6 +38,12 @@ LOOKS: dict[str, dict[str, Any]] = {
     "": WIDE,
     "-phone": {**PHONE, "device_scale_factor": 2},
 }
+PANORAMAS = "panoramas"
+"""A map of panoramas, which a robot with six cameras took in the park."""
+
+JOINED = "panorama-joined.jpg"
+"""Picture of one of them."""
+
 AREAS = "park-areas"
 """A map of the same photos, gathered into areas."""
 
@@ -46,6 +55,8 @@ PAGES = {
     "next-photos": ("/maps/sample/edit", ("",)),
     "landmarks": ("/maps/sample/landmarks", ("",)),
     "landmarks-above": ("/maps/sample/landmarks", ("",)),
+    "panorama": (f"/maps/{PANORAMAS}/edit?photo=1", ("", "-phone")),
+    "panorama-mask": (f"/maps/{PANORAMAS}/edit?photo=1", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
     "localize-areas": (f"/maps/{AREAS}/localize", ("",)),
     "missions": ("/missions", ("",)),
@@ -54,6 +65,12 @@ PAGES = {
 }
 QUERY = "queries/query_02.jpg"
 """Photo of the sample that is asked about."""
+
+STOPS = 5
+"""Panoramas of the robot."""
+
+USED_DEG = 36.0
+"""Below and above the horizon, all of its cameras look there."""
 
 IN_TRAY = range(40, 46)
 """Photos of the sample that are shown as not placed yet."""
@@ -94,6 +111,7 @@ def main() -> None:
         suggest_places(api)
         plan_photos(api)
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
+        make_panoramas(api, app.library / "sample", scratch=Path(folder) / "survey")
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:
@@ -130,6 +148,32 @@ def import_areas(api: Api, sample: Path, *, scratch: Path) -> None:
     file = {"name": f"{AREAS}.zip", "mimeType": "application/zip", "buffer": archive.read_bytes()}
     api.ask("POST", "/maps/import", multipart={"file": file, "name": AREAS})
     api.wait_for_jobs(AREAS)
+
+
+def make_panoramas(api: Api, sample: Path, *, scratch: Path) -> None:
+    """Make a map of the panoramas of a robot, masked where not all of its cameras look."""
+    made = read_map(sample / "map.cfg")
+    assert made.georeference is not None
+    photos = survey(scratch, made.georeference, stops=STOPS)
+    slug = api.make_map(
+        "Panoramas",
+        satellite=sample / "satellite.png",
+        corners=sample / "corners.json",
+        photos=[one.path for one in photos],
+    )
+    places = [
+        {"id": id, "x_px": one.at.x, "y_px": one.at.y, "heading_deg": one.heading_deg}
+        for id, one in enumerate(photos)
+    ]
+    masked = [box._asdict() for box in band(lowest_deg=USED_DEG, highest_deg=USED_DEG)]
+    masks = [{"id": id, "panorama": {"masked": masked}} for id in range(len(photos))]
+    for kind, changes in (("place", places), ("panorama", masks)):
+        api.ask("PATCH", f"/maps/{slug}/experiences", data={"kind": kind, "changes": changes})
+    api.wait_for_jobs(slug)
+    with Image.open(photos[1].path) as picture:
+        width, height = picture.size
+        strip = picture.crop((0, height // 4, width, height - height // 4))
+        strip.resize((1280, 320), Image.Resampling.LANCZOS).save(PICTURES / JOINED, quality=85)
 
 
 def fill_tray(api: Api) -> None:
@@ -210,7 +254,7 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
     context = browser.new_context(base_url=app.url, storage_state=cookies, reduced_motion="reduce", **look)
     page = context.new_page()
     page.goto(path)
-    if path.endswith("/edit"):
+    if "/edit" in path:
         page.locator("[data-testid=map-canvas] canvas").wait_for()
     if path.endswith("/localize"):
         page.get_by_test_id("query-input").set_input_files(app.library / "sample" / QUERY)
@@ -225,6 +269,12 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#place-menu summary").click()
         page.locator("#plan-button").click()
         page.get_by_test_id("plan-spot").first.wait_for()
+    if "/panoramas/" in path:
+        page.locator("#current-frame .panorama__canvas").wait_for()
+    if name == "panorama-mask":
+        page.locator("#current-more").evaluate("more => { more.open = true; }")
+        page.locator("#current-panorama").click()
+        page.get_by_role("dialog").wait_for()
     if name == "mission-import":
         preview_import(page)
     settle(page)
