@@ -24,8 +24,8 @@ RADIUS_OVER_SIGMA = 1.515
 """68 % radius over the standard deviation along one axis."""
 
 _SHARE = 0.68
-_AS_EXACT = 2.0
-"""Standard deviation over that of the position that is known best, up to which another is as good."""
+_LEAST_OF_KNOWN = 0.5
+"""Radius over that of the known positions, below which these cannot measure it."""
 
 
 class PlacedPhotos(NamedTuple):
@@ -74,7 +74,7 @@ def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None
     residuals: J. Lei, M. G'Sell, A. Rinaldo, R. Tibshirani, L. Wasserman, "Distribution-free predictive
     inference for regression", 2018).
 
-    It is measured at the positions that are known best, whose own errors are taken off.
+    The errors of the known positions themselves are taken off.
 
     Returns
     -------
@@ -83,7 +83,6 @@ def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None
     """
     if piece.covariance is None:
         return None
-    known = known.subset(known.sigma_px <= _AS_EXACT * known.sigma_px.min())
     rank = math.ceil(_SHARE * (len(known.row) + 1))
     if rank > len(known.row):
         return None
@@ -92,7 +91,7 @@ def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None
     error, without = _left_out(piece.centre[:, 0] + 1j * piece.centre[:, 1], piece.covariance, known)
     score = float(np.sort(error / np.maximum(without / usual, 1.0))[rank - 1])
     own = RADIUS_OVER_SIGMA * float(np.median(known.sigma_px))
-    score = math.sqrt(max(score**2 - own**2, score**2 / len(known.row)))
+    score = math.sqrt(max(score**2 - own**2, (_LEAST_OF_KNOWN * own) ** 2))
     radius: Array = np.maximum(score * np.maximum(sigma / usual, 1.0), RADIUS_OVER_SIGMA * sigma)
     return radius
 
