@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -25,8 +26,10 @@ from numpy.typing import NDArray
 
 from webapp.configuration import load_settings
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.places import place_radius_px
 from webapp.core.mapmodel.model import Map
-from webapp.core.mapmodel.recognition import Rectangle
+from webapp.core.mapmodel.photo_plan import plan_spots
+from webapp.core.mapmodel.recognition import PhotoTrials, Rectangle, estimate_recognition
 from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
@@ -34,7 +37,7 @@ from webapp.settings import let_threads_sleep
 from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
-from webapp.tasks.maps.plan_photos import MapTrials, PhotoTrial, PlanRequest, plan_photos
+from webapp.tasks.maps.plan_photos import PhotoTrial
 
 Places = Mapping[MapPixel, Sequence[int]]
 
@@ -91,10 +94,24 @@ def distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArra
     return np.asarray(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)))
 
 
-def around(places: Places) -> Rectangle:
-    """Give the area of all places: people may walk there."""
-    (left, top), (right, bottom) = np.min([*places], axis=0), np.max([*places], axis=0)
-    return Rectangle(float(left), float(top), float(right), float(bottom))
+def planned(
+    left: Map, trials: Mapping[int, PhotoTrial], *, places: Places, count: int
+) -> list[tuple[float, float]]:
+    """Plan spots near any of the places: there people can walk, which an area drawn by hand would say."""
+    width, height = left.satellite.width, left.satellite.height
+    image = Rectangle(0.0, 0.0, width, height)
+    rows = [
+        (*e.position, trial.success, math.nan if trial.heading_deg is None else trial.heading_deg)
+        for e in left.experiences
+        for trial in [trials.get(e.id, PhotoTrial(math.nan))]
+    ]
+    table = np.array(rows, np.float64)
+    photos = PhotoTrials(table[:, :2], table[:, 3], table[:, 2])
+    radius = place_radius_px(table[:, :2], width=width, height=height)
+    grid = estimate_recognition(photos, radius=radius, image=image, area=image)
+    walkable = distances(grid.cell, np.array([*places])).min(axis=1) <= radius / 2.0
+    spots = plan_spots(replace(grid, wanted=walkable), photos, count=count)
+    return [spot.position for spot in spots]
 
 
 def ids_at(places: Places, chosen: Collection[MapPixel]) -> set[int]:
@@ -110,15 +127,14 @@ class Bench:
         self.map, self.folder = pipeline.map, folder
         self.radius = pipeline.place_radius_px
 
-    def trials(self, stay: Collection[int]) -> MapTrials:
+    def trials(self, stay: Collection[int]) -> dict[int, PhotoTrial]:
         """Look for each photo on the map of those that stay, without itself."""
         gone = {e.id for e in self.map.experiences} - set(stay)
-        tried = {
+        return {
             e.id: self._look(self.folder / e.photo, e.position, hide=frozenset(gone | {e.id}))
             for e in self.map.experiences
             if e.id in stay
         }
-        return MapTrials("evaluation", tried)
 
     def recognised(self, queries: Sequence[queries_csv.Query], stay: Collection[int]) -> float:
         """Give the share of queries that are found on the map of some photos."""
@@ -148,15 +164,14 @@ def measure(
             bench.map, experiences=tuple(e for e in bench.map.experiences if e.id in there), placements=()
         )
         trials = bench.trials(there)
-        wanted = PlanRequest(options.spots, around(places))
-        spots = plan_photos(left, trials=trials, request=wanted)
-        by_density = plan_photos(left, trials=MapTrials("none", {}), request=wanted)
-        count = len(spots.spots)
+        count = options.spots
+        spots = planned(left, trials, places=places, count=count)
+        by_density = planned(left, {}, places=places, count=count)
         rng = np.random.default_rng(1000 + seed)
         ways = {
             "none": [],
-            "plan": nearest_to([spot.position for spot in spots.spots], hidden),
-            "plan_without_trials": nearest_to([spot.position for spot in by_density.spots], hidden),
+            "plan": nearest_to(spots, hidden),
+            "plan_without_trials": nearest_to(by_density, hidden),
             "random": [hidden[n] for n in rng.choice(len(hidden), count, replace=False)],
             "farthest": farthest(stay, hidden, count),
             "all": hidden,
@@ -165,8 +180,7 @@ def measure(
             "seed": seed,
             "places": len(stay),
             "added": count,
-            "trials_recognised": round(float(np.mean([t.success for t in trials.by_photo.values()])), 3),
-            "expected": [round(spots.grid.share, 3), round(spots.expected_share, 3)],
+            "trials_recognised": round(float(np.mean([t.success for t in trials.values()])), 3),
             "recognised": {
                 way: round(bench.recognised(queries, there | ids_at(places, chosen)), 3)
                 for way, chosen in ways.items()

@@ -37,6 +37,9 @@ _LENGTHS = (0.25, 0.375, 0.5, 0.75, 1.0, 1.5)
 """What is tried where there are more, length in place radii."""
 
 _FEWEST_TRIALS, _MOST_FITTED, _MOST_TRIALS = 20, 300, 1000
+_FAR = 3.0
+"""Lengths of the kernel beyond which photos are not looked at."""
+
 _LEAST = 1e-3
 """No trial was impossible."""
 
@@ -168,7 +171,8 @@ def estimate_recognition(
         distance_kernel(cell, photos.position[tried], length=kernel.length),
         np.where(known, towards[tried] @ angle_kernel(), 1.0),
     )
-    factor, deviation = _factor(_promised(photos, tried, kernel), photos.success[tried], weights=weights)
+    promised = _pairs(photos, tried, reach=_FAR * kernel.length).support(kernel)
+    factor, deviation = _factor(promised, photos.success[tried], weights=weights)
     missed = np.exp(-factor * support)
     sigma = np.minimum(missed * support * deviation, 0.5)
     wanted = np.ones(len(cell), np.bool_) if area is None else area.holds(cell)
@@ -206,30 +210,50 @@ def _evenly(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     return numbers[:: max(1, -(-len(numbers) // most))]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _TrialPairs:
+    """Each trial with each other photo around it: number of the trial, squared distance, weight by angle."""
+
+    trial: NDArray[np.int64]
+    squared: Array
+    around: Array
+    trials: int
+
+    def support(self, kernel: RecognitionKernel) -> Array:
+        """Add up the support of the photos for each trial, (trials,)."""
+        at = np.exp(-self.squared / (2.0 * kernel.length**2))
+        given = -np.log1p(-kernel.probability * at * self.around)
+        return np.asarray(np.bincount(self.trial, given, minlength=self.trials), np.float64)
+
+
+def _pairs(photos: PhotoTrials, tried: NDArray[np.int64], *, reach: float) -> _TrialPairs:
+    rows = []
+    for number, photo in enumerate(tried.tolist()):
+        squared = ((photos.position - photos.position[photo]) ** 2).sum(axis=1)
+        squared[photo] = np.inf
+        near = np.flatnonzero(squared <= reach**2)
+        turn = np.abs((photos.heading_deg[near] - photos.heading_deg[photo] + 180.0) % 360.0 - 180.0)
+        around = np.where(np.isfinite(turn), _of_angle(np.nan_to_num(turn)), angle_kernel()[0].mean())
+        rows.append(np.column_stack([np.full(len(near), number), squared[near], around]))
+    table = np.concatenate([*rows, np.empty((0, 3))])
+    return _TrialPairs(table[:, 0].astype(np.int64), table[:, 1], table[:, 2], len(tried))
+
+
 def _fit(photos: PhotoTrials, tried: NDArray[np.int64], radius: float) -> RecognitionKernel:
     """Find the kernel under which the trials are likeliest."""
     if len(tried) < _FEWEST_TRIALS:
         return RecognitionKernel(_RECOGNISES, _LENGTH * radius)
     some = _evenly(tried, _MOST_FITTED)
     success = photos.success[some]
+    pairs = _pairs(photos, some, reach=_FAR * max(_LENGTHS) * radius)
 
     def unlikely(kernel: RecognitionKernel) -> float:
-        support = np.maximum(_promised(photos, some, kernel), _LEAST)
+        support = np.maximum(pairs.support(kernel), _LEAST)
         return float(((1.0 - success) * support - success * np.log(-np.expm1(-support))).sum())
 
     return min(
         (RecognitionKernel(p, share * radius) for p in _PROBABILITIES for share in _LENGTHS), key=unlikely
     )
-
-
-def _promised(photos: PhotoTrials, tried: NDArray[np.int64], kernel: RecognitionKernel) -> Array:
-    """Add up the support of the other photos for each that was tried; (len(tried),)."""
-    at = distance_kernel(photos.position[tried], photos.position, length=kernel.length)
-    turn = np.abs((photos.heading_deg[tried, None] - photos.heading_deg + 180.0) % 360.0 - 180.0)
-    around = np.where(np.isfinite(turn), _of_angle(np.nan_to_num(turn)), angle_kernel()[0].mean())
-    support = -np.log1p(-kernel.probability * at * around)
-    support[np.arange(len(tried)), tried] = 0.0
-    return np.asarray(support.sum(axis=1))
 
 
 def distance_kernel(first: Array, second: Array, *, length: float) -> Array:
