@@ -16,6 +16,7 @@ PAGES = {
     "image": "/maps/sample/image",
     "localize": "/maps/sample/localize",
     "landmarks": "/maps/sample/landmarks",
+    "control-points": "/maps/sample/control-points",
     "quality": "/maps/sample/quality",
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",

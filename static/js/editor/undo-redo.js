@@ -19,6 +19,7 @@ const KINDS = {
   "place-rest": (n) => tn("placing {n} photo by the others", "placing {n} photos by the others", n),
   placement: () => t("the change to the placement"),
   fix: (n) => tn("correcting {n} photo", "correcting {n} photos", n),
+  "control-points": () => t("the change of a control point"),
   satellite: () => t("the new image"),
   georeference: () => t("the new position of the image"),
 };

@@ -1,6 +1,6 @@
 /** What the page of the landmarks asks the server. */
 
-import { file, get, post } from "../shared/api.js";
+import { del, file, get, post, put } from "../shared/api.js";
 
 /**
  * Addresses of one map.
@@ -11,6 +11,10 @@ export function landmarksOf(slug) {
   return {
     show: () => get(path),
     build: () => post(path, {}),
+    points: () => get(`${path}/control-points`),
+    keepPoint: (name, point) => put(`${path}/control-points/${encodeURIComponent(name)}`, point),
+    removePoint: (name) => del(`${path}/control-points/${encodeURIComponent(name)}`),
+    undo: () => post(`/maps/${encodeURIComponent(slug)}/undo`, {}),
     job: (id) => get(`/jobs/${id}`),
     block: async (key, number) => (await file(`${path}/points/${key}/${number}`)).arrayBuffer(),
   };

@@ -4,10 +4,11 @@ import { byId, h, icon } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { clamped, latLngOf, pixelOf } from "../shared/map/coords.js";
-import { imageMap } from "./image-map.js";
+import { imageMap } from "../shared/map/image-map.js";
+import { pin } from "../shared/map/pin.js";
+import { Arrows } from "../shared/map/residual-arrows.js";
 import { page } from "./page.js";
-import { Arrows } from "./residual-arrows.js";
-import { goTo, pin, slippyMap } from "./tile-map.js";
+import { goTo, slippyMap } from "./tile-map.js";
 
 const FIELDS = { x: 1, y: 1, lat: 6, lon: 6 };
 const NEEDED = 2;

@@ -2,7 +2,7 @@
 
 import { byId } from "../shared/dom.js";
 import { georeferenceSection } from "./georeference.js";
-import { imageMap } from "./image-map.js";
+import { imageMap } from "../shared/map/image-map.js";
 import { page, panels, showKeptNotes } from "./page.js";
 import { TilesPanel } from "./tile-download.js";
 import { blankForm, uploadForm } from "./upload-forms.js";

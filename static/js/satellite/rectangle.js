@@ -1,7 +1,8 @@
 /** A rectangle on a slippy map: four corners to drag, or to move by the arrow keys. */
 
 import { t } from "../shared/i18n.js";
-import { eastOf, pin } from "./tile-map.js";
+import { pin } from "../shared/map/pin.js";
+import { eastOf } from "./tile-map.js";
 
 const CORNERS = [["north", "west"], ["north", "east"], ["south", "east"], ["south", "west"]];
 const STEP_PX = 8;

@@ -1,6 +1,5 @@
 /** Slippy maps of the tile services that the server names; nothing is asked of them before one is shown. */
 
-import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { parseLatLon } from "../shared/map/coords.js";
 import { toast } from "../shared/toast.js";
@@ -81,12 +80,6 @@ export function goHere(button, map) {
       () => toast(t("This device does not share its location."), { kind: "error" }),
     );
   });
-}
-
-/** A marker with a number or letter in it. */
-export function pin(text, kind = "") {
-  const made = h("span", { class: `sat-pin ${kind}` }, String(text));
-  return L.divIcon({ html: made, className: "sat-pin-frame", iconSize: [28, 28], iconAnchor: [14, 14] });
 }
 
 function tiles({ url, attribution, max_zoom }) {

@@ -7,7 +7,8 @@ from tests.core.landmarks.scene import known_at, piece_of
 from webapp.core.geometry import so3
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
 from webapp.core.landmarks.georegister import georegister
-from webapp.core.landmarks.placing import LaidPiece
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.placing import LaidPiece, lay_piece
 from webapp.core.landmarks.similarity import fit_similarity
 
 SPOTS = {
@@ -173,3 +174,17 @@ def test_three_points_that_fit_nothing_are_named(court, rng):
     ]
     found = georegister(piece, nothing(40), points=points)
     assert "gate, well, oak" in found.laid.reason
+
+
+def test_radii_of_an_adjusted_piece_stay_those_of_its_covariances(rng):
+    at = rng.uniform(100.0, 900.0, 12) + 1j * rng.uniform(100.0, 900.0, 12)
+    centre = np.column_stack([at.real, at.imag, 0.0 * at.real])
+    level = np.tile([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], (12, 1, 1))
+    covariance = rng.uniform(1.0, 9.0, 12)[:, None, None] * np.eye(2)
+    piece = RigidPiece(np.arange(12), centre, level, covariance=covariance)
+    known = known_at(at + rng.normal(0.0, 2.0, 12), np.arange(10), sigma_px=2.0)
+    to = np.array([500.0, 500.0, -10.0]) - centre[:3]
+    ray = np.einsum("rij,rj->ri", level[:3], to / np.linalg.norm(to, axis=1, keepdims=True))
+    point = KnownPoint("oak", 500.0 + 500j, 1.0, np.nan, np.arange(3), ("0", "1", "2"), ray)
+    laid = georegister(piece, known, points=[point]).laid
+    assert laid.radius_px == pytest.approx(lay_piece(piece, known).radius_px, rel=0.2)

@@ -18,6 +18,7 @@ from webapp.core.landmarks.pieces import (
     view_by_positions,
 )
 from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
+from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def georegister(piece: RigidPiece, known: KnownPositions, *, points: Sequence[Kn
         photos = tuple(number for number in laid.photos if number < len(known.at))
         reason = f"{laid.reason} (control points: {names})"
         return Georegistration(NotLaid(reason, photos), _unjudged(found), problems)
-    return Georegistration(_of_photos(laid, len(piece)), _fits(laid, found, first=len(piece)), problems)
+    return Georegistration(_of_photos(laid, piece), _fits(laid, found, first=len(piece)), problems)
 
 
 def _view(piece: RigidPiece, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
@@ -208,12 +209,18 @@ def _spread(points: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(known - known.mean()) ** 2)))
 
 
-def _of_photos(laid: LaidPiece, photos: int) -> LaidPiece:
+def _of_photos(laid: LaidPiece, piece: RigidPiece) -> LaidPiece:
     """Leave out the control points, as of what is laid; they still lay it."""
-    transform = replace(laid.transform, row=np.where(laid.transform.row < photos, laid.transform.row, -1))
+    photos, used = len(piece), laid.transform
+    placed = used.row < photos
+    transform = replace(used, row=np.where(placed, used.row, -1))
+    radius = None
+    if placed.any():
+        placed_photos = PlacedPhotos(used.row[placed], used.at[placed], used.sigma_px[placed])
+        radius = radius_by_covariance(piece, placed_photos)
     return LaidPiece(
         laid.at[:photos],
-        laid.radius_px[:photos],
+        laid.radius_px[:photos] if radius is None else radius,
         laid.angle_deg[:photos],
         laid.residual_px[:photos],
         laid.others_have[:photos],

@@ -195,7 +195,8 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
     return _to_save(send_file(spool, mimetype="application/zip"), f"{record.slug}-colmap.zip")
 
 
-def _preview(record: MapRecord, photo: Photo) -> str:
+def preview_address(record: MapRecord, photo: Photo) -> str:
+    """Return where the picture of a photo is."""
     look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
     return f"/api/v1/maps/{record.slug}/photos/{photo.id}/preview{look}"
 
@@ -230,7 +231,7 @@ def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
             "height": photo.height,
             "placed": photo.x_px is not None,
             "source": source_of_photo(photo),
-            "preview": _preview(record, photo),
+            "preview": preview_address(record, photo),
         }
         for camera in about.pop("cameras")
         if (photo := photos.get(camera["id"])) is not None

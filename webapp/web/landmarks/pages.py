@@ -1,4 +1,4 @@
-"""The page that shows the landmarks of a map, from above and in space."""
+"""The pages that show the landmarks of a map, and its control points."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from flask import Blueprint, render_template
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
+from webapp.web.landmarks.api_cloud import preview_address
 from webapp.web.maps import state as map_state
 
 blueprint = Blueprint("landmarks_pages", __name__)
@@ -26,3 +27,30 @@ def show(slug: str) -> str:
             "satellite": map_state.satellite_json(record),
         }
     return render_template("maps/landmarks.html", map=record, tab="landmarks", page=page, photos=photos)
+
+
+@blueprint.get("/maps/<slug>/control-points")
+def control_points(slug: str) -> str:
+    """Show the control points, and how well these and the placed photos fit."""
+    record = open_map(slug)
+    with library().database.read() as session:
+        record = session.get_one(MapRecord, record.id)
+        role = maps.role_of(session, record, account=account())
+        photos = [
+            {
+                "id": photo.id,
+                "name": photo.name,
+                "width": photo.width,
+                "height": photo.height,
+                "preview": preview_address(record, photo),
+            }
+            for photo in maps.photos(session, record)
+            if not photo.removed
+        ]
+        page = {
+            "slug": record.slug,
+            "can_edit": role in ("editor", "owner"),
+            "satellite": map_state.satellite_json(record),
+            "photos": photos,
+        }
+    return render_template("maps/control_points.html", map=record, tab="landmarks", page=page)

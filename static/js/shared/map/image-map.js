@@ -1,6 +1,6 @@
 /** The image itself as a Leaflet map: one unit is one pixel of the image. */
 
-import { imageBounds } from "../shared/map/coords.js";
+import { imageBounds } from "./coords.js";
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
 

@@ -1,6 +1,6 @@
 /** Arrows from where a point was said to be to where the fit puts it. */
 
-import { t } from "../shared/i18n.js";
+import { t } from "../i18n.js";
 
 const READABLE_PX = 64;
 const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];

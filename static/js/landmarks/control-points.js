@@ -1,0 +1,243 @@
+/** The page of the control points: a point is named, clicked in photos and on the image, and judged. */
+
+import { busy } from "../shared/dialogs.js";
+import { byId, h, icon, queryAll } from "../shared/dom.js";
+import { metresText } from "../shared/format.js";
+import { t, tn } from "../shared/i18n.js";
+import { clamped, latLngOf, pixelOf } from "../shared/map/coords.js";
+import { imageMap } from "../shared/map/image-map.js";
+import { pin } from "../shared/map/pin.js";
+import { Arrows } from "../shared/map/residual-arrows.js";
+import { toastError } from "../shared/toast.js";
+import { landmarksOf } from "./endpoints.js";
+
+const ASK_MS = 1000;
+const SHOWN = 200;
+const page = JSON.parse(byId("page").textContent);
+const server = landmarksOf(page.slug);
+
+if (document.getElementById("photo-view")) start().catch(toastError);
+
+/** @typedef {{name: string, x_px: ?number, y_px: ?number, height_m: ?number, accuracy_m: ?number, photos: {id: number, x: number, y: number}[]}} Point */
+
+async function start() {
+  /** @type {Point[]} */
+  let points = [];
+  let chosen = "";
+  let photo = page.photos[0];
+  let edits = 0;
+  let asked = 0;
+  let waiting = 0;
+  let sent = Promise.resolve();
+  let photoView = null;
+  const chooser = byId("photo", HTMLSelectElement);
+  const map = imageMap(byId("map-view"), page.satellite);
+  const arrows = new Arrows(map);
+  const mapPins = L.layerGroup().addTo(map);
+  const current = () => points.find(({ name }) => name === chosen);
+
+  const connectEditing = () => {
+    const field = byId("new-name", HTMLInputElement);
+    byId("add").addEventListener("submit", (event) => {
+      event.preventDefault();
+      const name = field.value.trim();
+      if (!name) return field.focus();
+      chosen = name;
+      field.value = "";
+      if (current()) return render();
+      return keep({ name, x_px: null, y_px: null, height_m: null, accuracy_m: null, photos: [] });
+    });
+    byId("undo").addEventListener("click", () => busy(byId("undo", HTMLButtonElement), undo).catch(toastError));
+    byId("unclick").addEventListener("click", () => change({ photos: current().photos.filter(({ id }) => id !== photo.id) }));
+  };
+
+  const undo = async () => {
+    await server.undo();
+    edits -= 1;
+    take(await server.points());
+  };
+
+  const step = (by) => {
+    const count = page.photos.length;
+    showPhoto(page.photos[(page.photos.indexOf(photo) + by + count) % count]);
+  };
+
+  /** Change fields of the chosen point. */
+  const change = (fields) => {
+    const point = current();
+    if (point && page.can_edit) keep({ ...point, ...fields });
+  };
+
+  const clickMap = (latlng) => {
+    const [x, y] = clamped(pixelOf(latlng), page.satellite);
+    change({ x_px: x, y_px: y });
+  };
+
+  const clickPhoto = (latlng) => {
+    const [x, y] = clamped(pixelOf(latlng), photo);
+    const others = (current()?.photos ?? []).filter(({ id }) => id !== photo.id);
+    change({ photos: [...others, { id: photo.id, x: x / photo.width, y: y / photo.height }] });
+  };
+
+  /** Show a point at once, and send it after what is being sent: the next click builds on it. @param {Point} point */
+  const keep = (point) => {
+    const { name, ...fields } = point;
+    points = [...points.filter((other) => other.name !== name), point].sort((a, b) => (a.name < b.name ? -1 : 1));
+    render();
+    return send(() => server.keepPoint(name, fields));
+  };
+
+  const remove = (name) => send(() => server.removePoint(name));
+
+  const send = (request) => {
+    waiting += 1;
+    sent = sent.then(request).then(
+      (received) => {
+        edits += 1;
+        waiting -= 1;
+        if (!waiting) take(received);
+      },
+      async (error) => {
+        waiting -= 1;
+        toastError(error);
+        if (!waiting) take(await server.points());
+      },
+    );
+    return sent;
+  };
+
+  /** Show what the server has; while a job lays the landmarks anew, ask again. */
+  const take = (received) => {
+    points = received.points;
+    if (!current()) chosen = points[0]?.name ?? "";
+    showResiduals(received);
+    render();
+    asked += 1;
+    if (received.job !== null && !received.current) follow(asked);
+  };
+
+  const follow = async (mine) => {
+    await new Promise((resolve) => setTimeout(resolve, ASK_MS));
+    if (mine !== asked || waiting) return;
+    if (document.hidden) follow(mine);
+    else server.points().then((received) => mine === asked && !waiting && take(received), toastError);
+  };
+
+  const showPhoto = (next) => {
+    photo = next;
+    chooser.value = String(photo.id);
+    photoView?.map.remove();
+    const view = imageMap(byId("photo-view"), { url: photo.preview, width: photo.width, height: photo.height, tiles: null });
+    view.on("click", ({ latlng }) => clickPhoto(latlng));
+    photoView = { map: view, pins: L.layerGroup().addTo(view) };
+    render();
+  };
+
+  const render = () => {
+    const point = current();
+    const shown = new Set(point?.photos.map(({ id }) => id));
+    page.photos.forEach(({ id, name }, n) => (chooser.options[n].textContent = shown.has(id) ? `✓ ${name}` : name));
+    if (page.can_edit) {
+      byId("unclick").hidden = !shown.has(photo.id);
+      byId("undo", HTMLButtonElement).disabled = edits <= 0;
+    }
+    byId("next").textContent = nextStep(point);
+    byId("points-frame").hidden = points.length === 0;
+    const focused = document.activeElement?.getAttribute("data-key");
+    byId("points").replaceChildren(...points.map(row));
+    if (focused) queryAll(`[data-key="${CSS.escape(focused)}"]`, HTMLElement)[0]?.focus();
+    drawPins();
+  };
+
+  const drawPins = () => {
+    mapPins.clearLayers();
+    photoView.pins.clearLayers();
+    points.forEach((point, n) => {
+      const number = n + 1;
+      const mine = point.name === chosen;
+      if (point.x_px !== null) marker(mapPins, [point.x_px, point.y_px], { number, mine, title: point.name }, clickMap);
+      const click = point.photos.find(({ id }) => id === photo.id);
+      if (click) marker(photoView.pins, [click.x * photo.width, click.y * photo.height], { number, mine, title: point.name }, clickPhoto);
+    });
+  };
+
+  const marker = (layer, at, { number, mine, title }, moved) => {
+    const options = { draggable: mine && page.can_edit, keyboard: false, title, icon: pin(number, mine ? "sat-pin--chosen" : ""), zIndexOffset: mine ? 1000 : 0 };
+    const made = L.marker(latLngOf(at), options).addTo(layer);
+    made.on("dragend", () => moved(made.getLatLng()));
+    if (!mine) made.on("click", () => choose(title));
+  };
+
+  const choose = (name) => {
+    chosen = name;
+    render();
+  };
+
+  const row = (point) => {
+    const cell = (text) => h("td", { class: "number nowrap" }, text);
+    const fact = (field, label) => {
+      if (!page.can_edit) return cell(point[field] ?? "–");
+      const input = h("input", {
+        class: "input number", type: "number", step: "any", inputmode: "decimal", value: point[field] ?? "", "data-key": `${field} ${point.name}`,
+        "aria-label": t("Point {number}: {what}", { number: point.name, what: label }),
+        onchange: (event) => keep({ ...point, [field]: Number.isFinite(event.target.valueAsNumber) ? event.target.valueAsNumber : null }),
+      });
+      return h("td", {}, input);
+    };
+    const number = points.indexOf(point) + 1;
+    const name = h("button", { class: "button button--quiet", type: "button", "aria-pressed": String(point.name === chosen), "data-key": point.name, onclick: () => choose(point.name) }, `${number} · ${point.name}`);
+    const away = h("button", { class: "icon-button", type: "button", "aria-label": t("Remove the point {name}", { name: point.name }), onclick: () => remove(point.name) }, icon("trash"));
+    return h(
+      "tr", {},
+      h("th", { scope: "row" }, name),
+      cell(point.photos.length),
+      cell(point.x_px === null ? "–" : point.x_px.toFixed(1)),
+      cell(point.y_px === null ? "–" : point.y_px.toFixed(1)),
+      fact("height_m", t("height")),
+      fact("accuracy_m", t("accuracy")),
+      h("td", {}, page.can_edit && away),
+    );
+  };
+
+  const showResiduals = ({ residuals, laid, current: isCurrent, job }) => {
+    byId("not-laid").hidden = laid;
+    byId("residuals-card").hidden = !laid;
+    byId("laying").hidden = isCurrent || job === null;
+    byId("residuals").replaceChildren(...residuals.slice(0, SHOWN).map(residualRow));
+    const known = residuals.filter(({ others_x_px: x }) => x !== null);
+    arrows.show(known.map((one) => [latLngOf([one.x_px, one.y_px]), latLngOf([one.others_x_px, one.others_y_px])]));
+  };
+
+  map.on("click", ({ latlng }) => clickMap(latlng));
+  chooser.append(...page.photos.map(({ id, name }) => h("option", { value: id }, name)));
+  chooser.addEventListener("change", () => showPhoto(page.photos.find(({ id }) => id === Number(chooser.value))));
+  byId("before").addEventListener("click", () => step(-1));
+  byId("after").addEventListener("click", () => step(1));
+  if (page.can_edit) connectEditing();
+  showPhoto(photo);
+  take(await server.points());
+  chosen = points[0]?.name ?? "";
+  render();
+}
+
+function nextStep(point) {
+  if (!page.can_edit) return "";
+  if (!point) return t("Name a point that you find on the image and in two photos.");
+  const missing = 2 - point.photos.length;
+  if (missing > 0) return tn("{name}: click it in {n} more photo.", "{name}: click it in {n} more photos.", missing, { name: point.name });
+  if (point.x_px === null) return t("{name}: click it on the image of the map.", { name: point.name });
+  return t("{name} is complete; more photos make it more exact.", { name: point.name });
+}
+
+function residualRow(one) {
+  let length = "–";
+  if (one.residual_m !== null) length = `${metresText(one.residual_m)} m`;
+  else if (one.residual_px !== null) length = `${metresText(one.residual_px)} px`;
+  const remarks = [
+    one.contradicts && h("span", { class: "badge badge--danger" }, t("left out: it contradicts the others")),
+    one.wrong_clicks.length > 0 && h("span", { class: "badge badge--warning" }, t("wrong click in {photos}", { photos: one.wrong_clicks.join(", ") })),
+    one.problem && h("span", {}, one.problem),
+  ];
+  const symbol = icon(one.photo === null ? "pin" : "image");
+  return h("tr", { "data-name": one.name }, h("th", { scope: "row" }, symbol, " ", one.name), h("td", { class: "number nowrap" }, length), h("td", {}, ...remarks));
+}
