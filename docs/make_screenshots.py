@@ -27,6 +27,7 @@ from tests.browser.app import App
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 from tests.ports import reserved_port
+from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.panorama import band
 from webapp.files.maps.folder import read_map
@@ -55,6 +56,7 @@ PAGES = {
     "next-photos": ("/maps/sample/edit", ("",)),
     "landmarks": ("/maps/sample/landmarks", ("",)),
     "landmarks-above": ("/maps/sample/landmarks", ("",)),
+    "control-points": ("/maps/sample/control-points", ("",)),
     "panorama": (f"/maps/{PANORAMAS}/edit?photo=1", ("", "-phone")),
     "panorama-mask": (f"/maps/{PANORAMAS}/edit?photo=1", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
@@ -63,6 +65,12 @@ PAGES = {
     "mission": ("/missions/1", ("", "-phone")),
     "mission-import": ("/missions/1", ("",)),
 }
+SPOTS = {"kerb, east": 6, "kerb, north": 20, "kerb, west": 30, "manhole": 52}
+"""Names of control points, and the photo in front of which each is on the ground."""
+
+AHEAD_M, DOWN_M = 6.0, 1.6
+"""How far in front of that camera, and below it."""
+
 QUERY = "queries/query_02.jpg"
 """Photo of the sample that is asked about."""
 
@@ -109,6 +117,7 @@ def main() -> None:
         make_missions(api, app)
         fill_tray(api)
         suggest_places(api)
+        add_control_points(api, app)
         plan_photos(api)
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         make_panoramas(api, app.library / "sample", scratch=Path(folder) / "survey")
@@ -198,6 +207,35 @@ def plan_photos(api: Api) -> None:
     api.ask("POST", "/maps/sample/photo-plan", data={"spots": 10})
 
 
+def add_control_points(api: Api, app: App) -> None:
+    """Click points on the ground in photos that look there, as the landmarks have it."""
+    georeference = read_map(app.library / "sample" / "map.cfg").georeference
+    cloud = api.ask("GET", "/maps/sample/landmarks")
+    assert georeference is not None
+    frame = LocalFrame(LatLon(*cloud["origin"]))
+    cameras = {camera["id"]: camera for camera in cloud["cameras"]}
+    for n, (name, number) in enumerate(SPOTS.items()):
+        camera = cameras.get(number) or cloud["cameras"][n]
+        ahead = np.array(camera["rotation"])[2] * (1.0, 1.0, 0.0)
+        spot = np.array(camera["at"]) + AHEAD_M * ahead / np.linalg.norm(ahead) - (0.0, 0.0, DOWN_M)
+        clicks = [click for one in cameras.values() if (click := seen_in(one, spot)) is not None][:4]
+        ((lat, lon),) = frame.latlon_from_enu(spot[None, :2])
+        at = georeference.pixel_of(LatLon(lat, lon))
+        point = {"x_px": at.x + 0.4 * n, "y_px": at.y - 0.3 * n, "accuracy_m": 0.05, "photos": clicks}
+        api.ask("PUT", f"/maps/sample/landmarks/control-points/{name}", data=point)
+    api.wait_for_jobs("sample")
+
+
+def seen_in(camera: dict[str, Any], spot: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float] | None:
+    """Say where a photo shows a spot; None where it does not, or where it is far away."""
+    right, down, front = np.array(camera["rotation"]) @ (spot - camera["at"])
+    if not 3.0 < front < 15.0:
+        return None
+    x = 0.5 + camera["focal_px"] * right / front / camera["width"]
+    y = 0.5 + camera["focal_px"] * down / front / camera["height"]
+    return {"id": camera["id"], "x": x, "y": y} if 0.05 < x < 0.95 and 0.05 < y < 0.95 else None
+
+
 def make_missions(api: Api, app: App) -> None:
     """Send the rounds of the robot, localize its photos, and fuse its tracks."""
     sample = app.library / "sample"
@@ -275,6 +313,10 @@ def shoot(browser: Browser, app: App, cookies: Any, *, path: str, name: str, loo
         page.locator("#current-more").evaluate("more => { more.open = true; }")
         page.locator("#current-panorama").click()
         page.get_by_role("dialog").wait_for()
+    if name == "control-points":
+        page.locator("[data-testid=residuals] tr").first.wait_for()
+        shown = page.locator("#photo option").filter(has_text="✓").first
+        page.locator("#photo").select_option(value=shown.get_attribute("value"))
     if name == "mission-import":
         preview_import(page)
     settle(page)
