@@ -21,6 +21,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "first-map",
         "dozen-clicks",
         "photos",
+        "next-photos",
         "panoramas",
         "street",
         "satellite",
