@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from webapp.core.mapmodel import photo_plan
 from webapp.core.mapmodel.photo_plan import plan_spots, short_walk, walk_length
 from webapp.core.mapmodel.recognition import PhotoTrials, Rectangle, estimate_recognition
 
@@ -16,11 +17,12 @@ RADIUS = 20.0
 NORTH, EAST, SOUTH, WEST = 0, 2, 4, 6
 
 
-def photos(rows):
-    """Photos from (x, y, heading or None, success or None)."""
+def photos(rows, ids=None):
+    """Photos from (x, y, heading or None, success or None); each row is a photo of its own without ids."""
     table = np.array([[math.nan if value is None else value for value in row] for row in rows], np.float64)
     table = table.reshape(-1, 4)
-    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3])
+    numbers = np.arange(len(table)) if ids is None else np.array(ids)
+    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3], numbers)
 
 
 def all_around(x, y, success=None):
@@ -77,6 +79,30 @@ def test_a_trial_of_unknown_direction_counts_for_all():
     assert grid.mean[cell_of(grid, 502.5, 302.5)].max() < 0.2
 
 
+def test_a_hidden_panorama_is_one_trial_and_not_found_by_itself():
+    rows = all_around(502.5, 302.5, 0.0)
+    grids = [
+        estimate_recognition(photos(rows, ids), radius=RADIUS, image=IMAGE) for ids in ([7] * 8, range(8))
+    ]
+    panorama, photos_of_it = (grid.factor[cell_of(grid, 502.5, 302.5)] for grid in grids)
+    assert panorama == pytest.approx(1.0, abs=0.01), "nobody else was there to recognise it"
+    assert photos_of_it.max() < 0.8
+    two = [*rows, (503.5, 302.5, 0, None)]
+    one, many = (
+        estimate_recognition(photos(two, ids), radius=RADIUS, image=IMAGE)
+        for ids in ([7] * 8 + [9], [7] + [8] * 7 + [9])
+    )
+    here = cell_of(one, 502.5, 302.5)
+    assert many.factor[here, NORTH] < one.factor[here, NORTH] < 1.0
+
+
+@pytest.mark.parametrize("at", [(1000, 600), (999, 300), (0, 0), (500, 600)])
+def test_a_photo_at_the_edge_of_the_image_counts(at):
+    grid = estimate_recognition(photos([(*at, 0, None)]), radius=23.0, image=IMAGE)
+    assert IMAGE.holds(grid.cell).all()
+    assert grid.mean[cell_of(grid, *at), NORTH] > 0.5
+
+
 def test_an_area_is_estimated_also_where_nobody_was():
     area = Rectangle(600, 100, 800, 300)
     grid = estimate([(502.5, 302.5, 0, None)], area=area)
@@ -99,6 +125,12 @@ def test_the_direction_that_is_missing_is_planned_first():
     assert found[0].position[0] == pytest.approx(450, abs=RADIUS)
     assert found[0].headings_deg[0] == 180
     assert found[0].reason == "direction"
+
+
+def test_no_spot_is_planned_where_nothing_is_gained():
+    rows = [row for _ in range(12) for row in all_around(502.5, 302.5, 1.0)]
+    area = Rectangle(500, 300, 506, 306)
+    assert plan_spots(estimate(rows, area=area), photos(rows), count=5) == []
 
 
 def test_reasons():
@@ -143,3 +175,18 @@ def test_a_walk_visits_all_and_is_nearly_the_shortest(points):
     assert sorted(walk) == list(range(len(points)))
     best = min(walk_length(at[list(order)]) for order in permutations(range(len(points))))
     assert walk_length(at[walk]) <= 1.2 * best + 1e-9
+
+
+def test_a_long_walk_takes_few_steps(monkeypatch):
+    calls = []
+
+    def counted(apart, real=photo_plan._saved):
+        calls.append(len(apart))
+        return real(apart)
+
+    monkeypatch.setattr(photo_plan, "_saved", counted)
+    at = np.random.default_rng(3).uniform(0, 1000, (100, 2))
+    walk = short_walk(at)
+    assert sorted(walk) == list(range(100))
+    assert walk_length(at[walk]) < 0.93 * np.sqrt(100 * 1e6)
+    assert len(calls) < 1000

@@ -69,11 +69,14 @@ class PhotoTrials:
         Clockwise from north; NaN where it is not known.
     success : (n,) float64
         Between 0 and 1; NaN for a photo that was not tried.
+    photo : (n,) int64
+        Id of the photo: a panorama is several rows, one for each direction.
     """
 
     position: Array
     heading_deg: Array
     success: Array
+    photo: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +164,7 @@ def estimate_recognition(
     kernel = _fit(photos, tried, radius)
     kernel = replace(kernel, length=max(kernel.length, side))
     towards = _directions(photos.heading_deg)
-    own = _cell_numbers(index, photos.position, side)
+    own = _cell_numbers(index, _own_cells(photos.position, side=side, image=image))
     near = own >= 0
     count = np.zeros((len(cell), DIRECTIONS))
     np.add.at(count, own[near], towards[near])
@@ -169,7 +172,7 @@ def estimate_recognition(
     known = np.isfinite(photos.heading_deg[tried, None])
     weights = (
         distance_kernel(cell, photos.position[tried], length=kernel.length),
-        np.where(known, towards[tried] @ angle_kernel(), 1.0),
+        _shares(photos, tried)[:, None] * np.where(known, towards[tried] @ angle_kernel(), 1.0),
     )
     promised = _pairs(photos, tried, reach=_FAR * kernel.length).support(kernel)
     factor, deviation = _factor(promised, photos.success[tried], weights=weights)
@@ -206,6 +209,12 @@ def _factor(promised: Array, success: Array, *, weights: tuple[Array, Array]) ->
     return factor, np.sqrt(seen) / exposure
 
 
+def _shares(photos: PhotoTrials, tried: NDArray[np.int64]) -> Array:
+    """Weight each trial: the rows of a panorama are one trial together, (n,)."""
+    _, number, rows = np.unique(photos.photo, return_inverse=True, return_counts=True)
+    return np.asarray(1.0 / rows[number[tried]], np.float64)
+
+
 def _evenly(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     return numbers[:: max(1, -(-len(numbers) // most))]
 
@@ -230,7 +239,7 @@ def _pairs(photos: PhotoTrials, tried: NDArray[np.int64], *, reach: float) -> _T
     rows = []
     for number, photo in enumerate(tried.tolist()):
         squared = ((photos.position - photos.position[photo]) ** 2).sum(axis=1)
-        squared[photo] = np.inf
+        squared[photos.photo == photos.photo[photo]] = np.inf  # all of a panorama was hidden
         near = np.flatnonzero(squared <= reach**2)
         turn = np.abs((photos.heading_deg[near] - photos.heading_deg[photo] + 180.0) % 360.0 - 180.0)
         around = np.where(np.isfinite(turn), _of_angle(np.nan_to_num(turn)), angle_kernel()[0].mean())
@@ -241,15 +250,15 @@ def _pairs(photos: PhotoTrials, tried: NDArray[np.int64], *, reach: float) -> _T
 
 def _fit(photos: PhotoTrials, tried: NDArray[np.int64], radius: float) -> RecognitionKernel:
     """Find the kernel under which the trials are likeliest."""
-    if len(tried) < _FEWEST_TRIALS:
+    if _shares(photos, tried).sum() < _FEWEST_TRIALS:
         return RecognitionKernel(_RECOGNISES, _LENGTH * radius)
     some = _evenly(tried, _MOST_FITTED)
-    success = photos.success[some]
+    success, share = photos.success[some], _shares(photos, some)
     pairs = _pairs(photos, some, reach=_FAR * max(_LENGTHS) * radius)
 
     def unlikely(kernel: RecognitionKernel) -> float:
         support = np.maximum(pairs.support(kernel), _LEAST)
-        return float(((1.0 - success) * support - success * np.log(-np.expm1(-support))).sum())
+        return float(share @ ((1.0 - success) * support - success * np.log(-np.expm1(-support))))
 
     return min(
         (RecognitionKernel(p, share * radius) for p in _PROBABILITIES for share in _LENGTHS), key=unlikely
@@ -305,7 +314,8 @@ def _cells(
         size = (area.right - area.left) * (area.bottom - area.top)
         side = max(side, math.sqrt(size / _MOST_CELLS))
     while True:
-        found = [_around(position, reach=radius, side=side)]
+        own = _own_cells(position, side=side, image=image)
+        found = [_around(own, reach=radius, side=side)]
         found += [] if area is None else [_inside(area, side)]
         index = np.unique(np.concatenate(found), axis=0)
         index = index[image.holds(_middles(index, side))]
@@ -318,9 +328,18 @@ def _middles(index: NDArray[np.int64], side: float) -> Array:
     return np.asarray((index + 0.5) * side, np.float64)
 
 
-def _around(position: Array, *, reach: float, side: float) -> NDArray[np.int64]:
-    """Number the cells whose middles are in reach of a photo, and those that photos are in."""
-    own = np.unique(np.floor(position / side).astype(np.int64), axis=0)
+def _own_cells(position: Array, *, side: float, image: Rectangle) -> NDArray[np.int64]:
+    """Number the cells of photos; those at the edges of the image have the nearest whose middle is on it."""
+    own = np.floor(position / side).astype(np.int64)
+    middle, on_image = _middles(own, side), image.holds(position)[:, None]
+    own -= on_image & (middle > (image.right, image.bottom))
+    own += on_image & (middle < (image.left, image.top))
+    return own
+
+
+def _around(own: NDArray[np.int64], *, reach: float, side: float) -> NDArray[np.int64]:
+    """Number the cells whose middles are in reach of cells with photos, and those cells."""
+    own = np.unique(own, axis=0)
     steps = np.arange(-math.ceil(reach / side), math.ceil(reach / side) + 1)
     columns, rows = np.meshgrid(steps, steps)
     offsets = np.column_stack([columns.ravel(), rows.ravel()])
@@ -335,8 +354,7 @@ def _inside(area: Rectangle, side: float) -> NDArray[np.int64]:
     return np.column_stack([x.ravel(), y.ravel()]).astype(np.int64)
 
 
-def _cell_numbers(index: NDArray[np.int64], position: Array, side: float) -> NDArray[np.int64]:
-    """Find the number of the cell that each point is in; -1 in none."""
+def _cell_numbers(index: NDArray[np.int64], own: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Find the number of each cell among those of an index; -1 where it is none of them."""
     known = {(int(column), int(row)): number for number, (column, row) in enumerate(index)}
-    own = np.floor(position / side).astype(np.int64).tolist()
-    return np.array([known.get((column, row), -1) for column, row in own], np.int64)
+    return np.array([known.get((column, row), -1) for column, row in own.tolist()], np.int64)

@@ -211,7 +211,7 @@ def _photos(
             rows.append((*e.position, math.nan if heading is None else heading, trial.success))
             ids.append(e.id)
     table = np.array(rows, np.float64)
-    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3]), ids
+    return PhotoTrials(table[:, :2], table[:, 2], table[:, 3], np.array(ids, np.int64)), ids
 
 
 def _on_image(area: Rectangle | None, image: Rectangle) -> Rectangle | None:
