@@ -21,6 +21,9 @@ from webapp.tasks.landmarks.place_rest import (
 )
 from webapp.tasks.maps import adopt_map
 
+FIRST, SECOND = MapPixel(100.0, 90.0), MapPixel(40.0, 300.0)
+"""Where photos are that their GPS has placed."""
+
 REPORT = RestReport(
     suggested=(
         SuggestedPlace(2, "photos/2.jpg", MapPixel(290.0, 110.5), 12.0, 45.0, (0, 1)),
@@ -35,8 +38,8 @@ REPORT = RestReport(
     ),
     place_next=(3, 4),
     corrected=(
-        CorrectedPlace(0, "photos/0.jpg", MapPixel(95.0, 90.0), 30.0, 4.0, 10.0, 12.0),
-        CorrectedPlace(1, "photos/1.jpg", MapPixel(45.0, 300.0), 60.0, 8.0, 10.0, None),
+        CorrectedPlace(0, "photos/0.jpg", MapPixel(95.0, 90.0), FIRST, 30.0, 4.0, 10.0, 12.0),
+        CorrectedPlace(1, "photos/1.jpg", MapPixel(45.0, 300.0), SECOND, 60.0, 8.0, 10.0, None),
     ),
 )
 
@@ -59,7 +62,7 @@ def cfg(tmp_path, make_map, monkeypatch):
 
 def test_photos_placed_by_gps_are_moved_when_asked(expmap, cfg):
     the_map = read_map(cfg)
-    first = replace(the_map.experiences[0], by_gps=True)
+    first = replace(the_map.experiences[0], position=FIRST, by_gps=True)
     write_map(cfg, replace(the_map, experiences=(first, *the_map.experiences[1:])))
     _, _, err = expmap("map", "place-rest", cfg)
     assert (

@@ -43,7 +43,8 @@ def place_rest(
 
     All photos are joined by structure from motion, and laid on the map by those that have a place; a dozen
     of those are often enough. What cannot be joined stays in the tray, with the reason. Nothing is changed
-    without --accept. It can be interrupted at any moment; the next time only new photos are computed.
+    without --accept or --correct. It can be interrupted at any moment; the next time only new photos are
+    computed.
     Photos that their GPS has placed are joined, too, and known better then: --correct moves them.
     With --check the photos that are placed are listed instead, those first that contradict the others.
     """

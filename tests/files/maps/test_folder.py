@@ -50,6 +50,23 @@ def full_maps(draw: st.DrawFn) -> Map:
     )
 
 
+def test_a_photo_that_was_moved_in_the_cfg_is_not_where_its_gps_has_it(tmp_path):
+    e = Experience(0, "a.jpg", MapPixel(20.0, 30.0), gps_accuracy_m=4.0, by_gps=True)
+    write_map(tmp_path / "map.cfg", Map(SatelliteImage("s.png", 400, 300), (e,), next_id=1))
+    assert read_map(tmp_path / "map.cfg").experiences == (e,)
+    (tmp_path / "map.cfg").write_text("s.png;400;300\n0;a.jpg;90;30\n")
+    assert not read_map(tmp_path / "map.cfg").experiences[0].by_gps
+
+
+def test_files_of_0_7_mean_gps_where_they_say_how_exact_it_is(tmp_path):
+    (tmp_path / "map.cfg").write_text("s.png;400;300\n0;a.jpg;90;30\n1;b.jpg;90;40\n")
+    photos = [{"id": 0, "photo": "a.jpg", "gps_accuracy_m": 4.0}, {"id": 1, "photo": "b.jpg"}]
+    (tmp_path / "map.json").write_text(
+        json.dumps({"format": "experience-map", "version": 1, "experiences": photos})
+    )
+    assert [e.by_gps for e in read_map(tmp_path / "map.cfg").experiences] == [True, False]
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A map of two photos with all side files."""

@@ -86,6 +86,11 @@ def test_what_is_not_suggested_cannot_be_accepted(client, suggested):
     assert photos[1]["x_px"] is None
 
 
+def correction(id, before, *, heading_deg):
+    at = MapPixel(before.x + 30.0, before.y)
+    return CorrectedPlace(id, f"photos/{id}.jpg", at, before, 30.0, 6.0, 4.0, heading_deg)
+
+
 @pytest.fixture
 def corrected(yard, library):
     """The same, with three photos where their GPS has them, and corrections for two of those."""
@@ -104,8 +109,8 @@ def corrected(yard, library):
         (),
         (),
         (
-            CorrectedPlace(1, "photos/1.jpg", MapPixel(80.0, 60.0), 30.0, 6.0, 4.0, 45.0),
-            CorrectedPlace(2, "photos/2.jpg", MapPixel(130.0, 60.0), 30.0, 6.0, 4.0, None),
+            correction(1, MapPixel(50.0, 60.0), heading_deg=45.0),
+            correction(2, MapPixel(100.0, 60.0), heading_deg=None),
         ),
     )
     (library.map_folder(slug) / "derived").mkdir(exist_ok=True)

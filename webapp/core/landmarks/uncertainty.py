@@ -19,8 +19,8 @@ from webapp.extras import extra
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-MOST_CAMERAS = 2000
-"""More than these need more memory than they are worth: 1.2 GB."""
+MOST_CAMERAS = 1500
+"""More than these need more memory than they are worth: 1.5 GB."""
 
 _FARTHEST = 10.0
 """Distance of a point over that from its nearest camera, up to which it is believed to be."""
@@ -112,11 +112,12 @@ def _reduced_normal(cameras: AdjustedCameras, *, count: int, keypoint_sigma_px: 
     # with half of the inverse on either side the product below is symmetric
     half = np.linalg.cholesky(np.linalg.inv(of_point))
     joint = np.einsum("oki,okj->oij", by_frame, by_point) @ half[point]
-    row = 6 * frame[:, None, None] + np.arange(6)[:, None] + np.zeros(3, np.int64)
-    column = 3 * point[:, None, None] + np.zeros((6, 1), np.int64) + np.arange(3)
+    row = (6 * frame[:, None, None] + np.arange(6)[:, None] + np.zeros(3, np.int64)).astype(np.int32)
+    column = (3 * point[:, None, None] + np.zeros((6, 1), np.int64) + np.arange(3)).astype(np.int32)
     shape = (6 * count, 3 * len(of_point))
     eliminated = csr_matrix((joint.ravel(), (row.ravel(), column.ravel())), shape=shape)
-    normal: Array = -(eliminated @ eliminated.T).toarray()
+    normal: Array = (eliminated @ eliminated.T).toarray()
+    np.negative(normal, out=normal)
     of_frame = np.zeros((count, 6, 6))
     np.add.at(of_frame, frame, np.einsum("oki,okj->oij", by_frame, by_frame))
     blocks = normal.reshape(count, 6, count, 6)

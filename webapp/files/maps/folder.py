@@ -167,16 +167,20 @@ def placed_map(map_: Map, placement: Placement) -> Map:
     if unknown:
         raise MapError(f"the placement {placement.name} has the id {unknown[0]}, which the map does not have")
     return replace(
-        map_, experiences=tuple(replace(e, position=at[e.id]) for e in map_.experiences if e.id in at)
+        map_,
+        experiences=tuple(
+            replace(e, position=at[e.id], by_gps=False) for e in map_.experiences if e.id in at
+        ),
     )
 
 
 def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experience:
     if known is None or known.photo != e.photo:
         return e
+    position = _exact(e.position, known.position, map_)
     return replace(
         e,
-        position=_exact(e.position, known.position, map_),
+        position=position,
         heading_deg=known.heading_deg,
         fov_deg=known.fov_deg,
         gps_accuracy_m=known.gps_accuracy_m,
@@ -185,7 +189,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         blurred=known.blurred,
         source=known.source,
         panorama=known.panorama,
-        by_gps=known.by_gps,
+        by_gps=known.by_gps and known.position in (None, position),
     )
 
 

@@ -218,8 +218,10 @@ def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
     position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
-    by_gps = not fields["by_gps"].missing and fields["by_gps"].boolean()
-    return fields["id"].integer(largest=MAX_NUMBER), replace(_facts(fields, position), by_gps=by_gps)
+    facts, stated = _facts(fields, position), fields["by_gps"]
+    # files of 0.7 do not say it
+    by_gps = facts.gps_accuracy_m is not None if stated.missing else stated.boolean()
+    return fields["id"].integer(largest=MAX_NUMBER), replace(facts, by_gps=by_gps)
 
 
 def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
@@ -340,8 +342,13 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
     present = {name: value for name, value in known.items() if value is not None}
     if not isinstance(photo, Experience):
         return {"id": photo.id, "photo": photo.photo, **present}
-    by_gps = {"by_gps": True} if photo.by_gps else {}
-    return {"id": photo.id, "photo": photo.photo, **_position_fields(photo.position), **present, **by_gps}
+    position = _position_fields(photo.position)
+    if photo.by_gps:  # also in whole pixels: another one in the `.cfg` is somebody's
+        present |= {"by_gps": True}
+        position = {"x_px": photo.position.x, "y_px": photo.position.y}
+    elif photo.gps_accuracy_m is not None:
+        present |= {"by_gps": False}
+    return {"id": photo.id, "photo": photo.photo, **position, **present}
 
 
 def _placement_fields(placement: Placement) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,8 +21,10 @@ from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 from webapp.tasks.maps import export
-from webapp.tasks.maps.library_map import georeference, placed_by_gps
 from webapp.tasks.maps.placing import PlacingResult, RequestedPose, find_spots, needed_image, place_spots
+
+_SAME_PX = 0.1
+"""Positions are kept to a hundredth."""
 
 Place = TypeVar("Place", SuggestedPlace, CorrectedPlace)
 
@@ -90,15 +93,26 @@ def correct_in_library(
     Parameters and errors are those of `accept_in_library`.
     """
     with library.changing(map_id) as change:
-        found = _photos_of(change, corrected)
-        by_gps = placed_by_gps([photo for photo, _ in found], georeference(change.record))
         wanted = [
             RequestedPose(photo, MapPixel(*place.position), place.heading_deg)
-            for photo, place in found
-            if photo.id in by_gps
+            for photo, place in _photos_of(change, corrected)
+            if is_where_it_was(photo, place.before)
         ]
         placing = _place(change, wanted, account_id=account_id)
     return replace(placing, job=change.job)
+
+
+def is_where_it_was(photo: Photo, before: MapPixel) -> bool:
+    """Whether a photo is still where it was when it was judged."""
+    return (
+        photo.x_px is not None
+        and photo.y_px is not None
+        and _is_near(MapPixel(photo.x_px, photo.y_px), before)
+    )
+
+
+def _is_near(one: MapPixel, other: MapPixel) -> bool:
+    return math.dist(one, other) < _SAME_PX
 
 
 def _photos_of(change: MapChange, places: Iterable[Place]) -> list[tuple[Photo, Place]]:
@@ -161,7 +175,7 @@ def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:
 
 def _moved(e: Experience, places: Mapping[int, CorrectedPlace]) -> Experience:
     place = places.get(e.id)
-    if place is None or not e.by_gps:
+    if place is None or not e.by_gps or not _is_near(e.position, place.before):
         return e
     heading = e.heading_deg if place.heading_deg is None else place.heading_deg
     return replace(e, position=place.position, heading_deg=heading, by_gps=False)

@@ -95,8 +95,10 @@ class CorrectedPlace:
 
     Attributes
     ----------
+    before : MapPixel
+        Where its GPS has it: of a photo that is elsewhere by now, or on another image, this is no correction.
     moved_px : float
-        Distance from where its GPS has it.
+        Distance from there.
     moved_m : float
         The same in metres.
     radius_px : float
@@ -108,6 +110,7 @@ class CorrectedPlace:
     id: int
     photo: str
     position: MapPixel
+    before: MapPixel
     moved_px: float
     moved_m: float
     radius_px: float
@@ -258,7 +261,7 @@ def _corrected(
             moved = math.dist(at, photo.position)
             metres = moved * georeference.metres_per_pixel(photo.position)
             new = heading if photo.heading_deg is None else None
-            yield CorrectedPlace(photo.id, photo.photo, at, moved, metres, radius, new)
+            yield CorrectedPlace(photo.id, photo.photo, at, photo.position, moved, metres, radius, new)
 
 
 def _heading(angle_deg: float, at: MapPixel, the_map: Map) -> float | None:

@@ -167,12 +167,21 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     record.georeference = georeference_fields(map_.georeference)
     record.control_points = control_point_fields(map_.control_points) or None
     photos = (*contents.photos, *contents.tray)
+    _keep_gps(contents.photos, map_)
     for row in photos:
         row.map_id, row.revision = record.id, record.revision
     session.add_all(photos)
     session.add_all(_placed(record.id, map_))
     session.flush()
     queue_derived(session, record)
+
+
+def _keep_gps(rows: Iterable[Photo], map_: Map) -> None:
+    """Note the GPS of photos that are where it had them and whose files do not have it."""
+    by_gps = {e.id: e.position for e in map_.experiences if e.by_gps}
+    for row in rows:
+        if row.id in by_gps and row.gps_lat is None and map_.georeference is not None:
+            row.gps_lat, row.gps_lon = map_.georeference.latlon_of(by_gps[row.id])
 
 
 def queue_derived(session: Session, record: MapRecord) -> None:

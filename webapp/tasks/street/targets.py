@@ -155,6 +155,7 @@ class FolderTarget:
             taken_at=known.taken_at or facts.taken_at,
             source=known.source,
             panorama=None if around is None else Panorama(),
+            by_gps=True,
         )
         changed = replace(
             the_map,

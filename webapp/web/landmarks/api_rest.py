@@ -9,14 +9,14 @@ from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length
 from sqlalchemy import select
 
+from webapp.core.geo.types import MapPixel
 from webapp.extras import require
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.landmarks import stored
-from webapp.tasks.landmarks.accept import accept_in_library, correct_in_library
-from webapp.tasks.maps.library_map import georeference, placed_by_gps
+from webapp.tasks.landmarks.accept import accept_in_library, correct_in_library, is_where_it_was
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps.api_placing import PlacingOut, placing_json
@@ -139,7 +139,6 @@ def _rest(record: MapRecord) -> dict[str, Any]:
         running = select(Job.id).where(Job.map_id == record.id, Job.kind == _JOB, Job.state.not_in(ENDED))
         job = session.scalars(running.limit(1)).first()
         names = {p.id: p for p in maps.photos(session, record) if not p.removed}
-        by_gps = placed_by_gps(names.values(), georeference(record))
     if found is None:
         lists = ("suggested", "left", "doubtful", "corrected", "place_next")
         nothing: dict[str, Any] = {name: [] for name in lists}
@@ -156,7 +155,10 @@ def _rest(record: MapRecord) -> dict[str, Any]:
             if p["contradicts"] and p["id"] in names
         ],
         "corrected": [
-            {**one, "name": names[one["id"]].name} for one in found["corrected"] if one["id"] in by_gps
+            {**one, "name": names[one["id"]].name}
+            for one in found["corrected"]
+            if one["id"] in names
+            and is_where_it_was(names[one["id"]], MapPixel(one["from_x_px"], one["from_y_px"]))
         ],
         "place_next": [id for id in found["place_next"] if id in names and names[id].x_px is None],
         "job": job,
