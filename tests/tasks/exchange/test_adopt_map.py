@@ -32,6 +32,7 @@ def with_json(cfg):
                 "y_px": 39.5,
                 "heading_deg": 90.5,
                 "fov_deg": 65.0,
+                "by_gps": True,
             }
         ],
     }
