@@ -6,7 +6,7 @@ import pytest
 from tests.core.landmarks.scene import known_at, piece_of
 from webapp.core.geometry import so3
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
-from webapp.core.landmarks.georegister import georegister
+from webapp.core.landmarks.georegister import georegister, odd_ones
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.landmarks.placing import LaidPiece, lay_piece
 from webapp.core.landmarks.similarity import fit_similarity
@@ -188,3 +188,12 @@ def test_radii_of_an_adjusted_piece_stay_those_of_its_covariances(rng):
     point = KnownPoint("oak", 500.0 + 500j, 1.0, np.nan, np.arange(3), ("0", "1", "2"), ray)
     laid = georegister(piece, known, points=[point]).laid
     assert laid.radius_px == pytest.approx(lay_piece(piece, known).radius_px, rel=0.2)
+
+
+def test_a_position_far_from_all_others_is_not_wrong_for_the_uncertainty_of_the_extrapolation(rng):
+    for _ in range(100):
+        plan = np.append(rng.uniform(-20.0, 20.0, 5) + 1j * rng.uniform(-20.0, 20.0, 5), 500.0)
+        at = 2.0 * plan + rng.normal(0.0, 1.0, 6) + 1j * rng.normal(0.0, 1.0, 6)
+        assert not len(odd_ones(plan, at, sigma=np.ones(6)))
+    at[2] += 100.0
+    assert odd_ones(plan, at, sigma=np.ones(6)).tolist() == [2]

@@ -193,14 +193,18 @@ def _without(
     plan: Points, at: Points, sigma: Array, *, kept: NDArray[np.int64], odd: int
 ) -> tuple[float, float]:
     """Fit a similarity without one position; returns how far that one and usually the others are off, in
-    standard deviations."""
+    standard deviations: for that one with that of the extrapolation."""
     rest = kept[kept != odd]
-    weight = sigma[rest] ** -2.0 / (sigma[rest] ** -2.0).sum()
+    information = sigma[rest] ** -2.0
+    weight = information / information.sum()
     middle, goal = weight @ plan[rest], weight @ at[rest]
     off, wanted = plan[rest] - middle, at[rest] - goal
-    factor = (weight @ (off.conj() * wanted)) / max(float(weight @ np.abs(off) ** 2), 1e-300)
+    extent = max(float(weight @ np.abs(off) ** 2), 1e-300)
+    factor = (weight @ (off.conj() * wanted)) / extent
     residual = np.abs(wanted - factor * off) / sigma[rest]
-    error = abs(at[odd] - goal - factor * (plan[odd] - middle)) / sigma[odd]
+    away = plan[odd] - middle
+    variance = (1.0 + abs(away) ** 2 / extent) / information.sum()
+    error = abs(at[odd] - goal - factor * away) / np.hypot(sigma[odd], np.sqrt(variance))
     return float(error), float(np.sqrt((residual**2).sum() / (len(rest) - 2)))
 
 
