@@ -10,11 +10,12 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import func, select, update
 
+from webapp.errors import StorageError
 from webapp.files.localize.calibration import FORMAT
 from webapp.store import queries as stored
 from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
-from webapp.tasks.localize import upload
+from webapp.tasks.localize import around, upload
 from webapp.tasks.localize.around import NOT_YET
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.maps import adopt_map
@@ -332,3 +333,13 @@ def test_where_a_map_has_no_landmarks_those_around_are_queued_once(client, libra
     assert job.key == f"around {best}"
     assert job.arguments["photos"][0] == best
     assert len(job.arguments["photos"]) <= 40
+
+
+def test_on_a_full_disk_the_answer_comes_without_that_job(client, library, sample, ask, queries, monkeypatch):
+    def full(*_args, **_options):
+        raise StorageError("no space left")
+
+    monkeypatch.setattr(around, "photos_around", full)
+    answer = ask(client, queries / "query_01.jpg", method="landmarks")
+    assert answer.status_code == 200
+    assert answer.get_json()["note"] == NOT_YET

@@ -6,10 +6,12 @@ built. Both are one kind of job, which exists once for each method and features.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from sqlalchemy.orm import Session
 
 from webapp.core.features.table import Method, choose
-from webapp.errors import IndexDamaged, NotReady
+from webapp.errors import IndexDamaged, NotReady, StorageError
 from webapp.files.localize.calibration import FORMAT
 from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.localize.models import second_look_features
@@ -57,7 +59,8 @@ def localize_or_build(
     if result.opened.to_calibrate:
         _calibrate(library, record, method, features=features, settings=settings)
     if result.form.get("note") == around.NOT_YET:
-        _reconstruct_around(library, record, result, settings=settings)
+        with suppress(StorageError):  # a full disk: the answer is there all the same
+            _reconstruct_around(library, record, result, settings=settings)
     return result
 
 
