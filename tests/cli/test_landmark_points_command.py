@@ -75,6 +75,7 @@ def test_points_come_from_a_table_and_go_to_one(expmap, cfg):
         ("name;x_px;y_px\ngate;9000;3\n", "outside the image"),
         ("name;x_px;y_px\na/b;1;3\n", "without /"),
         ("name;accuracy_m\ngate;0\n", "accuracy_m is not above 0"),
+        ("name;accuracy_m\ngate;1e160\n", "accuracy_m that is not above 0 and at most 1000"),
     ],
 )
 def test_a_table_that_is_not_right_changes_nothing(expmap, cfg, text, words):

@@ -62,6 +62,8 @@ def test_a_point_is_kept_changed_taken_away_and_brought_back(client, points):
     [
         ({"y_px": None}, 400, "x_px and y_px go together"),
         ({"x_px": 4000.0}, 400, "outside the image"),
+        ({"accuracy_m": 1e160}, 400, "accuracy_m that is not above 0 and at most 1000"),
+        ({"height_m": -20_001.0}, 400, "height_m that is not from -20000 to 20000"),
         ({"photos": [{"id": 77, "x": 0.1, "y": 0.1}]}, 404, "no photo 77"),
         ({"photos": [{"id": 1, "x": 0.1, "y": 0.1}] * 2}, 400, "once"),
         ({"photos": [{"id": 1, "x": 1.1, "y": 0.1}]}, 422, ""),
@@ -74,6 +76,18 @@ def test_what_is_not_valid_is_refused(client, points, change, status, words):
     assert answer.status_code == status
     assert words in answer.get_data(as_text=True)
     assert client.get(url).json["points"] == []
+
+
+def test_a_point_stays_editable_without_a_photo_that_showed_it(client, points):
+    url, _ = points
+    seen = [{"id": 1, "x": 0.1, "y": 0.4}, {"id": 2, "x": 0.2, "y": 0.4}]
+    client.put(f"{url}/gate", json=gate(photos=seen))
+    map_url = url.removesuffix("/landmarks/control-points")
+    assert client.delete(f"{map_url}/experiences/1").status_code == 200
+    (point,) = client.get(url).json["points"]
+    assert point["photos"] == seen[1:]
+    name = point.pop("name")
+    assert client.put(f"{url}/{name}", json={**point, "x_px": 91.0}).status_code == 200
 
 
 def test_they_are_judged_when_the_landmarks_are_laid(client, points, library):

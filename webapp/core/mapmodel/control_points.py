@@ -9,6 +9,11 @@ from webapp.core.geo.types import MapPixel
 
 MOST_NAME = 60
 
+_MOST_ACCURACY_M = 1000.0
+
+_MOST_HEIGHT_M = 20_000.0
+"""Above and below zero: more than there is on Earth, in any system of heights."""
+
 
 class PhotoClick(NamedTuple):
     """Where a photo shows a control point.
@@ -53,4 +58,14 @@ def name_problem(name: str) -> str | None:
     """Say what is wrong with the name of a control point."""
     if not 0 < len(name) <= MOST_NAME or name != name.strip() or not name.isprintable() or "/" in name:
         return f"must be 1 to {MOST_NAME} characters, without / and without spaces at its ends"
+    return None
+
+
+def facts_problem(point: GroundControlPoint) -> str | None:
+    """Say what is wrong with the accuracy or the height of a control point."""
+    accuracy, height = point.accuracy_m, point.height_m
+    if accuracy is not None and not 0.0 < accuracy <= _MOST_ACCURACY_M:
+        return f"has an accuracy_m that is not above 0 and at most {_MOST_ACCURACY_M:g}: {accuracy:g}"
+    if height is not None and not abs(height) <= _MOST_HEIGHT_M:
+        return f"has a height_m that is not from -{_MOST_HEIGHT_M:g} to {_MOST_HEIGHT_M:g}: {height:g}"
     return None

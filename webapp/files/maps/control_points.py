@@ -7,7 +7,7 @@ from typing import Any
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, name_problem
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick, facts_problem, name_problem
 from webapp.files.json_fields import JsonField, finite
 
 _FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos")
@@ -29,7 +29,11 @@ def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
             raise fields["name"].error(problem)
         if name in found:
             raise item.error(f"names the control point {name!r} a second time")
-        found[name] = _point(name, fields, item)
+        point = _point(name, fields, item)
+        problem = facts_problem(point)
+        if problem:
+            raise item.error(problem)
+        found[name] = point
     return tuple(found[name] for name in sorted(found))
 
 
@@ -76,7 +80,7 @@ def _point(name: str, fields: Mapping[str, JsonField], item: JsonField) -> Groun
         name,
         None if x.missing else MapPixel(_pixel(x), _pixel(y)),
         tuple(clicks[id] for id in sorted(clicks)),
-        None if accuracy.missing else accuracy.number("above 0", valid=lambda v: v > 0.0),
+        None if accuracy.missing else accuracy.number("a finite number of metres", valid=finite),
         None if height.missing else height.number("a finite number of metres", valid=finite),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from webapp.core.geo.types import inside
-from webapp.core.mapmodel.control_points import GroundControlPoint, name_problem
+from webapp.core.mapmodel.control_points import GroundControlPoint, facts_problem, name_problem
 from webapp.core.mapmodel.model import Map
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.control_points import point_fields
@@ -81,6 +81,9 @@ def _check(the_map: Map, points: Points) -> None:
         problem = name_problem(name)
         if problem:
             raise UsageError(f"the name of a control point {problem}", where=name[:80])
+        problem = facts_problem(point)
+        if problem:
+            raise UsageError(f"the control point {name} {problem}", where=name)
         at = point.position
         if at is not None and not inside(at, width=image.width, height=image.height):
             where = f"x {at.x:.1f}, y {at.y:.1f}"

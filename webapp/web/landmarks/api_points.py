@@ -143,12 +143,17 @@ def _answer(record: MapRecord) -> dict[str, Any]:
         with suppress(StorageError):  # a full disk: what is there is shown all the same
             queue_landmarks(record, only_lay=True)
     with library().database.read() as session:
-        names = {photo.path: photo.name for photo in maps.photos(session, record) if not photo.removed}
+        photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+        names = {photo.path: photo.name for photo in photos}
+        there = {photo.id for photo in photos}
         job = running_job(session, record)
     empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None}
     residuals = [] if shown.points is None else shown.points.about.get("residuals", [])
     return {
-        "points": [{**empty, **point} for point in record.control_points or ()],
+        "points": [
+            {**empty, **point, "photos": [click for click in point["photos"] if click["id"] in there]}
+            for point in record.control_points or ()
+        ],
         "residuals": [
             {
                 **one,
