@@ -5,6 +5,7 @@ import pytest
 
 from tests.core.landmarks.scene import known_at, piece_of
 from webapp.core.geometry import so3
+from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
 from webapp.core.landmarks.georegister import georegister, odd_ones
 from webapp.core.landmarks.pieces import RigidPiece
@@ -197,3 +198,21 @@ def test_a_position_far_from_all_others_is_not_wrong_for_the_uncertainty_of_the_
         assert not len(odd_ones(plan, at, sigma=np.ones(6)))
     at[2] += 100.0
     assert odd_ones(plan, at, sigma=np.ones(6)).tolist() == [2]
+
+
+def test_a_point_with_many_clicks_is_found_from_some_of_their_pairs(rng, monkeypatch):
+    at, headings = (
+        rng.uniform(100.0, 900.0, 200) + 1j * rng.uniform(100.0, 900.0, 200),
+        rng.uniform(-3.0, 3.0, 200),
+    )
+    piece = piece_of(at, headings, rng=rng)
+    point = clicked(piece, at, "gate", [*range(200)], rng=rng, sigma_rad=1e-4)
+    point.ray[50] = point.ray[51, ::-1]
+    solved = []
+    nearest = control_points._nearest
+    monkeypatch.setattr(
+        control_points, "_nearest", lambda *given, **near: solved.append(1) or nearest(*given, **near)
+    )
+    found = triangulate(point, piece)
+    assert found.wrong == ("50.jpg",)
+    assert len(solved) <= 3000

@@ -29,6 +29,9 @@ _LEAST_ANGLE_RAD = np.radians(1.5)
 
 _ROUNDS = 5
 
+_MOST_PAIRS = 500
+"""Pairs of clicks from which a point is sought."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPoint:
@@ -160,7 +163,8 @@ def triangulate(point: KnownPoint, piece: RigidPiece) -> Triangulated | NotTrian
 def _agreeing(rays: _Rays) -> tuple[Array, NDArray[np.int64]] | None:
     """Find the point on which most rays agree, and which these are; None where that is not one point."""
     found: dict[tuple[int, ...], Array] = {}
-    for pair in combinations(range(len(rays.centre)), 2):
+    pairs = [*combinations(range(len(rays.centre)), 2)]
+    for pair in pairs[:: -(-len(pairs) // _MOST_PAIRS)]:
         some = rays.subset([*pair])
         if some.widest() < _LEAST_ANGLE_RAD:
             continue
