@@ -38,7 +38,7 @@ class CameraTags:
     Attributes
     ----------
     taken_at : datetime or None
-        The camera's clock.
+        The camera's clock, with its offset to UTC where that is known.
     focal_35mm : int or None
         Focal length in 35 mm film, mm, over the diagonal; a panorama has none.
     heading_deg : float or None
@@ -68,8 +68,17 @@ def exif_bytes(tags: CameraTags) -> bytes:
     if tags.unique_id is not None:
         camera[piexif.ExifIFD.ImageUniqueID] = tags.unique_id
     if tags.taken_at is not None:
-        camera[piexif.ExifIFD.DateTimeOriginal] = tags.taken_at.strftime("%Y:%m:%d %H:%M:%S")
+        camera |= _time_tags(tags.taken_at)
     return bytes(piexif.dump({"Exif": camera, "GPS": gps}))
+
+
+def _time_tags(moment: datetime) -> dict[int, object]:
+    tags: dict[int, object] = {piexif.ExifIFD.DateTimeOriginal: moment.strftime("%Y:%m:%d %H:%M:%S")}
+    if moment.microsecond:
+        tags[piexif.ExifIFD.SubSecTimeOriginal] = f"{moment.microsecond:06}".rstrip("0")
+    if moment.tzinfo is not None:
+        tags[piexif.ExifIFD.OffsetTimeOriginal] = moment.isoformat()[-6:]
+    return tags
 
 
 def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[bytes, str | None]:
