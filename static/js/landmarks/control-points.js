@@ -25,7 +25,7 @@ async function start() {
   let points = [];
   let chosen = "";
   let photo = page.photos[0];
-  let edits = 0;
+  let canUndo = false;
   let asked = 0;
   let waiting = 0;
   let sent = Promise.resolve();
@@ -52,8 +52,9 @@ async function start() {
   };
 
   const undo = async () => {
-    await server.undo();
-    edits -= 1;
+    await sent;
+    // Another page may have edited the map since: that is not to be undone here.
+    if ((await server.points()).can_undo) await server.undo();
     take(await server.points());
   };
 
@@ -93,7 +94,6 @@ async function start() {
     waiting += 1;
     sent = sent.then(request).then(
       (received) => {
-        edits += 1;
         waiting -= 1;
         if (!waiting) take(received);
       },
@@ -109,6 +109,7 @@ async function start() {
   /** Show what the server has; while a job lays the landmarks anew, ask again. */
   const take = (received) => {
     points = received.points;
+    canUndo = received.can_undo;
     if (!current()) chosen = points[0]?.name ?? "";
     showResiduals(received);
     render();
@@ -139,7 +140,7 @@ async function start() {
     page.photos.forEach(({ id, name }, n) => (chooser.options[n].textContent = shown.has(id) ? `✓ ${name}` : name));
     if (page.can_edit) {
       byId("unclick").hidden = !shown.has(photo.id);
-      byId("undo", HTMLButtonElement).disabled = edits <= 0;
+      byId("undo", HTMLButtonElement).disabled = !canUndo;
     }
     byId("next").textContent = nextStep(point);
     byId("points-frame").hidden = points.length === 0;

@@ -90,6 +90,19 @@ def test_a_point_stays_editable_without_a_photo_that_showed_it(client, points):
     assert client.put(f"{url}/{name}", json={**point, "x_px": 91.0}).status_code == 200
 
 
+def test_undo_is_offered_while_the_last_edit_is_one_of_a_point(client, points):
+    url, _ = points
+    map_url = url.removesuffix("/landmarks/control-points")
+    assert client.get(url).json["can_undo"] is False
+    assert client.put(f"{url}/gate", json=gate()).json["can_undo"] is True
+    client.delete(f"{map_url}/experiences/2")
+    assert client.put(f"{url}/gate", json=gate()).json["can_undo"] is False
+    client.post(f"{map_url}/undo")
+    assert client.get(url).json["can_undo"] is True
+    client.post(f"{map_url}/undo")
+    assert client.get(url).json["can_undo"] is False
+
+
 def test_they_are_judged_when_the_landmarks_are_laid(client, points, library):
     url, record = points
     spot = (190.0, 5.0, 5.0)

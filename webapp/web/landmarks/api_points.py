@@ -12,7 +12,7 @@ from apiflask.validators import Length, Range
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.errors import StorageError, UsageError
-from webapp.store.maps import maps
+from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.edit_points import set_in_library
 from webapp.tasks.landmarks.show_cloud import shown_cloud
@@ -94,6 +94,7 @@ class ControlPointsOut(Schema):
     laid = Boolean(metadata={"description": "Whether the map has landmarks, which the residuals are of."})
     current = Boolean(metadata={"description": "Whether nothing was changed since they were laid."})
     job = Integer(allow_none=True, metadata={"description": "That lays them just now."})
+    can_undo = Boolean(metadata={"description": "Whether your last edit of the map is one of these points."})
 
 
 @blueprint.get("")
@@ -147,6 +148,7 @@ def _answer(record: MapRecord) -> dict[str, Any]:
         names = {photo.path: photo.name for photo in photos}
         there = {photo.id for photo in photos}
         job = running_job(session, record)
+        last = edits.next_steps(session, record, account_id=account().id)["undo"]
     empty = {"x_px": None, "y_px": None, "accuracy_m": None, "height_m": None}
     residuals = [] if shown.points is None else shown.points.about.get("residuals", [])
     return {
@@ -166,4 +168,5 @@ def _answer(record: MapRecord) -> dict[str, Any]:
         "laid": shown.points is not None,
         "current": shown.is_current,
         "job": job,
+        "can_undo": last is not None and last.kind == edits.POINTS_KIND,
     }
