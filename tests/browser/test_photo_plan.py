@@ -18,6 +18,19 @@ async slug => {
 }
 """
 
+DENIED = """
+() => {
+  let asked = 0;
+  navigator.geolocation.clearWatch = () => {};
+  navigator.geolocation.watchPosition = (found, failed) => {
+    asked += 1;
+    if (asked > 1) setTimeout(() => found({ coords: { latitude: 0, longitude: 0, accuracy: 5 } }));
+    else setTimeout(() => failed({ code: 1, PERMISSION_DENIED: 1, message: "denied" }));
+    return asked;
+  };
+}
+"""
+
 
 @pytest.fixture
 def planned(api, sample_folder, small_photos):
@@ -95,3 +108,18 @@ def test_a_phone_is_led_to_the_spots_and_ticks_them_off_without_a_network(
     assert (second["x_px"], second["y_px"]) not in {(one["x_px"], one["y_px"]) for one in suggested}
     faults = phone.watch.faults
     phone.watch.faults = [fault for fault in faults if CUT not in fault and "ERR_FAILED" not in fault]
+
+
+def test_who_denied_the_position_can_ask_again(open_context, owner, api, planned):
+    api.ask("POST", f"/maps/{planned}/photo-plan", data={"spots": 1})
+    phone = open_context(storage_state=owner, service_workers="allow", permissions=[], **PHONE)
+    page = open_field(phone, planned)
+    ready(page, planned)
+    page.evaluate(DENIED)
+    lead = page.get_by_test_id("plan-lead")
+    lead.click()
+    expect(page.get_by_test_id("plan-distance")).to_contain_text("The position of this device is not known")
+    expect(lead).to_be_visible()
+    lead.click()
+    expect(page.get_by_test_id("plan-distance")).to_contain_text("to the")
+    expect(lead).to_be_hidden()

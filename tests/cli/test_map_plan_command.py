@@ -84,6 +84,19 @@ def test_an_area_is_kept_to(expmap, cfg):
     assert all(spot["x_px"] <= 250 for spot in spots)
     code, _, err = expmap("map", "plan", cfg, "--within", "2000,0,2500,200")
     assert (code, "not on the image" in err) == (2, True)
+    for numbers in ("nan,0,10,10", "0,0,inf,10"):
+        code, _, err = expmap("map", "plan", cfg, "--within", numbers)
+        assert (code, "four numbers with commas" in err) == (2, True)
+
+
+@pytest.mark.parametrize("answer", [None, []])
+def test_a_file_with_other_answers_is_no_evaluation(expmap, cfg, tmp_path, answer):
+    schemes = json.loads(evaluation(set()))
+    schemes[0]["per_query"][0]["answer"] = answer
+    file = tmp_path / "evaluation.json"
+    file.write_text(json.dumps(schemes))
+    code, _, err = expmap("map", "plan", cfg, "--evaluation", file)
+    assert (code, "this is no evaluation of a map" in err) == (2, True)
 
 
 def test_a_map_that_does_not_know_where_it_is_gives_no_gpx(expmap, cfg, tmp_path):

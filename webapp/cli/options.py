@@ -36,7 +36,7 @@ def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None
         numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) != 4:
+    if len(numbers) != 4 or not all(map(math.isfinite, numbers)):
         raise click.BadParameter(f"write {option.metavar}: four numbers with commas")
     return numbers
 

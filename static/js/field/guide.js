@@ -11,7 +11,7 @@ import { PhonePose } from "./pose.js";
 
 const KEY = "expmap-plan-";
 
-/** @typedef {{x_px: number, y_px: number, heading_deg: ?number}} Target */
+/** @typedef {{x_px: number, y_px: number, heading_deg: ?number, revision: number}} Target the revision is that of the plan */
 
 /** The part of the page about the plan; hidden where there is none. */
 export class Guide {
@@ -54,12 +54,12 @@ export class Guide {
   get target() {
     const spot = this.plan && this.current;
     if (!spot) return null;
-    return { x_px: spot.x_px, y_px: spot.y_px, heading_deg: spot.headings_deg[this.taken[spot.number] ?? 0] ?? null };
+    const heading = spot.headings_deg[this.taken[spot.number] ?? 0] ?? null;
+    return { x_px: spot.x_px, y_px: spot.y_px, heading_deg: heading, revision: this.plan.revision };
   }
 
-  /** A photo of the target was kept. */
-  photographed() {
-    const { number } = this.current;
+  /** A photo of a spot was kept. @param {number} number of the spot */
+  photographed(number) {
     this.taken[number] = (this.taken[number] ?? 0) + 1;
     this._keep();
   }
@@ -125,7 +125,7 @@ export class Guide {
     const known = spot.lat !== null;
     const { position, heading, problem, watching } = this.pose;
     byId("plan-lead").hidden = watching || !known;
-    byId("plan-way").hidden = !watching;
+    byId("plan-way").hidden = !watching && !problem;
     byId("plan-arrow").classList.toggle("is-unknown", !position);
     if (!position) {
       byId("plan-distance").textContent = problem ? t("The position of this device is not known: {reason}", { reason: problem }) : t("Looking for your position …");

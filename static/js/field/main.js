@@ -55,11 +55,13 @@ async function takeAtSpot(event) {
   const input = targetOf(event, HTMLInputElement);
   const files = [...input.files];
   input.value = "";
-  const spot = shown.guide?.target;
+  const { guide } = shown;
+  const spot = guide?.target;
   if (!files.length || !spot) return;
+  const { number } = guide.current; // another one may be chosen while the photo is kept
   try {
     await outbox.add(files, shown.slug, { spot });
-    shown.guide.photographed();
+    guide.photographed(number);
     await sender.send();
   } catch (error) {
     toastError(error);

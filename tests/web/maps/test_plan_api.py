@@ -2,10 +2,12 @@
 
 import io
 import json
+import math
 
 import pytest
 from PIL import Image
 
+from webapp.core.geo.georeference import Georeference
 from webapp.core.mapmodel.photo_plan import Reason
 from webapp.files.exchange.gpx import GpxWaypoint, read_gpx
 from webapp.tasks.landmarks import stored
@@ -22,15 +24,19 @@ def jpeg(shade):
     return file
 
 
+def put_satellite(client, url, colour):
+    file = io.BytesIO()
+    Image.new("RGB", (300, 200), colour).save(file, "PNG")
+    file.seek(0)
+    satellite = {"file": (file, "s.png"), "corners": json.dumps(CORNERS)}
+    assert client.put(f"{url}/satellite", data=satellite).status_code == 200
+
+
 @pytest.fixture
 def url(client, park):
     """The address of a map on the Earth whose four photos in a row look east."""
-    file = io.BytesIO()
-    Image.new("RGB", (300, 200), "green").save(file, "PNG")
-    file.seek(0)
     url = f"/api/v1/maps/{park}"
-    satellite = {"file": (file, "s.png"), "corners": json.dumps(CORNERS)}
-    assert client.put(f"{url}/satellite", data=satellite).status_code == 200
+    put_satellite(client, url, "green")
     for number in range(4):
         client.post(f"{url}/photos", data={"file": (jpeg(20 * number), f"{number}.jpg")})
     changes = [{"id": n, "x_px": 50 + 40 * n, "y_px": 100, "heading_deg": 90} for n in range(4)]
@@ -102,6 +108,31 @@ def test_a_photo_of_a_spot_has_it_as_a_suggestion(client, url):
     assert one["x_px"] == 70
     client.post(f"{url}/place-rest/accept", json={"ids": [one["id"]]})
     assert not photo_at(client, url).json["suggested"], "it has a place by now"
+
+
+def test_a_spot_outside_of_the_image_is_not_suggested(client, url):
+    answer = photo_at(client, url, x_px=301)
+    assert (answer.status_code, answer.json["suggested"]) == (200, False)
+    assert client.get(f"{url}/place-rest").json["suggested"] == []
+
+
+@pytest.mark.parametrize("scale", [math.nan, 0.0])
+def test_a_spot_where_the_image_has_no_scale_is_not_suggested(client, url, monkeypatch, scale):
+    monkeypatch.setattr(Georeference, "metres_per_pixel", lambda *_: scale)
+    answer = photo_at(client, url)
+    assert (answer.status_code, answer.json["suggested"]) == (200, False)
+    assert client.get(f"{url}/place-rest").json["suggested"] == []
+
+
+def test_a_spot_of_another_image_is_not_suggested(client, url):
+    revision = client.post(f"{url}/photo-plan", json={}).json["plan"]["revision"]
+    id = photo_at(client, url, revision=revision).json["id"]
+    assert [one["id"] for one in client.get(f"{url}/place-rest").json["suggested"]] == [id]
+    put_satellite(client, url, "blue")
+    assert client.get(f"{url}/place-rest").json["suggested"] == []
+    assert client.post(f"{url}/place-rest/accept", json={"ids": [id]}).status_code == 404
+    assert not photo_at(client, url, revision=revision).json["suggested"], "it waited on the phone"
+    assert photo_at(client, url).json["suggested"]
 
 
 def test_a_suggestion_by_a_spot_outlives_a_search_that_finds_none(client, url, library, park):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,7 @@ def suggest(cfg: Path, place: SuggestedPlace, *, revision: int) -> None:
     ------
     StorageError
     """
-    one = {**_place_json(place, accepted=False), "planned": True}
+    one = {**_place_json(place, accepted=False), "planned": True, "revision": revision}
     with _one_writer(cfg):
         content = read(cfg) or {**_NOTHING, "version": _VERSION, "revision": revision}
         others = [photo for photo in content["photos"] if photo["id"] != place.id]
@@ -152,8 +152,13 @@ def read(cfg: Path) -> dict[str, Any] | None:
     return content if content.get("version") == _VERSION else None
 
 
-def suggested_of(cfg: Path, ids: Iterable[int]) -> list[SuggestedPlace]:
-    """Take out the suggestions for some photos.
+def is_of_image(photo: Mapping[str, Any], satellite_revision: int) -> bool:
+    """Whether a suggestion is one of the image that the map has; spots of plans know their revision."""
+    return bool(photo.get("revision", satellite_revision) >= satellite_revision)
+
+
+def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) -> list[SuggestedPlace]:
+    """Take out the suggestions for some photos, none of an image that was replaced.
 
     Raises
     ------
@@ -161,7 +166,11 @@ def suggested_of(cfg: Path, ids: Iterable[int]) -> list[SuggestedPlace]:
         There is none for one of them.
     StorageError
     """
-    records = [photo for photo in (read(cfg) or {"photos": []})["photos"] if "error" not in photo]
+    records = [
+        photo
+        for photo in (read(cfg) or _NOTHING)["photos"]
+        if "error" not in photo and is_of_image(photo, satellite_revision)
+    ]
     return [
         SuggestedPlace(
             one["id"],

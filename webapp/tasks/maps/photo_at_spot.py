@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from webapp.core.geo.types import MapPixel
+from webapp.core.geo.types import MapPixel, inside
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
@@ -24,10 +25,17 @@ _OF_IMAGE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class TargetPose:
-    """Where a photo was to be taken, and where the camera was to look."""
+    """Where a photo was to be taken, and where the camera was to look.
+
+    Attributes
+    ----------
+    revision : int or None
+        Of the map when the spot was planned; None is that of now.
+    """
 
     position: MapPixel
     heading_deg: float | None = None
+    revision: int | None = None
 
 
 def add_photo_at_spot(
@@ -39,7 +47,8 @@ def add_photo_at_spot(
     -------
     intake : Intake
     suggested : bool
-        It waits in the tray, and the spot is suggested as its place.
+        It waits in the tray, and the spot is suggested as its place; never one of another image or outside
+        of it.
 
     Raises
     ------
@@ -51,17 +60,23 @@ def add_photo_at_spot(
         row = maps.photo(session, record, intake.id)
         if row.x_px is not None or row.gps_lat is not None or record.satellite_path is None:
             return intake, False
-        place = SuggestedPlace(
-            row.id, row.path, pose.position, _radius_px(record, pose.position), pose.heading_deg, ()
-        )
+        radius = _radius_px(record, pose)
+        if radius is None:
+            return intake, False
+        place = SuggestedPlace(row.id, row.path, pose.position, radius, pose.heading_deg, ())
         cfg, revision = library.cfg(record.slug), record.revision
     stored.suggest(cfg, place, revision=revision)
     return intake, True
 
 
-def _radius_px(record: MapRecord, position: MapPixel) -> float:
+def _radius_px(record: MapRecord, pose: TargetPose) -> float | None:
+    """Return how near to its spot a photo is; None where that is none of the image of now."""
     image = needed_image(record, with_georeference=False)
+    replaced = pose.revision is not None and pose.revision < record.satellite_revision
+    if replaced or not inside(pose.position, width=image.width, height=image.height):
+        return None
     where = georeference(record)
     if where is None:
         return _OF_IMAGE * max(image.width, image.height)
-    return _ACCURACY_M / where.metres_per_pixel(position)
+    scale = where.metres_per_pixel(pose.position)
+    return _ACCURACY_M / scale if math.isfinite(scale) and scale > 0.0 else None

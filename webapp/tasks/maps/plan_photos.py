@@ -185,7 +185,10 @@ def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> M
 
 
 def _trial(result: Mapping[str, Any], radius: float) -> PhotoTrial:
-    first = next(iter(result["answer"].get("hypotheses", ())), None)
+    answer = result["answer"]
+    if not isinstance(answer, Mapping):
+        raise TypeError("an answer is an object")
+    first = next(iter(answer.get("hypotheses", ())), None)
     if first is None or result["error_px"] is None or result["error_px"] > radius:
         return PhotoTrial(0.0)
     return PhotoTrial(1.0, first["heading_deg"])
@@ -219,7 +222,7 @@ def _on_image(area: Rectangle | None, image: Rectangle) -> Rectangle | None:
         return None
     left, top = max(area.left, image.left), max(area.top, image.top)
     right, bottom = min(area.right, image.right), min(area.bottom, image.bottom)
-    if left >= right or top >= bottom:
+    if not (left < right and top < bottom):  # not a number is neither
         raise UsageError("the area is not on the image", where="area", hint="left < right, top < bottom")
     return Rectangle(left, top, right, bottom)
 

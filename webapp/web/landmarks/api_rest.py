@@ -117,7 +117,11 @@ def find(slug: str) -> dict[str, Any]:
 def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
     """Place photos of the tray where they are suggested, as one step that can be undone."""
     record = open_map(slug, "editor")
-    chosen = stored.suggested_of(library().cfg(record.slug), dict.fromkeys(data["ids"]))
+    chosen = stored.suggested_of(
+        library().cfg(record.slug),
+        dict.fromkeys(data["ids"]),
+        satellite_revision=record.satellite_revision,
+    )
     placing = accept_in_library(library(), record.id, suggested=chosen, account_id=account().id)
     return placing_json(placing)
 
@@ -147,7 +151,11 @@ def _rest(record: MapRecord) -> dict[str, Any]:
     return {
         "revision": found["revision"],
         "current": found["revision"] == record.revision,
-        "suggested": [{**p, "name": names[p["id"]].name} for p in tray if "error" not in p],
+        "suggested": [
+            {**p, "name": names[p["id"]].name}
+            for p in tray
+            if "error" not in p and stored.is_of_image(p, record.satellite_revision)
+        ],
         "left": [{**p, "name": names[p["id"]].name, "reason": p["error"]} for p in tray if "error" in p],
         "doubtful": [
             {**p, "name": names[p["id"]].name}

@@ -108,6 +108,11 @@ class SpotPhotoIn(Schema):
     x_px = Float(required=True, validate=Range(-_FAR_PX, _FAR_PX))
     y_px = Float(required=True, validate=Range(-_FAR_PX, _FAR_PX))
     heading_deg = Float(load_default=None, validate=Range(-360, 360))
+    revision = Integer(
+        load_default=None,
+        validate=Range(0),
+        metadata={"description": "That of the plan: a spot on an image that was replaced is not suggested."},
+    )
 
 
 class SpotPhotoOut(IntakeOut):
@@ -163,7 +168,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     file: FileStorage = given["file"]
     part = library().uploads / f"{secrets.token_hex(16)}.part"
-    pose = TargetPose(MapPixel(given["x_px"], given["y_px"]), given["heading_deg"])
+    pose = TargetPose(MapPixel(given["x_px"], given["y_px"]), given["heading_deg"], given["revision"])
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
         photo = IncomingPhoto(part, tidy_name(file.filename or ""))
