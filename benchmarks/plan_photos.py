@@ -37,7 +37,7 @@ from webapp.settings import let_threads_sleep
 from webapp.tasks.evaluation.evaluate import with_hidden_photos
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
-from webapp.tasks.maps.plan_photos import PhotoTrial
+from webapp.tasks.photo_plan.planning import PhotoTrial
 
 Places = Mapping[MapPixel, Sequence[int]]
 

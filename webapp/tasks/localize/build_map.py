@@ -12,8 +12,8 @@ from webapp.files.localize.models import with_weights
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.on_demand import usual_options
 from webapp.tasks.localize import build_index, calibrate, cascade, describe_photos, landmarks, open_map
-from webapp.tasks.localize.around import usual_options
 from webapp.tasks.localize.build_index import BuildReport, BuildRequest
 from webapp.tasks.localize.index_location import index_bases, index_folder
 from webapp.tasks.localize.open_map import OpenOptions

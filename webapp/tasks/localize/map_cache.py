@@ -23,8 +23,8 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
+from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
 from webapp.tasks.localize import calibrate, cascade, describe_photos, landmarks, open_map, orient_map
-from webapp.tasks.localize.around import LandmarksAround, usual_options
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map

@@ -46,6 +46,7 @@ from webapp.files.localize.models import network
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
 from webapp.tasks.localize import (
     calibrate,
     cascade,
@@ -53,7 +54,6 @@ from webapp.tasks.localize import (
     landmarks,
     open_map,
 )
-from webapp.tasks.localize.around import LandmarksAround, usual_options
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences
 

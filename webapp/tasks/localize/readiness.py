@@ -21,7 +21,8 @@ from webapp.store.maps import maps
 from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.localize import around, upload
+from webapp.tasks.landmarks import on_demand
+from webapp.tasks.localize import upload
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult
 
@@ -58,7 +59,7 @@ def localize_or_build(
         _build_index(library, record, method, features=features, settings=settings)
     if result.opened.to_calibrate:
         _calibrate(library, record, method, features=features, settings=settings)
-    if result.form.get("note") == around.NOT_YET:
+    if result.form.get("note") == on_demand.NOT_YET:
         with suppress(StorageError):  # a full disk: the answer is there all the same
             _reconstruct_around(library, record, result, settings=settings)
     return result
@@ -70,7 +71,7 @@ def _reconstruct_around(
     """Queue a reconstruction of the surroundings of the best place."""
     seeds = result.form["hypotheses"][0]["experiences"]
     opened = result.opened.pipeline.opened
-    photos = around.photos_around(opened, seeds, count=settings.landmarks.around_photos)
+    photos = on_demand.photos_around(opened, seeds, count=settings.landmarks.around_photos)
     key = f"around {seeds[0]}"
     with library.database.write() as session:
         jobs.enqueue(session, LANDMARKS_JOB, map_id=record.id, arguments={"photos": photos}, key=key)

@@ -21,7 +21,7 @@ from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Kept, Miss
-from webapp.tasks.localize.around import can_reconstruct
+from webapp.tasks.landmarks.on_demand import can_reconstruct
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference

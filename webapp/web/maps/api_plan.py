@@ -19,12 +19,12 @@ from webapp.files.exchange.walk import format_walk_gpx
 from webapp.files.part_file import discard, receive
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, plain_name
-from webapp.tasks.maps import photo_at_spot, plan_photos
 from webapp.tasks.maps.add_photo import IncomingPhoto, tidy_name
 from webapp.tasks.maps.library_map import as_map
-from webapp.tasks.maps.photo_at_spot import TargetPose
-from webapp.tasks.maps.plan_photos import MOST_SPOTS, PlanRequest
-from webapp.tasks.maps.plan_words import PlanWords, walk_of
+from webapp.tasks.photo_plan import planning, spot_photo
+from webapp.tasks.photo_plan.planning import MOST_SPOTS, PlanRequest
+from webapp.tasks.photo_plan.spot_photo import TargetPose
+from webapp.tasks.photo_plan.words import PlanWords, walk_of
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, open_map, settings
 from webapp.web.fields import Boolean
@@ -141,9 +141,9 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
         raise UsageError("the map has no satellite image yet", hint="give it one first")
     cfg = library().cfg(record.slug)
     with _limit.slot():
-        trials = plan_photos.trials_of(map_, cfg)
-        made = plan_photos.plan_photos(map_, trials=trials, request=PlanRequest(data["spots"], area))
-    plan_photos.keep(cfg, made)
+        trials = planning.trials_of(map_, cfg)
+        made = planning.plan_photos(map_, trials=trials, request=PlanRequest(data["spots"], area))
+    planning.keep(cfg, made)
     return _plan(record)
 
 
@@ -152,7 +152,7 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 def walk(slug: str) -> Response:
     """Download the walk of the plan that was made last."""
     record = open_map(slug)
-    plan = plan_photos.read(library().cfg(record.slug))
+    plan = planning.read(library().cfg(record.slug))
     if plan is None:
         raise NotFound("no photos are planned yet", hint="plan them first")
     title = _("%(name)s: photos to take", name=record.name)
@@ -172,7 +172,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
         photo = IncomingPhoto(part, tidy_name(file.filename or ""))
-        intake, suggested = photo_at_spot.add_photo_at_spot(
+        intake, suggested = spot_photo.add_photo_at_spot(
             library(), record.id, photo=photo, pose=pose, settings=settings()
         )
     finally:
@@ -181,7 +181,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _plan(record: MapRecord) -> dict[str, Any]:
-    found = plan_photos.read(library().cfg(record.slug))
+    found = planning.read(library().cfg(record.slug))
     return {"plan": found, "current": found is not None and found["revision"] == record.revision}
 
 

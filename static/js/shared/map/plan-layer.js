@@ -3,7 +3,7 @@
 import { CanvasLayer } from "./canvas-layer.js";
 import { latLngOf } from "./coords.js";
 
-/** From poorly to well recognised: orange to blue, which people with any colour vision tell apart. */
+/** From poorly to well recognised: orange to blue, which can be distinguished with any colour vision. */
 export const CLASSES = ["#b3430a", "#ef8a3c", "#f7dfae", "#8fc0de", "#1f5f9e"];
 const UNSURE = 0.2;
 const OPACITY = { sure: 0.72, unsure: 0.4 };

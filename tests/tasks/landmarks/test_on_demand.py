@@ -13,12 +13,11 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
-from webapp.tasks.landmarks import surroundings
+from webapp.tasks.landmarks import on_demand, surroundings
 from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.on_demand import photos_around
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
-from webapp.tasks.localize import around
-from webapp.tasks.localize.around import photos_around
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
@@ -85,7 +84,7 @@ def test_the_surroundings_are_reconstructed_once(bare, query, monkeypatch):
     def built_again(*_args, **_options):
         raise AssertionError("the surroundings are there")
 
-    monkeypatch.setattr(around, "reconstruct_part", built_again)
+    monkeypatch.setattr(on_demand, "reconstruct_part", built_again)
     again = opened(bare).localize(path, top=3)
     np.testing.assert_allclose(again.hypotheses[0].position, first.position)
 

@@ -47,13 +47,13 @@ ENGLISH = PlanWords(
 
 
 def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
-    """Say where to look at a spot of `plan_photos.plan_json`."""
+    """Say where to look at a spot of `planning.plan_json`."""
     names = [words.directions[round(h / STEP_DEG) % DIRECTIONS] for h in spot["headings_deg"]]
     return words.look.format(directions=", ".join(names)) if names else words.look_around
 
 
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
-    """Turn a plan, as `plan_photos.plan_json` gives it, into a walk.
+    """Turn a plan, as `planning.plan_json` gives it, into a walk.
 
     Raises
     ------

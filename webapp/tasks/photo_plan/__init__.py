@@ -1,0 +1,1 @@
+"""Where the next photos of a map help most, and photos that were taken there."""
