@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+from collections import defaultdict
 
 import pytest
 from babel.messages.pofile import read_po
@@ -10,7 +11,8 @@ from webapp.web.language import LANGUAGES, TRANSLATIONS, script_catalogue
 
 DOMAINS = ("messages", "scripts")
 OTHERS = sorted(set(LANGUAGES) - {"en"})
-PLACEHOLDER = re.compile(r"%\(\w+\)s|\{\w+\}")
+KEPT = re.compile(r"%\(\w+\)[sd]|%[sd]|\{\w*\}|</?\w[^>]*>|&#?\w+;|`[^`]+`")
+"""What a translation has, too: placeholders, tags, entities, and what is typed."""
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +57,13 @@ def test_what_is_compiled_is_what_is_written(maker, written):
     assert path.with_suffix(".mo").read_bytes() == maker.mo_bytes(path.read_bytes(), language)
 
 
-def test_translations_keep_what_is_filled_in(written):
+def test_every_folder_is_a_language_in_its_own_words():
+    assert set(OTHERS) == {path.name for path in TRANSLATIONS.iterdir() if path.is_dir()}
+    assert next(iter(LANGUAGES)) == "en", "which is what there is where nothing else is preferred"
+    assert LANGUAGES["cs"] == "Čeština"
+
+
+def test_translations_keep_placeholders_and_markup(written):
     _domain, language, path = written
     with path.open("rb") as file:
         messages = [message for message in read_po(file, locale=language) if message.id]
@@ -63,9 +71,12 @@ def test_translations_keep_what_is_filled_in(written):
         ids = message.id if isinstance(message.id, tuple) else (message.id,)
         strings = message.string if isinstance(message.string, tuple) else (message.string,)
         # The first form may say "one" in a word; the last one is for many.
-        assert set(PLACEHOLDER.findall(strings[-1])) == set(PLACEHOLDER.findall(ids[-1])), message.id
+        assert sorted(KEPT.findall(strings[-1])) == sorted(KEPT.findall(ids[-1])), message.id
         for string in strings:
-            assert set(PLACEHOLDER.findall(string)) <= set(PLACEHOLDER.findall(ids[-1])), message.id
+            assert set(KEPT.findall(string)) <= set(KEPT.findall(ids[-1])), message.id
+            assert string.strip() == string, message.id
+            if message.python_format:
+                assert string % defaultdict(str) is not None, "a percent sign is written twice"
 
 
 def test_texts_that_change_are_noticed(maker, tmp_path, monkeypatch):
@@ -80,8 +91,32 @@ def test_texts_that_change_are_noticed(maker, tmp_path, monkeypatch):
 
 def test_pages_are_in_the_language_that_is_asked_for(client, stranger):
     assert "<h1>Mapy</h1>" in client.get("/", headers={"Accept-Language": "cs"}).text
-    assert "<h1>Maps</h1>" in client.get("/", headers={"Accept-Language": "de, en;q=0.5"}).text
+    assert "<h1>Maps</h1>" in client.get("/", headers={"Accept-Language": "fi, en;q=0.5"}).text
     assert "<h1>Přihlásit se</h1>" in stranger.get("/sign-in", headers={"Accept-Language": "cs"}).text
+
+
+@pytest.mark.parametrize(
+    ("asked", "language"),
+    [
+        ("cs-CZ", "cs"),
+        ("CS", "cs"),
+        ("en-GB, cs;q=0.8", "en"),
+        ("fi, cs-CZ;q=0.2", "cs"),
+        ("en;q=0.1, cs;q=0.9", "cs"),
+        ("cs;q=0, *", "en"),
+        ("fi", "en"),
+        ("", "en"),
+    ],
+)
+def test_regions_weights_and_unknown_languages(stranger, asked, language):
+    assert f'<html lang="{language}"' in stranger.get("/sign-in", headers={"Accept-Language": asked}).text
+
+
+def test_every_language_can_be_chosen(client):
+    account = client.get("/account").text
+    for code, name in LANGUAGES.items():
+        assert re.search(f'<button name="language" value="{code}" lang="{code}"[^>]*>{name}<', account)
+        assert re.search(f'<option value="{code}" lang="{code}"[^>]*>{name}<', account)
 
 
 def test_errors_are_translated_too(client):
@@ -98,3 +133,11 @@ def test_scripts_get_their_words_with_the_page(app):
     assert len(catalogue["plurals"]) == 3
     with app.test_request_context(headers={"Accept-Language": "en"}):
         assert script_catalogue()["messages"] == {}
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_each_plural_form_is_for_a_plural_of_its_own(app, language):
+    with app.test_request_context(headers={"Accept-Language": language}):
+        catalogue = script_catalogue()
+    assert len(set(catalogue["plurals"])) == len(catalogue["messages"]["{n} second"])
+    assert {"one", "other"} <= set(catalogue["plurals"])

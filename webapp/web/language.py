@@ -6,19 +6,28 @@ import gettext as gnu_gettext
 from pathlib import Path
 from typing import Any
 
+from babel import Locale
 from flask import Flask, request, session
 from flask_babel import Babel, get_locale, gettext
 
 from webapp.errors import NotSignedIn
 from webapp.web.accounts import sessions
 
-LANGUAGES = {"en": "English", "cs": "Čeština"}
-"""Each by its own name."""
-
 TRANSLATIONS = Path(__file__).parent / "translations"
 
-_PLURALS = {"en": ["one", "other"], "cs": ["one", "few", "other"]}
-"""Which plural each form of the catalogue is for, in the words of `Intl.PluralRules`."""
+_COUNTED = 200
+"""Numbers below it have all plurals of the languages of Europe."""
+
+
+def _own_name(code: str) -> str:
+    name = Locale.parse(code).get_language_name(code) or code
+    return name[:1].upper() + name[1:]
+
+
+_TRANSLATED = sorted(path.parent.name for path in TRANSLATIONS.glob("*/LC_MESSAGES"))
+
+LANGUAGES = {code: _own_name(code) for code in ("en", *_TRANSLATED)}
+"""English and every folder of translations, each by its own name."""
 
 
 def init_app(app: Flask) -> None:
@@ -27,7 +36,7 @@ def init_app(app: Flask) -> None:
 
 
 def current() -> str:
-    """Return the language of this request: `en` or `cs`."""
+    """Return the language of this request, one of `LANGUAGES`."""
     return str(get_locale())
 
 
@@ -42,20 +51,30 @@ def script_catalogue() -> dict[str, Any]:
     Returns
     -------
     dict
-        `language`, `plurals` (the names of the forms), and `messages`: text to translation, or to a list
-        of them by plural form.
+        `language`, `plurals` (the plural that each form is for, in the words of `Intl.PluralRules`), and
+        `messages`: text to translation, or to a list of them by plural form.
     """
     language = current()
     messages: dict[str, Any] = {}
+    plurals: list[str] = []
     if gnu_gettext.find("scripts", TRANSLATIONS, [language]):
-        catalogue = gnu_gettext.translation("scripts", TRANSLATIONS, [language])._catalog  # type: ignore[attr-defined]
-        for key, text in catalogue.items():
+        catalogue = gnu_gettext.translation("scripts", TRANSLATIONS, [language])
+        plurals = _plurals(language, catalogue)
+        for key, text in catalogue._catalog.items():  # type: ignore[attr-defined]
             if isinstance(key, tuple):
                 messages.setdefault(key[0], {})[key[1]] = text
             elif key:
                 messages[key] = text
     forms = {k: [v[i] for i in sorted(v)] if isinstance(v, dict) else v for k, v in messages.items()}
-    return {"language": language, "plurals": _PLURALS[language], "messages": forms}
+    return {"language": language, "plurals": plurals, "messages": forms}
+
+
+def _plurals(language: str, catalogue: gnu_gettext.NullTranslations) -> list[str]:
+    category = Locale.parse(language).plural_form
+    names: dict[int, str] = {}
+    for n in range(_COUNTED):
+        names.setdefault(catalogue.plural(n), category(n))  # type: ignore[attr-defined]
+    return [names[form] for form in sorted(names)]
 
 
 def _choose() -> str | None:
@@ -64,4 +83,8 @@ def _choose() -> str | None:
     except NotSignedIn:
         account = None  # which the answer is going to say; it needs a language for that
     chosen = session.get("language") if account is None else account.language
-    return chosen if chosen in LANGUAGES else request.accept_languages.best_match(LANGUAGES)
+    if chosen in LANGUAGES:
+        return chosen
+    # Not `best_match`: of "en-US, cs;q=0.5" it takes Czech, for which there is an exact match.
+    preferred = [code.partition("-")[0].lower() for code, quality in request.accept_languages if quality > 0]
+    return next((code for code in preferred if code in LANGUAGES), None)

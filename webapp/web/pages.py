@@ -7,7 +7,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from flask import Flask, redirect, request, url_for
-from flask_babel import format_datetime, format_timedelta
+from flask_babel import format_datetime, format_decimal, format_timedelta
 from flask_babel import gettext as _
 from werkzeug.wrappers import Response
 
@@ -20,12 +20,13 @@ _THEMES = ("light", "dark")
 
 
 def init_app(app: Flask) -> None:
-    """Pass the account, the language and the filters of times and messages to all templates."""
+    """Pass the account, the language and the filters of times, numbers and messages to all templates."""
     app.context_processor(_common)
     app.add_template_filter(_sentence, "sentence")
     app.add_template_filter(language.translate, "translate")
     app.add_template_filter(_ago, "ago")
     app.add_template_filter(_exact, "exact")
+    app.add_template_filter(format_decimal, "decimal")
 
 
 def map_tabs() -> list[tuple[str, str, str]]:

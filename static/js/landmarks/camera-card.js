@@ -1,13 +1,14 @@
 /** The card of a camera: its photo, and where that leads. */
 
 import { byId, h, icon } from "../shared/dom.js";
-import { t } from "../shared/i18n.js";
+import { locale, t } from "../shared/i18n.js";
 import { creditLine } from "../shared/photo-credit.js";
 
 /** A length in metres or map pixels, without its unit. @param {number} length @param {string} unit */
 export function lengthText(length, unit) {
   const digits = unit === "m" ? 1 : 0;
-  return (Number(length.toFixed(digits)) || 0).toFixed(digits); // never "-0"
+  const rounded = Number(length.toFixed(digits)) || 0; // never "-0"
+  return rounded.toLocaleString(locale, { minimumFractionDigits: digits });
 }
 
 /** Shows one photo at a time. */

@@ -3,7 +3,7 @@
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
-import { t, tn } from "../shared/i18n.js";
+import { locale, t, tn } from "../shared/i18n.js";
 import { clamped, latLngOf, pixelOf } from "../shared/map/coords.js";
 import { imageMap } from "../shared/map/image-map.js";
 import { pin } from "../shared/map/pin.js";
@@ -192,8 +192,8 @@ async function start() {
       "tr", {},
       h("th", { scope: "row" }, name),
       cell(point.photos.length),
-      cell(point.x_px === null ? "–" : point.x_px.toFixed(1)),
-      cell(point.y_px === null ? "–" : point.y_px.toFixed(1)),
+      cell(pixelText(point.x_px)),
+      cell(pixelText(point.y_px)),
       fact("height_m", t("height")),
       fact("accuracy_m", t("accuracy")),
       h("td", {}, page.can_edit && away),
@@ -228,6 +228,10 @@ function nextStep(point) {
   if (missing > 0) return tn("{name}: click it in {n} more photo.", "{name}: click it in {n} more photos.", missing, { name: point.name });
   if (point.x_px === null) return t("{name}: click it on the image of the map.", { name: point.name });
   return t("{name} is complete; more photos make it more exact.", { name: point.name });
+}
+
+function pixelText(coordinate) {
+  return coordinate === null ? "–" : coordinate.toLocaleString(locale, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
 }
 
 function residualRow(one) {

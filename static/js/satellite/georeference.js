@@ -4,7 +4,7 @@ import { del, post, put } from "../shared/api.js";
 import { busy, confirmDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
-import { t } from "../shared/i18n.js";
+import { locale, t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { ControlPoints } from "./control-points.js";
 import { cornersForm, worldfileForm } from "./corner-forms.js";
@@ -111,7 +111,7 @@ function verdict(received) {
     const { width, height } = page.satellite;
     facts.push([t("Extent"), `${Math.round(width * received.metres_per_pixel)} × ${Math.round(height * received.metres_per_pixel)} m`]);
   }
-  if (Math.abs(received.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: received.north_deg.toFixed(1) })]);
+  if (Math.abs(received.north_deg ?? 0) >= 0.05) facts.push([t("North"), t("{degrees}° clockwise from the top", { degrees: received.north_deg.toLocaleString(locale, { minimumFractionDigits: 1, maximumFractionDigits: 1 }) })]);
   const list = h("dl", { class: "facts number" }, ...facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
   return [list, ...received.warnings.map((text) => note("warning", text))];
 }

@@ -1,7 +1,7 @@
 /** The satellite image: Leaflet without a geographic projection, image or tiles, scale bar, cursor position. */
 
 import { h } from "../dom.js";
-import { t } from "../i18n.js";
+import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
 import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
@@ -146,7 +146,7 @@ export class MapView {
     const metresPerScreen = metres / this.map.getZoomScale(this.map.getZoom(), 0);
     const length = roundLength(110 * metresPerScreen);
     this._bar.style.width = `${Math.round(length / metresPerScreen)}px`;
-    this._barText.textContent = length >= 1000 ? `${length / 1000} km` : `${length} m`;
+    this._barText.textContent = length >= 1000 ? `${(length / 1000).toLocaleString(locale)} km` : `${length.toLocaleString(locale)} m`;
   }
 
   _credit() {
