@@ -1,16 +1,19 @@
 """Pieces that have drifted are joined at the positions that are known."""
 
 import numpy as np
+import pycolmap
 import pytest
 
 from tests.files.landmarks.drifted_walk import PHOTOS, drifted, walk, write_matches
+from webapp.core.landmarks.control_points import KnownPoint
+from webapp.core.landmarks.georegister import georegister
 from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, lay_piece
+from webapp.core.landmarks.placing import KnownPositions
 from webapp.core.landmarks.similarity import fit_similarity
 from webapp.files.landmarks import adjust as adjusting
 from webapp.files.landmarks.adjust import adjust, agreed_rotation
 from webapp.files.landmarks.colmap import StoredPieces, as_model
-from webapp.tasks.landmarks.adjust import adjust_job
+from webapp.tasks.landmarks.adjust import adjust_job, positions_of
 
 CONTENTS = tuple(str(number) for number in range(PHOTOS))
 SCALE = 10.0
@@ -29,8 +32,8 @@ def scene(tmp_path):
     return tmp_path, model.centre[order], model.rotation[order]
 
 
-def make_job(scene, pieces, *, at, placed):
-    """Lay pieces, ranges of photos, by the placed ones."""
+def make_job(scene, pieces, *, at, placed, points=()):
+    """Lay pieces, ranges of photos, by the placed ones and by control points."""
     folder, centre, rotation = scene
     known = KnownPositions(
         np.where(
@@ -41,17 +44,20 @@ def make_job(scene, pieces, *, at, placed):
     rigid = [
         RigidPiece(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, pieces)
     ]
-    laid = [(piece, lay_piece(piece, known)) for piece in rigid]
+    laid = [(piece, georegister(piece, known, points=points).laid) for piece in rigid]
     for piece, result in laid:
         known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredPieces(tuple(rigid), CONTENTS, "key")
+    positions = positions_of(
+        CONTENTS, known, photo=np.arange(PHOTOS), turn_deg=np.zeros(PHOTOS, np.int64), points=points
+    )
     matches, out = folder / "matches.db", folder / "adjusted"
-    return adjust_job(stored, known, laid=laid, matches=matches, folder=folder, out=out)
+    return adjust_job(stored, positions, laid=laid, matches=matches, folder=folder, out=out)
 
 
-def joined(scene, pieces, *, at, placed):
+def joined(scene, pieces, *, at, placed, points=()):
     """Lay pieces and join them; returns centres in metres by number."""
-    model = adjust(make_job(scene, pieces, at=at, placed=placed))
+    model = adjust(make_job(scene, pieces, at=at, placed=placed, points=points))
     if model is None:
         return None
     return {int(name): at / SCALE for name, at in zip(model.contents, model.centre, strict=True)}
@@ -89,6 +95,49 @@ def test_one_wrong_position_does_not_pull_the_others(scene):
     found = joined(scene, [range(PHOTOS)], at=at, placed=placed)
     assert off(found, truth).max() < 0.1
     assert np.linalg.norm((found[12] - at[12])[:2]) == pytest.approx(9.0, abs=0.1)
+
+
+SPOTS = {
+    f"spot {number}": walk()[0][number] + [2.0, -1.0, 14.0] @ walk()[1][number] for number in range(0, 19, 3)
+}
+"""Ahead of some of the photos, metres."""
+
+
+def seen_point(name, *, moved_m=0.0):
+    """A control point, clicked in all photos that see it; and as far from where it is on the map."""
+    centre, rotation = walk()
+    ray = np.einsum("nij,nj->ni", rotation, SPOTS[name] - centre)
+    ahead = (ray[:, 2] > 3.0) & (ray[:, 2] < 25.0) & (np.abs(ray[:, :2]).max(1) < 0.5 * ray[:, 2])
+    photos = np.flatnonzero(ahead)
+    ray = ray[photos] / np.linalg.norm(ray[photos], axis=1, keepdims=True)
+    at = SCALE * complex(SPOTS[name][0] + moved_m, SPOTS[name][1])
+    return KnownPoint(name, at, 0.3, np.nan, photos, tuple(CONTENTS[n] for n in photos), ray)
+
+
+def test_control_points_straighten_a_walk_of_which_no_photo_is_placed(scene):
+    truth, points = walk()[0], [seen_point(name) for name in SPOTS]
+    job = make_job(scene, [range(PHOTOS)], at=truth, placed=[], points=points)
+    before = {int(name): at / SCALE for name, at in zip(job.contents, job.centre, strict=True)}
+    assert np.median(off(before, truth)) > 3.0
+    found = joined(scene, [range(PHOTOS)], at=truth, placed=[], points=points)
+    assert len(found) == PHOTOS
+    assert off(found, truth).max() < 0.15
+    model = pycolmap.Reconstruction(scene[0] / "adjusted")
+    assert {image.name for image in model.images.values()} == {*CONTENTS}, "what stood for points is gone"
+
+
+def test_placed_photos_and_control_points_adjust_a_walk_together(scene):
+    """Photos at one end only leave the other uncertain; points there say where it is."""
+    truth, placed = walk()[0], [0, 1, 3, 5, 7]
+    points, last = [seen_point("spot 15"), seen_point("spot 18")], CONTENTS[-1]
+    away_m, sigma_px = {}, {}
+    for some in ([], points):
+        model = adjust(make_job(scene, [range(PHOTOS)], at=truth, placed=placed, points=some))
+        row = model.contents.index(last)
+        away_m[len(some)] = np.linalg.norm((model.centre[row] / SCALE - truth[-1])[:2])
+        sigma_px[len(some)] = np.sqrt(np.trace(model.covariance[row]) / 2.0)
+    assert away_m[2] < min(0.1, away_m[0])
+    assert sigma_px[2] < 0.7 * sigma_px[0]
 
 
 def test_two_pieces_become_one_with_the_photos_between_them(scene):

@@ -73,7 +73,7 @@ def test_it_is_kept_until_positions_change(court, monkeypatch):
 
 @pytest.mark.parametrize(
     ("shift", "problem"),
-    [(None, "3 of the photos are placed, 4 are needed"), ("line", "the placed photos are in a line")],
+    [(None, "3 positions are known, 4 are needed"), ("line", "the known positions are in a line")],
 )
 def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, shift, problem):
     if shift == "line":

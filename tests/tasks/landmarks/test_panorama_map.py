@@ -1,6 +1,7 @@
 """Panoramas of a court that is rendered: the views of each are one camera, and place themselves as one."""
 
 import shutil
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,12 +9,16 @@ import pytest
 
 from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render_panorama
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage, UnplacedPhoto
 from webapp.core.mapmodel.panorama import Panorama
-from webapp.files.maps.folder import write_map
+from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.place_rest import suggest_rest
+from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.control_points import residuals_of
+from webapp.tasks.landmarks.place_rest import georegister_found, suggest_rest
+from webapp.tasks.landmarks.reconstruct import reconstruct
 
 PANORAMAS, PLACED = 5, (0, 2, 4)
 
@@ -56,6 +61,39 @@ def test_panoramas_are_placed_as_one_to_a_decimetre(court):
     turned = [(one.heading_deg - headings[one.id] + 180.0) % 360.0 - 180.0 for one in report.suggested]
     assert np.median(np.hypot(*np.transpose(off))) <= 0.1
     assert np.median(np.abs(turned)) <= 0.2
+
+
+def clicked(at, headings, spot):
+    """Where each panorama shows a spot: east, south and below the cameras, metres."""
+    east, south = (spot[:2] - at).T
+    turned = np.degrees(np.arctan2(east, -south)) - headings
+    down = np.degrees(np.arctan2(spot[2], np.hypot(east, south)))
+    share = np.stack([(0.5 + turned / 360.0) % 1.0, 0.5 + down / 180.0], 1)
+    return tuple(PhotoClick(number, float(x), float(y)) for number, (x, y) in enumerate(share))
+
+
+def test_a_control_point_takes_part_in_their_adjustment(court, tmp_path):
+    cfg, at, headings = court
+    shutil.copytree(cfg.parent, tmp_path / "court")
+    cfg = tmp_path / "court" / "map.cfg"
+    # The corner behind the panoramas, too: whichever view shows it.
+    spots = {"corner": (0.5, 0.5, 1.0), "pole": (SIDE - 1.0, 2.0, -2.0)}
+    points = tuple(
+        GroundControlPoint(
+            name, MapPixel(*(PIXELS_PER_METRE * np.array(spot[:2]))), clicked(at, headings, spot)
+        )
+        for name, spot in spots.items()
+    )
+    the_map = replace(read_map(cfg), control_points=points)
+    joined, (piece,) = adjust_pieces(
+        reconstruct(cfg, the_map, settings=Settings(), progress=Progress()), the_map, progress=Progress()
+    )
+    assert (piece.problem, len(piece.photos)) == ("", PANORAMAS)
+    residuals = residuals_of(
+        joined.pieces, georegister_found(joined, the_map), photos=joined.photos, the_map=the_map
+    )
+    assert {one.name: one.problem for one in residuals if one.name in spots} == {"corner": None, "pole": None}
+    assert max(one.residual_px for one in residuals) < 0.1 * PIXELS_PER_METRE
 
 
 def test_a_view_that_shows_nothing_of_the_others_stays_with_its_panorama(court, tmp_path):

@@ -18,10 +18,10 @@ from webapp.core.landmarks.pieces import RigidPiece
 
 Array = NDArray[np.float64]
 
-_CLICK_RAD = np.radians(0.15)
+CLICK_RAD = np.radians(0.15)
 """Standard deviation of a click with that of its photo's camera: two pixels of a photo 1000 pixels wide."""
 
-_AGREE_RAD = 4.0 * _CLICK_RAD
+_AGREE_RAD = 4.0 * CLICK_RAD
 """A click is wrong when its ray misses the point by more."""
 
 _LEAST_ANGLE_RAD = np.radians(1.5)
@@ -123,7 +123,7 @@ class _Rays(NamedTuple):
         """Matrix (3, 3) and vector (3,) of the normal equations of a point, each ray as exact as an angle."""
         away = np.maximum(np.linalg.norm(at - self.centre, axis=1), 1e-12)
         across = np.eye(3) - self.direction[:, :, None] * self.direction[:, None, :]
-        across = across / (away * _CLICK_RAD)[:, None, None] ** 2
+        across = across / (away * CLICK_RAD)[:, None, None] ** 2
         return np.asarray(across.sum(0)), np.einsum("rij,rj->i", across, self.centre)
 
     def widest(self) -> float:
@@ -158,6 +158,31 @@ def triangulate(point: KnownPoint, piece: RigidPiece) -> Triangulated | NotTrian
     wrong = tuple(name for number, name in enumerate(names) if number not in good)
     information, _ = rays.subset(good).information(at)
     return Triangulated(point, at, np.asarray(np.linalg.inv(information), np.float64), row[good], wrong)
+
+
+def sigma_by_points(piece: RigidPiece, points: Sequence[KnownPoint]) -> Array:
+    """Say how exactly control points say where the photos are that show them; n photos of the piece.
+
+    What is known of a point is known of its photos, together: it counts once, however many they are.
+
+    Parameters
+    ----------
+    piece : RigidPiece
+        In the world of the map: x and y are map pixels.
+
+    Returns
+    -------
+    (n,) float64
+        Standard deviations along both axes, map pixels; infinite for photos that show none.
+    """
+    information = np.zeros(len(piece))
+    for point in points:
+        found = triangulate(point, piece)
+        if isinstance(found, Triangulated):
+            variance = point.sigma_px**2 + np.trace(found.covariance[:2, :2]) / 2.0
+            information[found.row] += 1.0 / (variance * len(found.row))
+    with np.errstate(divide="ignore"):
+        return np.asarray(information**-0.5)
 
 
 def _agreeing(rays: _Rays) -> tuple[Array, NDArray[np.int64]] | None:

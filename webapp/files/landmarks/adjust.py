@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from webapp.core.landmarks.uncertainty import AdjustedCameras, position_covariances
 from webapp.files.landmarks.colmap import Model, as_model, pycolmap
 from webapp.files.landmarks.match_database import LEAST_INLIERS
+from webapp.files.landmarks.position_priors import PicturePositions, PositionPriors
 
 Array = NDArray[np.float64]
 
@@ -71,33 +72,23 @@ class AdjustJob:
         Folders of the models of the pieces.
     out : Path
         Folder for the joined model.
-    pictures : tuple of str
-        All that take part: the database also has what is not on the map any more.
     contents : tuple of str
         The n photos that stand on the map.
     centre : (n, 3) float64
     rotation : (n, 3, 3) float64
         Camera from world.
-    known : tuple of str
-        The k photos whose positions are known; they need not stand there.
-    at : (k, 2) float64
-    sigma_px : (k,) float64
-        Standard deviation of each, along both axes.
-    height_sigma_px : float
-        Standard deviation of the heights of the cameras, which no map says.
+    positions : PicturePositions
+        What is known of where they are, of all that take part: the database also has what is not on the map
+        any more.
     """
 
     database: Path
     models: tuple[Path, ...]
     out: Path
-    pictures: tuple[str, ...]
     contents: tuple[str, ...]
     centre: Array
     rotation: Array
-    known: tuple[str, ...]
-    at: Array
-    sigma_px: Array
-    height_sigma_px: float
+    positions: PicturePositions
 
 
 def adjust(job: AdjustJob) -> Model | None:
@@ -120,15 +111,15 @@ class _Scene:
 
     def __init__(self, job: AdjustJob) -> None:
         self._job, self._colmap = job, pycolmap()
-        self._known = dict(zip(job.known, zip(job.at, job.sigma_px, strict=True), strict=True))
         self._database = self._colmap.Database.open(job.database)
         options = self._colmap.DatabaseCacheOptions()
         options.min_num_matches = LEAST_INLIERS
-        options.image_names = set(job.pictures)
+        options.image_names = set(job.positions.pictures)
         self._cache = self._colmap.DatabaseCache.create(self._database, options)
         side = np.median([max(camera.width, camera.height) for camera in self._cache.cameras.values()])
         self._pixel = max(1.0, float(side) / _SIDE_PX)
-        self._beacons = self._add_beacons()
+        self._priors = PositionPriors(self._colmap, cache=self._cache, positions=job.positions)
+        self._placed = self._priors.placed
         self._model = self._colmap.Reconstruction()
         self._model.load(self._cache)
         self._id = {image.name: id for id, image in self._model.images.items()}
@@ -148,31 +139,6 @@ class _Scene:
         self._mapper.begin_reconstruction(self._model)
         self.allow(_PIECES[0])
         self._triangulate()
-
-    def _add_beacons(self) -> list[int]:
-        """Add photos that see nothing, for the corners of a tetrahedron; returns their ids.
-
-        Before it adjusts, pycolmap fits a similarity to the known positions, and refuses those of cameras
-        that are all equally high. Beacons are off that plane, and as the model is where it should be they
-        say so.
-        """
-        own = 1 + max([*self._cache.cameras, *self._cache.rigs])
-        params = [1.0, 0.5, 0.5]
-        camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
-        rig = self._colmap.Rig(rig_id=own)
-        rig.add_ref_sensor(camera.sensor_id)
-        self._cache.add_camera(camera)
-        self._cache.add_rig(rig)
-        last = max([*self._cache.images, *self._cache.frames])
-        ids = [last + number for number in range(1, 5)]
-        for id in ids:
-            image = self._colmap.Image(name=f"beacon {id}", camera_id=own, image_id=id)
-            frame = self._colmap.Frame(frame_id=id, rig_id=own)
-            frame.add_data_id(image.data_id)
-            image.frame_id = id
-            self._cache.add_frame(frame)
-            self._cache.add_image(image)
-        return ids
 
     def _read_models(self) -> int:
         """Take over the lenses of the pieces; returns how many observations their photos have there."""
@@ -224,36 +190,7 @@ class _Scene:
         prior_options = colmap.PosePriorBundleAdjustmentOptions()
         prior_options.ceres.prior_position_loss_function_type = colmap.LossFunctionType.SOFT_L1
         prior_options.ceres.prior_position_loss_scale = _ROBUST_SIGMAS
-        config, priors = colmap.BundleAdjustmentConfig(), self._raise_beacons()
-        height = self._job.height_sigma_px
-        for id in model.reg_image_ids():
-            config.add_image(id)
-            if self._is_placed(id) and model.image(id).is_ref_in_frame():
-                at, sigma = self._known[model.image(id).name]
-                priors.append(self._prior(id, [*at, 0.0], [wider * sigma, wider * sigma, height]))
-        create = colmap.create_pose_prior_bundle_adjuster
-        create(options, prior_options, config, priors, model).solve()
-        for id in self._beacons:
-            model.deregister_frame(id)
-
-    def _raise_beacons(self) -> list[Any]:
-        middle = np.append(self._job.at.mean(0), 0.0)
-        extent = max(float(np.ptp(self._job.at, axis=0).max()), 1.0)
-        priors = []
-        for id, corner in zip(self._beacons, [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], strict=True):
-            centre = middle + extent * np.array(corner)
-            self._pose(id, centre, np.eye(3))
-            priors.append(self._prior(id, centre, [extent / 100.0] * 3))
-        return priors
-
-    def _prior(self, id: int, at: Sequence[float] | Array, sigma: Sequence[float]) -> Any:
-        return self._colmap.PosePrior(
-            pose_prior_id=id,
-            corr_data_id=self._model.image(id).data_id,
-            position=np.asarray(at, np.float64),
-            position_covariance=np.diag(np.square(sigma)),
-            coordinate_system=self._colmap.PosePriorCoordinateSystem.CARTESIAN,
-        )
+        self._priors.solve(model, options=options, prior_options=prior_options, wider=wider)
 
     def add_placed(self) -> None:
         """Add photos whose positions are known, with the rotation that most matches with their neighbours
@@ -273,12 +210,12 @@ class _Scene:
                 self._add(id, rotation)
 
     def _is_placed(self, id: int) -> bool:
-        return self._model.image(id).name in self._known
+        return self._model.image(id).name in self._placed
 
     def _add(self, id: int, rotation: Array) -> None:
         image = self._model.image(id)
         manager = self._mapper.observation_manager
-        self._pose(id, np.append(self._known[image.name][0], 0.0), rotation)
+        self._pose(id, np.append(self._placed[image.name][0], 0.0), rotation)
         manager.register_frame(image.frame_id)
         self._triangulate_frame(id)
         if self._points_of(image.frame_id) < _FEW_POINTS:
@@ -364,10 +301,8 @@ class _Scene:
         seen = [(row[e.image_id], n) for n, point in enumerate(points) for e in point.track.elements]
         camera_row, point_row = np.array(seen, np.int64).reshape(-1, 2).T
         prior = np.full((len(frames), 3), np.inf)
-        for content, number in zip(model.contents, frame.tolist(), strict=True):
-            if content in self._known:
-                sigma = self._known[content][1]
-                prior[number] = sigma, sigma, self._job.height_sigma_px
+        for id, sigma in self._priors.sigma_of_cameras(self._model).items():
+            prior[frame[row[id]]] = sigma, sigma, self._job.positions.height_sigma_px
         cameras = AdjustedCameras(
             frame,
             model.centre,

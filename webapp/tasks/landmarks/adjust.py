@@ -1,4 +1,4 @@
-"""Joins the pieces of a reconstruction that are on the map by the known positions of their photos."""
+"""Joins the pieces of a reconstruction that are on the map by placed photos and control points."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.landmarks.control_points import KnownPoint
+from webapp.core.landmarks.georegister import georegister
 from webapp.core.landmarks.pieces import Points, RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
+from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.adjust import AdjustJob
 from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
+from webapp.files.landmarks.position_priors import PicturePositions
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
+from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.mapping import ADJUSTED, MATCHES_FILE, model_folders, run_adjustment
 from webapp.tasks.landmarks.reconstruct import Reconstruction, keep_cloud, renumbered
@@ -36,7 +40,7 @@ _LEAST_WIDE = 0.05
 _HEIGHT_SHARE = 0.02
 """Standard deviation of a camera's height, which no map says, over the extent of the known positions."""
 
-_FORMAT = 3
+_FORMAT = 4
 """Part of what stands for the known positions: other rules of joining adjust anew."""
 
 
@@ -80,20 +84,21 @@ def adjust_pieces(
         if rigid is None:
             raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
-        adjusted = _key_of(known)
+        points, adjusted = found_points(found, the_map), _key_of(known, the_map)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
-            now = _adjust(rigid, known, found=found, adjusted=adjusted, progress=progress)
+            now = _adjust(rigid, known, points, found=found, adjusted=adjusted, progress=progress)
             write_pieces(found.folder / PIECES_FILE, now)
             _remove_others(found.folder / ADJUSTED, adjusted)
         keep_cloud(found.folder, now, features=found.shared)
     pieces = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
-    return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known)]
+    return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known, points=points)]
 
 
-def _key_of(known: KnownPositions) -> str:
+def _key_of(known: KnownPositions, the_map: Map) -> str:
     """Stand for known positions and how exact they are."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
-    return hashlib.sha256(json.dumps([_FORMAT, rows]).encode()).hexdigest()[:16]
+    points = [asdict(point) for point in the_map.control_points if point.position is not None]
+    return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]
 
 
 def _remove_others(folder: Path, kept: str) -> None:
@@ -103,32 +108,42 @@ def _remove_others(folder: Path, kept: str) -> None:
 
 
 def _adjust(
-    rigid: StoredPieces, known: KnownPositions, *, found: Reconstruction, adjusted: str, progress: Progress
+    rigid: StoredPieces,
+    known: KnownPositions,
+    points: Sequence[KnownPoint],
+    *,
+    found: Reconstruction,
+    adjusted: str,
+    progress: Progress,
 ) -> StoredPieces:
     """Join the pieces that can be laid on the map."""
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
-    results = [lay_piece(piece, known) for piece in of_photos]
+    results = [georegister(piece, known, points=points) for piece in of_photos]
     laid = [
-        (piece, result)
+        (piece, result.laid)
         for piece, result in zip(rigid.pieces, results, strict=True)
-        if isinstance(result, LaidPiece)
+        if isinstance(result.laid, LaidPiece)
     ]
     problem = _too_little([result for _, result in laid])
     if problem:
         return replace(rigid, adjusted=adjusted, problem=problem)
-    progress.note("adjusting them by the placed photos")
+    progress.note("adjusting them by the known positions")
     usable = np.isfinite(known.at)
     for piece, result in zip(of_photos, results, strict=True):
-        if isinstance(result, LaidPiece):
-            usable[piece.photo[result.contradicting]] = False
+        if isinstance(result.laid, LaidPiece):
+            usable[piece.photo[result.laid.contradicting]] = False
+    wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
     number = np.array([found.number_of[content] for content in rigid.contents], np.int64)
-    pictures = KnownPositions(
-        np.where(usable, known.at, complex(math.nan, math.nan))[number], known.sigma_px[number]
+    at = np.where(usable, known.at, complex(math.nan, math.nan))[number]
+    positions = positions_of(
+        rigid.contents,
+        KnownPositions(at, known.sigma_px[number]),
+        photo=number,
+        turn_deg=np.array([found.turn_of.get(content, 0) for content in rigid.contents], np.int64),
+        points=[point for point in points if point.name not in wrong],
     )
-    out = found.folder / ADJUSTED / adjusted
-    job = adjust_job(
-        rigid, pictures, laid=laid, matches=found.shared / MATCHES_FILE, folder=found.folder, out=out
-    )
+    matches, out = found.shared / MATCHES_FILE, found.folder / ADJUSTED / adjusted
+    job = adjust_job(rigid, positions, laid=laid, matches=matches, folder=found.folder, out=out)
     model = run_adjustment(job, progress=progress)
     if model is None:
         return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
@@ -137,7 +152,7 @@ def _adjust(
     others = [
         piece
         for piece, result in zip(rigid.pieces, results, strict=True)
-        if isinstance(result, NotLaid) and not np.isin(piece.photo, photo).any()
+        if isinstance(result.laid, NotLaid) and not np.isin(piece.photo, photo).any()
     ]
     joined = RigidPiece(photo, model.centre, model.rotation, covariance=model.covariance)
     return replace(rigid, pieces=(joined, *others), adjusted=adjusted, problem="")
@@ -147,57 +162,78 @@ def _too_little(laid: Sequence[LaidPiece]) -> str:
     """Say what known positions lack to adjust photos by them."""
     at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in laid)])
     if len(at) < _LEAST_KNOWN:
-        return f"{len(at)} of the photos are placed, {_LEAST_KNOWN} are needed"
+        return f"{len(at)} positions are known, {_LEAST_KNOWN} are needed"
     off = at - at.mean()
     along, across = np.linalg.svd(np.column_stack([off.real, off.imag]), compute_uv=False)
-    return "the placed photos are in a line" if across < _LEAST_WIDE * along else ""
+    return "the known positions are in a line" if across < _LEAST_WIDE * along else ""
+
+
+def positions_of(
+    contents: Sequence[str],
+    known: KnownPositions,
+    *,
+    photo: NDArray[np.int64],
+    turn_deg: NDArray[np.int64],
+    points: Sequence[KnownPoint] = (),
+) -> PicturePositions:
+    """Gather what is known of pictures, photos and views of panoramas, and of what they show.
+
+    Parameters
+    ----------
+    known : KnownPositions
+        Of the pictures; those that contradict others have none.
+    photo, turn_deg : array
+        See `PicturePositions`.
+    points : sequence of KnownPoint
+        Those that do not contradict others.
+    """
+    usable = np.flatnonzero(np.isfinite(known.at))
+    at = np.append(known.at[usable], [point.at for point in points])
+    where = np.column_stack([at.real, at.imag])
+    return PicturePositions(
+        tuple(contents),
+        photo,
+        turn_deg,
+        tuple(contents[number] for number in usable.tolist()),
+        where[: len(usable)],
+        known.sigma_px[usable],
+        _HEIGHT_SHARE * float(np.ptp(where, axis=0).max()),
+        tuple(points),
+    )
 
 
 def adjust_job(
     rigid: StoredPieces,
-    known: KnownPositions,
+    positions: PicturePositions,
     *,
     laid: Sequence[tuple[RigidPiece, LaidPiece]],
     matches: Path,
     folder: Path,
     out: Path,
 ) -> AdjustJob:
-    """Stand all pictures of the pieces on the map, each where the placed ones near it have it.
+    """Stand all pictures of the pieces on the map, each where the known positions near it have it.
 
     Parameters
     ----------
-    known : KnownPositions
-        Of the pictures in `contents`, photos and views of panoramas; those that contradict others have none.
     laid : sequence of (RigidPiece, LaidPiece)
         Pieces of pictures, and how they lie on the map.
     matches, folder, out : Path
         The database, the folder of the reconstruction, and that for the joined model.
     """
+    placed = dict(zip(positions.known, positions.at, strict=True))
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
     for piece, result in laid:
         there = result.transform.lay_cameras(piece.centre)
-        at = known.at[piece.photo]
-        at = np.where(np.isfinite(at), at, there.at)
-        contents += [rigid.contents[number] for number in piece.photo.tolist()]
-        centre.append(np.column_stack([at.real, at.imag, np.zeros(len(at))]))
+        names = [rigid.contents[number] for number in piece.photo.tolist()]
+        at = np.column_stack([there.at.real, there.at.imag])
+        at = np.array([placed.get(name, own) for name, own in zip(names, at, strict=True)])
+        contents += names
+        centre.append(np.column_stack([at, np.zeros(len(at))]))
         to_map = _to_map(there.factor) @ result.transform.frame
         rotation.append(piece.rotation @ np.swapaxes(to_map, 1, 2))
-    usable = np.flatnonzero(np.isfinite(known.at))
-    where = np.column_stack([known.at[usable].real, known.at[usable].imag])
-    return AdjustJob(
-        matches,
-        tuple(model_folders(folder)),
-        out,
-        rigid.contents,
-        tuple(contents),
-        np.concatenate(centre),
-        np.concatenate(rotation),
-        tuple(rigid.contents[number] for number in usable),
-        where,
-        known.sigma_px[usable],
-        _HEIGHT_SHARE * float(np.ptp(where, axis=0).max()),
-    )
+    cameras = tuple(contents), np.concatenate(centre), np.concatenate(rotation)
+    return AdjustJob(matches, tuple(model_folders(folder)), out, *cameras, positions)
 
 
 def _to_map(factor: Points) -> Array:
@@ -210,7 +246,9 @@ def _to_map(factor: Points) -> Array:
     return level
 
 
-def _reports(pieces: Sequence[RigidPiece], problem: str, *, known: KnownPositions) -> Iterator[AdjustedPiece]:
+def _reports(
+    pieces: Sequence[RigidPiece], problem: str, *, known: KnownPositions, points: Sequence[KnownPoint]
+) -> Iterator[AdjustedPiece]:
     for order, piece in enumerate(pieces):
         photos = tuple(piece.photo.tolist())
         if order == 0 and not problem:
@@ -218,5 +256,5 @@ def _reports(pieces: Sequence[RigidPiece], problem: str, *, known: KnownPosition
             there = zip(photos, off.tolist(), strict=True)
             yield AdjustedPiece(photos, "", {n: away for n, away in there if not math.isnan(away)})
             continue
-        result = lay_piece(piece, known)
-        yield AdjustedPiece(photos, result.reason if isinstance(result, NotLaid) else problem, {})
+        laid = georegister(piece, known, points=points).laid
+        yield AdjustedPiece(photos, laid.reason if isinstance(laid, NotLaid) else problem, {})

@@ -22,9 +22,11 @@ from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.errors import IndexDamaged
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.tasks.landmarks.known import AnyPhoto, known_positions
+from webapp.tasks.landmarks.reconstruct import Reconstruction
 
 _DEFAULT_PX, _LEAST_PX = 1.0, 0.01
 """Standard deviation of a point on the map where none is given, and that is not believed to be smaller."""
@@ -129,6 +131,15 @@ def georegister_all(
     known = known_positions(photos, the_map)
     points = known_points(photos, the_map, lenses=lenses)
     return [georegister(piece, known, points=points) for piece in pieces]
+
+
+def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
+    """Gather the control points that are on the map, as the photos of a reconstruction show them."""
+    stored = read_cloud(found.folder / CLOUD_FILE) if the_map.control_points else None
+    if stored is None:
+        return ()
+    content_of = {number: content for content, number in found.number_of.items()}
+    return known_points(found.photos, the_map, lenses=PhotoLenses(found.folder, stored.cloud, content_of))
 
 
 def known_points(

@@ -17,14 +17,13 @@ from webapp.core.landmarks.proposals import propose_next
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import UsageError
-from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.colours import colour_cloud
-from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
+from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
@@ -193,13 +192,8 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
 
 def georegister_found(found: Reconstruction, the_map: Map) -> list[Georegistration]:
     """Lay the pieces of a reconstruction on the map by its placed photos and control points."""
-    stored = read_cloud(found.folder / CLOUD_FILE)
-    if stored is None or not the_map.control_points:
-        known = known_positions(found.photos, the_map)
-        return [georegister(piece, known, points=()) for piece in found.pieces]
-    content_of = {number: content for content, number in found.number_of.items()}
-    lenses = PhotoLenses(found.folder, stored.cloud, content_of)
-    return georegister_all(found.pieces, found.photos, the_map=the_map, lenses=lenses)
+    known, points = known_positions(found.photos, the_map), found_points(found, the_map)
+    return [georegister(piece, known, points=points) for piece in found.pieces]
 
 
 def _of_piece(
