@@ -2,6 +2,7 @@
 
 import functools
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -36,15 +37,21 @@ def half_gathered(table):
     )
 
 
+FEW = Settings(extract=ExtractSettings(keypoints=500))
+"""Enough for photos that share much, and a third of the time."""
+
 DERIVED = {"areas": quadrants, "snake": derived_maps.snake, "mixed": half_gathered, "as it is": lambda t: t}
 
+
+OF_POSITIONS = shutil.ignore_patterns("calibration-*", "orientations-*", "pairs-*")
+"""Files of an index that are not of the photos alone."""
 
 pytestmark = pytest.mark.xdist_group("map kinds")
 
 
 @pytest.fixture(scope="module")
 def opened(sample_folder, tmp_path_factory):
-    """Open a derived map by a method, each once; both methods share what is computed from its photos."""
+    """Open a derived map by a method, each once; all share what is computed from the photos alone."""
     folder = tmp_path_factory.mktemp("kinds")
     tables = {kind: derive(derived_maps.read(sample_folder)) for kind, derive in DERIVED.items()}
     for kind, table in tables.items():
@@ -54,7 +61,10 @@ def opened(sample_folder, tmp_path_factory):
     def get(kind, method):
         options = OpenOptions(method=method, jobs=1)
         cfg = folder / kind / "map.cfg"
-        pipeline = open_pipeline(cfg, options, settings=Settings(), progress=Progress())
+        described = next(folder.glob("*/derived"), None)
+        if described and not (cfg.parent / "derived").exists():
+            shutil.copytree(described, cfg.parent / "derived", ignore=OF_POSITIONS)
+        pipeline = open_pipeline(cfg, options, settings=FEW, progress=Progress())
         queries = derived_maps.read(cfg.parent).queries
         return pipeline, [*zip(queries, tables[kind].truth, strict=True)]
 
@@ -130,8 +140,7 @@ def test_geometry_only_helps_on_real_maps(shared_data, tmp_path, name, every, ki
     right = {}
     for method in ("verified", "vote"):
         options = OpenOptions(method=method, features="sift", jobs=1)
-        settings = Settings(extract=ExtractSettings(keypoints=500))
-        pipeline = open_pipeline(tmp_path / "map.cfg", options, settings=settings, progress=Progress())
+        pipeline = open_pipeline(tmp_path / "map.cfg", options, settings=FEW, progress=Progress())
         found = errors(pipeline, [*zip(derived_maps.read(tmp_path).queries, table.truth, strict=True)])
         right[method] = sum(e <= within_px for e in found)
         if method == "verified":
@@ -142,7 +151,7 @@ def test_geometry_only_helps_on_real_maps(shared_data, tmp_path, name, every, ki
 def test_what_the_user_says_counts(sample_folder, opened, tmp_path):
     derived_maps.write(quadrants(derived_maps.read(sample_folder)), tmp_path / "map")
     options = OpenOptions(jobs=1, map_kind="schematic")
-    pipeline = open_pipeline(tmp_path / "map" / "map.cfg", options, settings=Settings(), progress=Progress())
+    pipeline = open_pipeline(tmp_path / "map" / "map.cfg", options, settings=FEW, progress=Progress())
     assert pipeline.map_kind == "schematic"
     query = derived_maps.read(tmp_path / "map").queries[0]
     assert {h.kind for h in pipeline.localize(query, top=5).hypotheses} == {"photo"}
