@@ -14,7 +14,8 @@ QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
 REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
-PYTEST  = $(BIN)/pytest -n auto --dist loadgroup
+# The tests of a file share what they need, so they run in one process.
+PYTEST  = $(BIN)/pytest -n auto --dist loadfile
 PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt

@@ -22,19 +22,10 @@ from tests.ports import reserved_port
 from tests.street_server import StreetServer, street
 from tests.tile_server import TileServer, serving
 
-HERE = Path(__file__).resolve().parent
 WIDE = {"width": 1280, "height": 800}
 SAMPLE_WITHIN_S = 180
 PATIENCE_MS = 60_000
 expect.set_options(timeout=PATIENCE_MS)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of this folder in one process, so that one program serves them all."""
-    for item in items:
-        if HERE in item.path.parents:
-            item.add_marker(pytest.mark.xdist_group("browser"))
 
 
 @pytest.fixture(scope="session")

@@ -46,8 +46,6 @@ DERIVED = {"areas": quadrants, "snake": derived_maps.snake, "mixed": half_gather
 OF_POSITIONS = shutil.ignore_patterns("calibration-*", "orientations-*", "pairs-*")
 """Files of an index that are not of the photos alone."""
 
-pytestmark = pytest.mark.xdist_group("map kinds")
-
 
 @pytest.fixture(scope="module")
 def opened(sample_folder, tmp_path_factory):
