@@ -19,7 +19,7 @@ from webapp.store.operate import jobs
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
     name: f"kinds_for_tests:{name}"
-    for name in ("count", "fine", "refuse", "mistake", "lose", "stubborn", "write")
+    for name in ("count", "fine", "refuse", "mistake", "lose", "outlive", "stubborn", "write")
 }
 
 

@@ -11,7 +11,9 @@ from webapp.jobs.kinds import Duties
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
 from webapp.store.library import open_library
+from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
+from webapp.tasks.maps.delete_map import delete_map
 
 
 def count(context):
@@ -50,6 +52,18 @@ def lose(context):
     if len(tries.read_text()) <= context.arguments["times"]:
         raise ProcessLost("a worker process was killed")
     return {"tries": len(tries.read_text())}
+
+
+def outlive(context):
+    """Write for a map that somebody deletes meanwhile."""
+    with context.library.database.write() as session:
+        record = session.get(MapRecord, context.map_id)
+        maps.put_into_bin(record)
+        slug = record.slug
+    delete_map(context.library, context.map_id)
+    folder = context.library.map_folder(slug) / "derived" / "map"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text("{}")
 
 
 def stubborn(context):

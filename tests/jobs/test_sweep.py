@@ -106,3 +106,9 @@ def test_what_cannot_be_swept_of_one_map_leaves_the_others(library, settings, la
         Worker(library, settings, duties=DUTIES).run(once=True)
     assert sorted(swept) == [1, other]
     assert "you may not" in caplog.text
+
+
+def test_a_job_that_outlives_its_map_leaves_no_folder(library, settings, duties, park, queue):
+    queue("outlive", map_id=park)
+    Worker(library, settings, duties=duties).run(once=True)
+    assert [path.name for path in library.folder.iterdir()] == [".library"]

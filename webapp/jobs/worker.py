@@ -34,6 +34,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import photo_files
+from webapp.tasks.maps.delete_map import delete_orphans
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import sweep_uploads
 from webapp.tasks.satellite import files
@@ -169,6 +170,8 @@ class Worker:
         pool.shutdown()
         heart.beat(always=True)
         self._log_end(job, self._end(job, context, work), time.monotonic() - begun)
+        if context.progress.cancelled():
+            _sweep([partial(delete_orphans, self._library)])
 
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""
@@ -259,6 +262,10 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]
+    _sweep([*sweeps, partial(delete_orphans, library)])
+
+
+def _sweep(sweeps: Sequence[Callable[[], object]]) -> None:
     for sweep in sweeps:
         try:
             sweep()

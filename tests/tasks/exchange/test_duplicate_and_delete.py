@@ -95,3 +95,17 @@ def test_deleted_is_gone(adopt, library):
     with library.database.read() as session:
         assert session.get(MapRecord, map_id) is None
         assert session.query(Photo).count() == 0
+
+
+def test_what_is_computed_for_no_map_is_deleted_and_nothing_else(adopt, library):
+    adopt()
+    kept = [library.map_folder("park") / "derived", library.folder / "own" / "derived"]
+    gone = library.folder / "gone" / "derived"
+    for folder in (*kept, gone):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "manifest.json").write_text("{}")
+    (library.folder / "own" / "notes.txt").write_text("mine")
+    delete_map.delete_orphans(library)
+    assert not gone.parent.exists()
+    assert all((folder / "manifest.json").exists() for folder in kept)
+    assert library.cfg("park").is_file()

@@ -1,14 +1,21 @@
-"""Deletes a map in the bin for good."""
+"""Deletes a map in the bin for good, and what a job still wrote for one."""
 
 from __future__ import annotations
 
 import secrets
 import shutil
+from pathlib import Path
+
+from sqlalchemy import select
 
 from webapp.errors import Conflict, NotFound, StorageError
+from webapp.files.listing import DERIVED
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
+
+_DELETED = "deleted"
+"""Folder for what is being deleted, next to the database."""
 
 
 def delete_map(library: Library, map_id: int) -> None:
@@ -26,8 +33,6 @@ def delete_map(library: Library, map_id: int) -> None:
     StorageError
         The disk refused.
     """
-    deleted = library.inner / "deleted"
-    deleted.mkdir(parents=True, exist_ok=True)
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
@@ -37,14 +42,47 @@ def delete_map(library: Library, map_id: int) -> None:
                 "only maps in the bin can be deleted", where=record.slug, hint="put it there first"
             )
         for folder in (queries.folder(library, map_id), library.map_folder(record.slug)):
-            if not folder.exists():
-                continue
-            try:
-                folder.rename(deleted / f"{record.slug}-{secrets.token_hex(4)}")
-            except OSError as error:
-                raise StorageError(
-                    f"the map's folder cannot be deleted: {error.strerror}", where=record.slug
-                ) from error
+            if folder.exists():
+                _take_out(library, folder, slug=record.slug)
         session.delete(record)
-    for old in deleted.iterdir():
+    _empty(library)
+
+
+def delete_orphans(library: Library) -> None:
+    """Delete folders in which a job that was running wrote after their map had been deleted.
+
+    They hold nothing but what is computed from a map; a folder with anything else may be somebody's own.
+
+    Raises
+    ------
+    StorageError
+        The disk refused.
+    """
+    computed = [folder for folder in library.folder.glob(f"*/{DERIVED}") if _is_alone(folder)]
+    if not computed:
+        return
+    with library.database.write() as session:  # no map is made meanwhile
+        known = {*session.scalars(select(MapRecord.slug))}
+        for folder in computed:
+            if folder.parent.name not in known:
+                _take_out(library, folder.parent, slug=folder.parent.name)
+    _empty(library)
+
+
+def _is_alone(folder: Path) -> bool:
+    return [other.name for other in folder.parent.iterdir()] == [folder.name]
+
+
+def _take_out(library: Library, folder: Path, *, slug: str) -> None:
+    """Move a folder out of the library, to where nobody finds it."""
+    deleted = library.inner / _DELETED
+    deleted.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.rename(deleted / f"{slug}-{secrets.token_hex(4)}")
+    except OSError as error:
+        raise StorageError(f"the map's folder cannot be deleted: {error.strerror}", where=slug) from error
+
+
+def _empty(library: Library) -> None:
+    for old in (library.inner / _DELETED).glob("*"):
         shutil.rmtree(old, ignore_errors=True)
