@@ -33,6 +33,7 @@ FULL = Map(
             PhotoSource("Panoramax", "9f79a75d", "CC-BY-SA-4.0", "Ana"),
             Panorama((BlurBox(0, 0.75, 1.0, 0.25),)),
             by_gps=True,
+            radius_px=7.5,
         ),
     ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),

@@ -75,6 +75,7 @@ def test_photos_placed_by_gps_are_moved_when_asked(expmap, cfg):
     assert "2 photos placed by GPS were moved" in err
     moved, stayed = read_map(cfg).experiences
     assert (moved.position, moved.heading_deg, moved.by_gps) == ((95.0, 90.0), 12.0, False)
+    assert moved.radius_px == 10.0
     assert stayed.position == the_map.experiences[1].position  # somebody has placed it
 
 

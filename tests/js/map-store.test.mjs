@@ -26,6 +26,16 @@ test("a preview lies over a pending edit, which lies over the server's state", (
   assert.deepEqual(store.position(1), [1, 1]);
 });
 
+test("a place that was suggested is not exact until the photo is moved", () => {
+  const store = make([photo(1, { x_px: 1, y_px: 1, radius_px: 7 })], [{ name: "rooms", positions: { 1: [50, 60] } }]);
+  assert.equal(store.radius(1), 7);
+  store.setPending(new Map([[pendingKey(null, 1), { x_px: 2, y_px: 2 }]]));
+  assert.equal(store.radius(1), null);
+  store.setPending(new Map());
+  store.showPlacement("rooms");
+  assert.equal(store.radius(1), null);
+});
+
 test("positions belong to a placement, headings to the photo", () => {
   const store = make([photo(1, { x_px: 1, y_px: 1 })], [{ name: "rooms", positions: { 1: [50, 60] } }]);
   store.setPending(new Map([[pendingKey("rooms", 1), { x_px: 70, y_px: 80 }]]));

@@ -201,6 +201,8 @@ class Photo(Base):
 
     x_px: Mapped[float | None]
     y_px: Mapped[float | None]
+    radius_px: Mapped[float | None]
+    """68 % radius of a position that was suggested and accepted; None: it is exact, or that of its GPS."""
     heading_deg: Mapped[float | None]
     blurred: Mapped[list[dict[str, Any]] | None]
     """Boxes that are blurred in every picture of it: `x`, `y`, `width`, `height`, shares of its size."""

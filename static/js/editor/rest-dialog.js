@@ -2,7 +2,7 @@
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
-import { accuracyText } from "../shared/format.js";
+import { accuracyText, offText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 import { nameList } from "./name-list.js";
@@ -58,10 +58,7 @@ export function restDialog({ store, server, refresh, dots, view }) {
       rest.place_next.length > 0 && h("p", { class: "row" }, t("Placing these by hand helps most:"), ...rest.place_next.map(chooser)),
     ].filter(Boolean));
   };
-  const length = (pixels) => {
-    const metres = store.georeference.metresPerPixel;
-    return metres ? accuracyText(Math.max(0.1, pixels * metres)) : t("{n} px", { n: Math.max(1, Math.round(pixels)) });
-  };
+  const length = (pixels) => offText(pixels, store.georeference.metresPerPixel);
   const row = (one) => h("li", { class: "row", "data-testid": "suggested-photo", "data-id": one.id },
     h("button", { class: "button button--quiet", type: "button", onclick: () => view.focus([[one.x_px, one.y_px]]) }, one.name),
     h("span", { class: "soft" }, t("within {distance}", { distance: length(one.radius_px) })),

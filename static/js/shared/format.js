@@ -27,6 +27,11 @@ export function accuracyText(metres) {
   return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)} m`;
 }
 
+/** How far off a position on the image may be. @param {number} pixels @param {?number} metresPerPixel */
+export function offText(pixels, metresPerPixel) {
+  return metresPerPixel ? accuracyText(Math.max(0.1, pixels * metresPerPixel)) : t("{n} px", { n: Math.max(1, Math.round(pixels)) });
+}
+
 /** Metres for people: three digits, and not finer than a millimetre. */
 export function metresText(value) {
   return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });

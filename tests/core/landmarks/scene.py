@@ -34,4 +34,4 @@ def piece_of(at, headings, *, rng, tilt=0.0, heights=0.0):
 def known_at(at, which, *, sigma_px=1.0):
     known = np.full(len(at), complex(np.nan, np.nan))
     known[which] = at[which]
-    return KnownPositions(known, np.full(len(at), sigma_px))
+    return KnownPositions(known, np.full(len(at), sigma_px), np.zeros(len(at), np.bool_))

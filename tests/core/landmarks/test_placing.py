@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.core.landmarks.scene import known_at, piece_of
-from webapp.core.landmarks.placing import KnownPositions, lay_piece
+from webapp.core.landmarks.placing import lay_piece
 from webapp.core.landmarks.proposals import propose_next
 
 
@@ -76,6 +76,27 @@ def test_less_exact_positions_count_less(court, rng):
     assert np.median(np.abs(weighted.at - at)) < 0.5 * np.median(np.abs(exact.at - at))
 
 
+def test_accepted_suggestions_prove_nothing(rng):
+    """They fit what they were derived from: radii and what contradicts follow from the other positions."""
+    at = rng.uniform(100.0, 900.0, 40) + 1j * rng.uniform(100.0, 900.0, 40)
+    piece = piece_of(at + rng.normal(0.0, 15.0, 40) + 1j * rng.normal(0.0, 15.0, 40), np.zeros(40), rng=rng)
+    known = known_at(at, np.arange(12))
+    known.at[5] += 400.0
+    before = lay_piece(piece, known)
+    accepted = np.arange(12, 36)
+    known.at[accepted], known.derived[accepted] = before.at[accepted], True
+    known.sigma_px[accepted] = before.radius_px[accepted] / 1.515
+    after = lay_piece(piece, known)
+    assert before.contradicting[5]
+    assert after.contradicting.tolist() == before.contradicting.tolist()
+    used = np.flatnonzero(~before.contradicting[:12])
+    assert after.residual_px[used] == pytest.approx(before.residual_px[used])
+    assert after.transform.error_rate == pytest.approx(before.transform.error_rate)
+    assert (after.radius_px[36:] > 0.5 * before.radius_px[36:]).all()
+    off = np.abs(after.at[36:] - before.at[36:])
+    assert (off < before.radius_px[36:]).all()
+
+
 @pytest.mark.parametrize(
     ("placed", "reason"),
     [([], "none of them is placed"), ([3], "only one of them is placed")],
@@ -126,7 +147,7 @@ def test_cameras_without_a_common_up_need_three_positions_that_are_not_in_a_line
 def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
     at, headings = walk
     piece = piece_of(at, headings, rng=rng)
-    nothing = KnownPositions(np.full(40, complex(np.nan, np.nan)), np.ones(40))
+    nothing = known_at(at, [])
     assert sorted(propose_next([piece], [lay_piece(piece, nothing)], known=nothing, most=6)) == [0, 39]
     one = known_at(at, [10])
     assert propose_next([piece], [lay_piece(piece, one)], known=one, most=6) == [39]

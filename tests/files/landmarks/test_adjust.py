@@ -40,6 +40,7 @@ def make_job(scene, pieces, *, at, placed, points=()):
             np.isin(np.arange(PHOTOS), placed), SCALE * (at[:, 0] + 1j * at[:, 1]), complex(np.nan, np.nan)
         ),
         np.full(PHOTOS, 1.0),
+        np.zeros(PHOTOS, np.bool_),
     )
     rigid = [
         RigidPiece(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, pieces)

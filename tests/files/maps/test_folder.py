@@ -31,6 +31,7 @@ def full_maps(draw: st.DrawFn) -> Map:
             fov_deg=draw(some),
             gps_accuracy_m=draw(some),
             by_gps=draw(st.booleans()),
+            radius_px=draw(st.none() | st.floats(0, 500)),
             taken_at=draw(st.none() | st.datetimes().map(lambda time: time.isoformat())),
             source=draw(st.sampled_from([None, PhotoSource("Street", f"s-{id}", "CC BY 4.0", "Ana")])),
         )
@@ -56,6 +57,14 @@ def test_a_photo_that_was_moved_in_the_cfg_is_not_where_its_gps_has_it(tmp_path)
     assert read_map(tmp_path / "map.cfg").experiences == (e,)
     (tmp_path / "map.cfg").write_text("s.png;400;300\n0;a.jpg;90;30\n")
     assert not read_map(tmp_path / "map.cfg").experiences[0].by_gps
+
+
+def test_a_photo_that_was_moved_in_the_cfg_is_exact_again(tmp_path):
+    e = Experience(0, "a.jpg", MapPixel(20.0, 30.0), gps_accuracy_m=4.0, radius_px=7.5)
+    write_map(tmp_path / "map.cfg", Map(SatelliteImage("s.png", 400, 300), (e,), next_id=1))
+    assert read_map(tmp_path / "map.cfg").experiences == (e,)
+    (tmp_path / "map.cfg").write_text("s.png;400;300\n0;a.jpg;90;30\n")
+    assert read_map(tmp_path / "map.cfg").experiences[0].radius_px is None
 
 
 def test_files_of_0_7_mean_gps_where_they_say_how_exact_it_is(tmp_path):

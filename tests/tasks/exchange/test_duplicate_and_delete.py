@@ -27,6 +27,7 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
     map_id = adopt()
     edit(map_id, {"placed/clusters/1": {"x_px": 7.5, "y_px": 8.0}, "photo/0": {"x_px": None, "y_px": None}})
     edit(map_id, {"photo/2": {"removed": True}})
+    edit(map_id, {"photo/1": {"x_px": 200.0, "y_px": 100.0, "radius_px": 7.5}})
     clicked = {"x_px": 2.0, "y_px": 3.5, "photos": [{"id": 1, "x": 0.5, "y": 0.25}]}
     edit(map_id, {"point/gate": clicked}, kind="control-points")
     export.export_map(library, map_id)
@@ -39,6 +40,7 @@ def test_a_copy_has_everything(adopt, library, edit, owner, rows, id_of):
         first.next_id,
         (GroundControlPoint("gate", MapPixel(2.0, 3.5), (PhotoClick(1, 0.5, 0.25),)),),
     )
+    assert [e.radius_px for e in second.experiences] == [7.5]
     found = rows(id_of(slug))
     assert {id: row.x_px for id, row in found.items()} == {0: None, 1: 200}
     assert (library.map_folder(slug) / found[0].path).is_file()

@@ -99,6 +99,16 @@ def test_it_is_taken_as_one_edit_and_undone_as_one(
     assert library.cfg("park").read_text().splitlines()[1:] == list(SAME)
 
 
+def test_what_is_moved_there_is_exact(map_id, write, take, undo, edit, library, rows):
+    edit(map_id, {f"photo/{id}": {"x_px": 100.0, "y_px": 50.0, "radius_px": 7.5} for id in (0, 1)})
+    export.export_map(library, map_id)
+    write("0;photos/0.jpg;7;8", "1;photos/1.jpg;100;50", SAME[2])
+    take()
+    assert [row.radius_px for row in rows(map_id).values()] == [None, 7.5, None]
+    undo()
+    assert [row.radius_px for row in rows(map_id).values()] == [7.5, 7.5, None]
+
+
 def test_other_words_for_the_same_are_no_edit(library, map_id, take, record):
     library.cfg("park").write_text("plan.png;400;200\r\n" + "\r\n".join(reversed(SAME)))
     shown = show(library, map_id)

@@ -70,6 +70,18 @@ def test_suggestions_are_accepted_in_one_step(client, suggested):
     assert len(client.get(f"{suggested}/place-rest").json["suggested"]) == 2
 
 
+def test_an_accepted_place_is_as_exact_as_suggested_until_somebody_moves_the_photo(client, suggested):
+    def radius():
+        return {p["id"]: p for p in client.get(suggested).json["photos"]}[2]["radius_px"]
+
+    client.post(f"{suggested}/place-rest/accept", json={"ids": [1, 2]})
+    assert radius() == 7.0
+    place(client, suggested, 2, at=(205, 60))
+    assert radius() is None
+    client.post(f"{suggested}/undo", json={})
+    assert radius() == 7.0
+
+
 def test_a_photo_that_was_placed_meanwhile_stays_where_it_is(client, suggested):
     place(client, suggested, 1, at=(5, 6))
     answer = client.post(f"{suggested}/place-rest/accept", json={"ids": [1, 2]})
@@ -128,6 +140,7 @@ def test_photos_placed_by_gps_are_corrected_in_one_step(client, corrected):
     assert answer.json["placed"] == [1, 2]
     photos = {p["id"]: p for p in client.get(corrected).json["photos"]}
     assert (photos[1]["x_px"], photos[1]["heading_deg"]) == (80.0, 45.0)
+    assert photos[1]["radius_px"] == 4.0
     assert client.get(f"{corrected}/place-rest").json["corrected"] == []
     client.post(f"{corrected}/undo", json={})
     photos = {p["id"]: p for p in client.get(corrected).json["photos"]}

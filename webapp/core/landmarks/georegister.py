@@ -144,7 +144,11 @@ class _Extended:
                 np.concatenate([piece.rotation, np.tile(np.eye(3), (len(found), 1, 1))]),
                 piece.error_rate,
             ),
-            KnownPositions(np.append(known.at, at), np.append(known.sigma_px, sigma)),
+            KnownPositions(
+                np.append(known.at, at),
+                np.append(known.sigma_px, sigma),
+                np.append(known.derived, np.zeros(len(found), np.bool_)),
+            ),
             PlanView(
                 np.append(view.position, plan), np.append(view.forward, np.ones(len(found))), view.frame
             ),
@@ -156,7 +160,7 @@ class _Extended:
         wrong = odd_ones(self.view.position, at, sigma=sigma)
         kept = self.known.at.copy()
         kept[self.piece.photo[wrong]] = complex(np.nan, np.nan)
-        laid = lay_piece(self.piece, KnownPositions(kept, self.known.sigma_px), view=self.view)
+        laid = lay_piece(self.piece, replace(self.known, at=kept), view=self.view)
         if isinstance(laid, NotLaid) or not len(wrong):
             return laid
         residual, others = laid.residual_px.copy(), laid.others_have.copy()
@@ -220,8 +224,8 @@ def _of_photos(laid: LaidPiece, piece: RigidPiece) -> LaidPiece:
     transform = replace(used, row=np.where(placed, used.row, -1))
     radius = None
     if placed.any():
-        placed_photos = PlacedPhotos(used.row[placed], used.at[placed], used.sigma_px[placed])
-        radius = radius_by_covariance(piece, placed_photos)
+        photos_used = PlacedPhotos(used.row, used.at, used.sigma_px, used.derived)
+        radius = radius_by_covariance(piece, photos_used.subset(placed))
     return LaidPiece(
         laid.at[:photos],
         laid.radius_px[:photos] if radius is None else radius,

@@ -61,10 +61,13 @@ class KnownPositions:
         Map pixels, x + iy; NaN where unknown.
     sigma_px : (p,) float64
         Standard deviation of each.
+    derived : (p,) bool
+        It was suggested by what the photos show, and accepted: it counts as a prior, but measures nothing.
     """
 
     at: Points
     sigma_px: Array
+    derived: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,10 +116,13 @@ class PlanTransform:
     at : (k,) complex128
         Map pixels.
     sigma_px : (k,) float64
+    derived : (k,) bool
+        See `KnownPositions`.
     exponent : float
         Of the distance, by whose power their weight falls.
     relative : (k,) float64
-        Errors when each is left out, over the distance to the nearest other one; may be empty.
+        Errors when each is left out, over the distance to the nearest other one; NaN where it measures
+        nothing, and may be empty.
     least_rate : float
         See `RigidPiece.error_rate`.
     """
@@ -126,6 +132,7 @@ class PlanTransform:
     centre: Array
     at: Points
     sigma_px: Array
+    derived: NDArray[np.bool_]
     exponent: float
     relative: Array
     least_rate: float
@@ -157,14 +164,14 @@ class PlanTransform:
         if len(np.unique(self.at[kept])) < 2:
             return None
         relative = self.relative[kept] if len(self.relative) else self.relative
-        fields = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept])
-        return PlanTransform(self.frame, *fields, self.exponent, relative, self.least_rate)
+        known = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept], self.derived[kept])
+        return PlanTransform(self.frame, *known, self.exponent, relative, self.least_rate)
 
     def lay_cameras(self, centre: Array) -> LaidCameras:
         """Lay cameras (n, 3) of the piece on the map, placed or not."""
         seen, own = centre @ self.frame.T, self.centre @ self.frame.T
         plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
-        known = PlacedPhotos(np.arange(len(plan)), self.at, self.sigma_px)
+        known = self._known()
         at, factor = _moved(targets, known, exponent=self.exponent, plan=plan)
         weight = _weights(targets, known, exponent=self.exponent, plan=plan)
         return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
@@ -174,7 +181,7 @@ class PlanTransform:
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
         plan = own[:, 0] + 1j * own[:, 1]
         target = np.array([seen[0] + 1j * seen[1]])
-        known = PlacedPhotos(np.arange(len(plan)), self.at, self.sigma_px)
+        known = self._known()
         at, factor = _moved(target, known, exponent=self.exponent, plan=plan)
         radius = radius_by_distance(
             np.append(plan, target), known, factor=np.append(0.0 * plan, factor), rate=self.error_rate
@@ -182,6 +189,10 @@ class PlanTransform:
         nearest = np.abs(plan - target).argmin()
         height = float(abs(factor[0]) * (own[nearest, 2] - seen[2]))
         return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
+
+    def _known(self) -> PlacedPhotos:
+        """Its photos as a piece of their own."""
+        return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
 class LaidCameras(NamedTuple):
@@ -240,8 +251,9 @@ def lay_piece(
     problem = _misfit(view.position[placed], at[placed])
     if problem:
         return NotLaid(problem, tuple(piece.photo[placed].tolist()))
-    placed_photos = PlacedPhotos(np.flatnonzero(placed), at[placed], known.sigma_px[piece.photo[placed]])
-    return _lay(piece, view, placed_photos)
+    own = piece.photo[placed]
+    fields = (np.flatnonzero(placed), at[placed], known.sigma_px[own], known.derived[own])
+    return _lay(piece, view, PlacedPhotos(*fields))
 
 
 def _misfit(plan: Points, at: Points) -> str | None:
@@ -264,22 +276,26 @@ def _global_rms(plan: Points, at: Points) -> float:
 
 
 def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
-    kept = np.ones(len(known.row), np.bool_)
-    exponent, moved, error, relative = _leave_one_out(view.position, known)
+    judges, kept = known.judges, np.ones(len(known.row), np.bool_)
+    exponent, moved, error, relative = _leave_one_out(view.position, known.subset(judges))
     while len(error) >= _FEW:
         worst = int(np.argmax(error))
         usual = max(float(np.median(error)), 1.0)
         is_wrong = error[worst] > _CONTRADICTS * usual and relative[worst] > _CONTRADICTS_RELATIVE
-        if not is_wrong or kept.sum() * 3 <= 2 * len(kept):
+        if not is_wrong or (judges & kept).sum() * 3 <= 2 * judges.sum():
             break
-        kept[np.flatnonzero(kept)[worst]] = False
-        exponent, moved, error, relative = _leave_one_out(view.position, known.subset(kept))
+        kept[np.flatnonzero(judges & kept)[worst]] = False
+        exponent, moved, error, relative = _leave_one_out(view.position, known.subset(judges & kept))
     used = known.subset(kept)
     at, factor = _moved(view.position, used, exponent=exponent, plan=view.position)
     residual = np.full(len(view.position), np.nan)
     others_have = np.full(len(view.position), complex(np.nan, np.nan))
-    if len(used.row) > 2:
-        residual[used.row], others_have[used.row] = error, moved
+    measured = known.row[judges & kept]
+    if len(measured) > 2:
+        residual[measured], others_have[measured] = error, moved
+        measures = np.full(len(view.position), np.nan)
+        measures[measured] = relative
+        relative = measures[used.row]
     wrong = known.row[~kept]
     residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
@@ -301,6 +317,7 @@ def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
             piece.centre[used.row],
             used.at,
             used.sigma_px,
+            used.derived,
             exponent,
             relative,
             piece.error_rate,

@@ -29,20 +29,31 @@ _LEAST_OF_KNOWN = 0.5
 
 
 class PlacedPhotos(NamedTuple):
-    """Placed photos: which of a piece (k,), where on the map (k,), and how exactly (k,), map pixels."""
+    """Placed photos: which of a piece (k,), where on the map (k,), how exactly (k,), map pixels, and which of
+    these positions were derived from other photos (k,)."""
 
     row: NDArray[np.int64]
     at: Points
     sigma_px: Array
+    derived: NDArray[np.bool_]
 
     def subset(self, kept: NDArray[np.bool_]) -> PlacedPhotos:
         """Keep some of them, (k,)."""
-        return PlacedPhotos(self.row[kept], self.at[kept], self.sigma_px[kept])
+        return PlacedPhotos(self.row[kept], self.at[kept], self.sigma_px[kept], self.derived[kept])
+
+    @property
+    def judges(self) -> NDArray[np.bool_]:
+        """Those that errors are measured by, (k,): a derived position agrees with what it was derived from.
+
+        Where all are derived, all of them.
+        """
+        given = ~self.derived
+        return given if given.any() else np.ones_like(given)
 
 
 def error_rate_of(relative: Array) -> float:
-    """Error over the distance to the nearest placed photo, from what was measured of it."""
-    measured = np.minimum(relative, _MOST_RELATIVE)
+    """Error over the distance to the nearest placed photo, from what was measured of it; NaN is nothing."""
+    measured = np.minimum(relative[np.isfinite(relative)], _MOST_RELATIVE)
     return float(np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured))))
 
 
@@ -83,6 +94,7 @@ def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None
     """
     if piece.covariance is None:
         return None
+    known = known.subset(known.judges)
     rank = math.ceil(_SHARE * (len(known.row) + 1))
     if rank > len(known.row):
         return None

@@ -90,6 +90,9 @@ class Experience:
         Of a panorama, where `level_views` has put it in the panorama's place.
     by_gps : bool
         Its position is what its GPS gave, and as exact; else somebody has placed it.
+    radius_px : float or None
+        68 % radius of a position that was suggested and accepted; None where somebody has placed it exactly,
+        or its GPS has.
     """
 
     id: int
@@ -105,6 +108,7 @@ class Experience:
     panorama: Panorama | None = None
     view: LevelView | None = None
     by_gps: bool = False
+    radius_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,7 @@ def photo_properties(e: Experience) -> dict[str, object]:
         "heading_deg": e.heading_deg,
         "fov_deg": e.fov_deg,
         "gps_accuracy_m": e.gps_accuracy_m,
+        "radius_px": e.radius_px,
         "taken_at": e.taken_at,
         "credit": None if e.source is None else e.source.credit,
     }

@@ -169,7 +169,9 @@ def placed_map(map_: Map, placement: Placement) -> Map:
     return replace(
         map_,
         experiences=tuple(
-            replace(e, position=at[e.id], by_gps=False) for e in map_.experiences if e.id in at
+            replace(e, position=at[e.id], by_gps=False, radius_px=None)
+            for e in map_.experiences
+            if e.id in at
         ),
     )
 
@@ -178,6 +180,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
     if known is None or known.photo != e.photo:
         return e
     position = _exact(e.position, known.position, map_)
+    is_as_known = known.position in (None, position)
     return replace(
         e,
         position=position,
@@ -189,7 +192,8 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         blurred=known.blurred,
         source=known.source,
         panorama=known.panorama,
-        by_gps=known.by_gps and known.position in (None, position),
+        by_gps=known.by_gps and is_as_known,
+        radius_px=known.radius_px if is_as_known else None,
     )
 
 

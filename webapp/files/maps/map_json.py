@@ -39,6 +39,7 @@ class MapJsonPhoto:
     source: PhotoSource | None = None
     panorama: Panorama | None = None
     by_gps: bool = False
+    radius_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,15 +214,17 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
 
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
-    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", "by_gps", *_FACTS))
+    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", "by_gps", "radius_px", *_FACTS))
     x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
     position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
-    facts, stated = _facts(fields, position), fields["by_gps"]
+    facts, stated, radius = _facts(fields, position), fields["by_gps"], fields["radius_px"]
+    radius_px = None if radius.missing else radius.number("0 or more", valid=lambda v: finite(v) and v >= 0)
     # files of 0.7 do not say it
-    by_gps = facts.gps_accuracy_m is not None if stated.missing else stated.boolean()
-    return fields["id"].integer(largest=MAX_NUMBER), replace(facts, by_gps=by_gps)
+    guessed = facts.gps_accuracy_m is not None and radius_px is None
+    by_gps = guessed if stated.missing else stated.boolean()
+    return fields["id"].integer(largest=MAX_NUMBER), replace(facts, by_gps=by_gps, radius_px=radius_px)
 
 
 def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
@@ -343,9 +346,13 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
     if not isinstance(photo, Experience):
         return {"id": photo.id, "photo": photo.photo, **present}
     position = _position_fields(photo.position)
-    if photo.by_gps:  # also in whole pixels: another one in the `.cfg` is somebody's
-        present |= {"by_gps": True}
+    if photo.by_gps or photo.radius_px is not None:
+        # also in whole pixels: another one in the `.cfg` is somebody's
         position = {"x_px": photo.position.x, "y_px": photo.position.y}
+    if photo.radius_px is not None:
+        present |= {"radius_px": photo.radius_px}
+    if photo.by_gps:
+        present |= {"by_gps": True}
     elif photo.gps_accuracy_m is not None:
         present |= {"by_gps": False}
     return {"id": photo.id, "photo": photo.photo, **position, **present}

@@ -22,7 +22,9 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
 
-PHOTO_FIELDS = frozenset({"x_px", "y_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg"})
+PHOTO_FIELDS = frozenset(
+    {"x_px", "y_px", "radius_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg"}
+)
 POINTS_KIND = "control-points"
 """Kind of an edit of control points."""
 
@@ -75,6 +77,7 @@ def apply(
     ----------
     changes : mapping of str to mapping or None
         New values of fields by target; None takes a position in another placement, or a control point, away.
+        The position of a photo is exact where it comes without `radius_px`.
     kind : str
         A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
     account_id : int or None
@@ -97,6 +100,7 @@ def apply(
     rows = _Rows(session, record, changes)
     steps: list[dict[str, Any]] = []
     for target, after in changes.items():
+        after = rows.with_radius(target, after)
         before = _value(rows, target=target, fields=after)
         if seen is not None and rows.revision(target) > seen:
             raise Conflict(_who_changed(rows, target=target), where=target)
@@ -245,6 +249,13 @@ class _Rows:
         if photo is None:
             raise NotFound(f"the map has no photo {number}", hint="reload the page")
         return photo
+
+    def with_radius(self, target: str, fields: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+        """Add that a photo which is placed anew has no radius any more."""
+        if fields is None or "x_px" not in fields or "radius_px" in fields or not target.startswith("photo/"):
+            return fields
+        known = self.photo(target.split("/")[1]).radius_px is not None
+        return {**fields, "radius_px": None} if known else fields
 
     def elsewhere(self, placement: str, number: str) -> PlacedElsewhere | None:
         """Return where a further placement has a photo."""

@@ -76,11 +76,7 @@ def accept_in_library(
         The map has no satellite image any more.
     """
     with library.changing(map_id) as change:
-        wanted = [
-            RequestedPose(photo, MapPixel(*place.position), place.heading_deg)
-            for photo, place in _photos_of(change, suggested)
-            if photo.x_px is None
-        ]
+        wanted = [_pose(photo, place) for photo, place in _photos_of(change, suggested) if photo.x_px is None]
         placing = _place(change, wanted, account_id=account_id)
     return replace(placing, job=change.job)
 
@@ -94,7 +90,7 @@ def correct_in_library(
     """
     with library.changing(map_id) as change:
         wanted = [
-            RequestedPose(photo, MapPixel(*place.position), place.heading_deg)
+            _pose(photo, place)
             for photo, place in _photos_of(change, corrected)
             if is_where_it_was(photo, place.before)
         ]
@@ -120,6 +116,10 @@ def _photos_of(change: MapChange, places: Iterable[Place]) -> list[tuple[Photo, 
     by_id = {one.id: one for one in places}
     photos = maps.photos_by_id(change.session, change.record, by_id)
     return [(photo, by_id[id]) for id, photo in photos.items() if not photo.removed]
+
+
+def _pose(photo: Photo, place: SuggestedPlace | CorrectedPlace) -> RequestedPose:
+    return RequestedPose(photo, MapPixel(*place.position), place.heading_deg, place.radius_px)
 
 
 def _place(change: MapChange, wanted: Sequence[RequestedPose], *, account_id: int) -> PlacingResult:
@@ -149,6 +149,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
             blurred=photo.blurred,
             source=photo.source,
             panorama=photo.panorama,
+            radius_px=places[photo.id].radius_px,
         )
         for photo in the_map.unplaced
         if photo.id in places
@@ -178,4 +179,4 @@ def _moved(e: Experience, places: Mapping[int, CorrectedPlace]) -> Experience:
     if place is None or not e.by_gps or not _is_near(e.position, place.before):
         return e
     heading = e.heading_deg if place.heading_deg is None else place.heading_deg
-    return replace(e, position=place.position, heading_deg=heading, by_gps=False)
+    return replace(e, position=place.position, heading_deg=heading, by_gps=False, radius_px=place.radius_px)

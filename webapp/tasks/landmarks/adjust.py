@@ -137,7 +137,7 @@ def _adjust(
     at = np.where(usable, known.at, complex(math.nan, math.nan))[number]
     positions = positions_of(
         rigid.contents,
-        KnownPositions(at, known.sigma_px[number]),
+        KnownPositions(at, known.sigma_px[number], known.derived[number]),
         photo=number,
         turn_deg=np.array([found.turn_of.get(content, 0) for content in rigid.contents], np.int64),
         points=[point for point in points if point.name not in wrong],

@@ -34,12 +34,21 @@ def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPos
     seen: set[int] = set()
     at = np.full(len(photos), complex(math.nan, math.nan))
     sigma = np.full(len(photos), _CLICK_PX)
+    derived = np.zeros(len(photos), np.bool_)
     for number, photo in enumerate(photos):
         if isinstance(photo, Experience) and experience_of(photo.id) not in seen:
             seen.add(experience_of(photo.id))
             at[number] = complex(*photo.position)
-            if photo.by_gps and the_map.georeference is not None:
-                accuracy_m = _GPS_M if photo.gps_accuracy_m is None else photo.gps_accuracy_m
-                accuracy_px = accuracy_m / the_map.georeference.metres_per_pixel(photo.position)
-                sigma[number] = max(accuracy_px / RADIUS_OVER_SIGMA, _CLICK_PX)
-    return KnownPositions(at, sigma)
+            sigma[number] = max(_radius_px(photo, the_map) / RADIUS_OVER_SIGMA, _CLICK_PX)
+            derived[number] = photo.radius_px is not None
+    return KnownPositions(at, sigma, derived)
+
+
+def _radius_px(photo: Experience, the_map: Map) -> float:
+    """68 % radius of a position; 0 where somebody has placed the photo."""
+    if photo.radius_px is not None:
+        return photo.radius_px
+    if not photo.by_gps or the_map.georeference is None:
+        return 0.0
+    accuracy_m = _GPS_M if photo.gps_accuracy_m is None else photo.gps_accuracy_m
+    return accuracy_m / the_map.georeference.metres_per_pixel(photo.position)

@@ -111,7 +111,7 @@ class _Task:
     def key(self) -> str:
         """Stands for all of that."""
         placed = sorted(
-            (content, one.id, *one.position, one.gps_accuracy_m)
+            (content, one.id, *one.position, one.gps_accuracy_m, one.radius_px)
             if isinstance(one, Experience)
             else (content, one.id)
             for content, one in self.photos.items()

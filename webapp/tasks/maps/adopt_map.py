@@ -223,6 +223,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
         gps_accuracy_m=e.gps_accuracy_m,
         x_px=e.position.x,
         y_px=e.position.y,
+        radius_px=e.radius_px,
         heading_deg=e.heading_deg,
         blurred=[box._asdict() for box in e.blurred] or None,
         source=source_fields(e.source),

@@ -70,8 +70,12 @@ def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
 
 
 def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
-    """Return the ids of photos that are where their GPS has them: whoever clicked a place knew better."""
-    known = [p for p in photos if p.x_px is not None and p.gps_lat is not None and p.gps_lon is not None]
+    """Return the ids of photos that are where their GPS has them: whoever placed one knew better."""
+    known = [
+        p
+        for p in photos
+        if p.x_px is not None and p.gps_lat is not None and p.gps_lon is not None and p.radius_px is None
+    ]
     if georeference is None or not known:
         return set()
     at = np.array([[p.x_px, p.y_px] for p in known], np.float64)
@@ -89,6 +93,7 @@ def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
         position=MapPixel(photo.x_px, photo.y_px),
         **_facts(photo),
         by_gps=by_gps,
+        radius_px=photo.radius_px,
     )
 
 

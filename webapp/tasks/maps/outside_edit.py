@@ -337,8 +337,9 @@ class _Planner:
         self._next_id = row.id + 1
         if same is not None or any(other.sha256 == row.sha256 for other in self.plan.new):
             row.sha256 = salted(row.sha256, row.id)
-        wanted = {"x_px": row.x_px, "y_px": row.y_px, "heading_deg": row.heading_deg, "removed": False}
-        row.x_px = row.y_px = row.heading_deg = None
+        place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg")}
+        wanted = {**place, "removed": False}
+        row.x_px = row.y_px = row.radius_px = row.heading_deg = None
         row.removed = True
         self.plan.new.append(row)
         self.plan.changes[f"photo/{row.id}"] = wanted
@@ -355,7 +356,7 @@ def _differences(e: Experience, row: Photo) -> dict[str, Any]:
     differs: dict[str, Any] = {"removed": False} if row.removed else {}
     at = None if row.x_px is None or row.y_px is None else MapPixel(row.x_px, row.y_px)
     if at is None or whole_pixel(at) != whole_pixel(e.position):
-        differs |= {"x_px": e.position.x, "y_px": e.position.y}
+        differs |= {"x_px": e.position.x, "y_px": e.position.y, "radius_px": e.radius_px}
     if e.heading_deg is not None and e.heading_deg != row.heading_deg:
         differs["heading_deg"] = e.heading_deg
     return differs

@@ -19,11 +19,12 @@ from webapp.tasks.maps.place_photos import MapImage, how_far
 
 @dataclass(frozen=True, slots=True)
 class RequestedPose:
-    """Where a photo shall be; a heading of None leaves its heading as it is."""
+    """Where a photo shall be; a heading of None leaves its heading as it is, a radius of None is exact."""
 
     photo: Photo
     position: LatLon | MapPixel
     heading_deg: float | None = None
+    radius_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ class PhotoSpot:
     pixel: MapPixel
     problem: str | None
     heading_deg: float | None = None
+    radius_px: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,8 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
             assert image.georeference is not None
             pixel = image.georeference.pixel_of(pixel)
         on_it = inside(pixel, width=image.width, height=image.height)
-        spots.append(PhotoSpot(one.photo, pixel, None if on_it else how_far(pixel, image), one.heading_deg))
+        problem = None if on_it else how_far(pixel, image)
+        spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px))
     return spots
 
 
@@ -126,8 +129,9 @@ def place_spots(
         if spot.problem is not None:
             outside.append(OutsidePhoto(spot.photo.id, spot.photo.name, spot.problem))
             continue
-        turned = {} if spot.heading_deg is None else {"heading_deg": spot.heading_deg}
-        changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **turned}
+        known = {"heading_deg": spot.heading_deg, "radius_px": spot.radius_px}
+        also = {name: value for name, value in known.items() if value is not None}
+        changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **also}
         placed.append(spot.photo.id)
     edits.apply(session, record, changes=changes, kind=kind, account_id=account_id)
     return PlacingResult(tuple(placed), tuple(outside))

@@ -273,16 +273,29 @@ class ImageChange:
         before = _position(photo)
         gps = _gps(photo)
         if not self.same_file or self.old is None:
-            return {"x_px": at.x, "y_px": at.y}
+            return {"x_px": at.x, "y_px": at.y, **self._radius(photo, at)}
         if gps is not None and _stands_at(before, gps, self.old):
             there = self.new.georeference.pixel_of(gps) if self.new.georeference else before
             at = self._tidy(there, before=before)
             return {"x_px": at.x, "y_px": at.y}
-        fields: dict[str, Any] = {"x_px": at.x, "y_px": at.y}
+        fields: dict[str, Any] = {"x_px": at.x, "y_px": at.y, **self._radius(photo, at)}
         turn = _north(self.old, before) - _north(self.new, at)
         if photo.heading_deg is not None and abs(turn) > _SAME_DEG:
             fields["heading_deg"] = (photo.heading_deg + turn) % 360.0
         return fields
+
+    def _radius(self, photo: Photo, at: MapPixel) -> dict[str, float]:
+        """Return the radius of a position that is not exact, which is the same length on the new image."""
+        if photo.radius_px is None:
+            return {}
+        grown = 1.0
+        if self.old is not None and not self.same_file:
+            before, after = self.old.georeference, self.new.georeference
+            if before is not None and after is not None:
+                grown = before.metres_per_pixel(_position(photo)) / after.metres_per_pixel(at)
+            elif self.scale:
+                grown = math.sqrt(self.new.width * self.new.height / (self.old.width * self.old.height))
+        return {"radius_px": photo.radius_px * grown} if math.isfinite(grown) else {}
 
     def from_tray(self, photo: Photo) -> dict[str, Any] | None:
         """Return the place of a photo in the tray by its GPS, when the map gets its first georeference."""

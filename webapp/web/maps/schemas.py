@@ -60,6 +60,13 @@ class PhotoOut(Schema):
     name = String(metadata={"description": "Name of the original file."})
     x_px = Float(allow_none=True, metadata={"description": "null: in the tray, without a place."})
     y_px = Float(allow_none=True)
+    radius_px = Float(
+        allow_none=True,
+        metadata={
+            "description": "68 % radius of a position that was suggested and accepted; null: it is exact, or "
+            "that of its GPS."
+        },
+    )
     heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
     fov_deg = Float(
         allow_none=True, metadata={"description": "Horizontal field of view of the upright photo."}

@@ -192,6 +192,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "name": photo.name,
         "x_px": photo.x_px,
         "y_px": photo.y_px,
+        "radius_px": photo.radius_px,
         "heading_deg": photo.heading_deg,
         "fov_deg": photo.fov_deg,
         "taken_at": photo.taken_at,

@@ -1,7 +1,7 @@
 /** The current photo: large, with what is known of it and what can be done with it. */
 
 import { byId, h, icon, targetOf } from "../../shared/dom.js";
-import { accuracyText, clockText } from "../../shared/format.js";
+import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
 import { latLonText } from "../../shared/map/coords.js";
 import { creditLine } from "../../shared/photo-credit.js";
@@ -115,7 +115,11 @@ export class CurrentPhoto {
     const facts = [];
     if (photo.taken_at) facts.push(...fact(t("Taken"), clockText(photo.taken_at)));
     facts.push(...fact(t("GPS"), this._gps(photo)));
-    if (position) facts.push(...fact(t("Placed at"), this.view.positionText(position)));
+    if (position) {
+      const radius = this.store.radius(photo.id);
+      const within = radius === null ? "" : ` ± ${offText(radius, this.store.georeference.metresPerPixel)}`;
+      facts.push(...fact(t("Placed at"), this.view.positionText(position) + within));
+    }
     if (photo.source) facts.push(...fact(t("From"), creditLine(photo.source)));
     return facts;
   }

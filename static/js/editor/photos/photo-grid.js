@@ -1,7 +1,7 @@
 /** The photos as a grid: one of them is current, some may be selected; they are dragged to the image from here. */
 
 import { byId, h, icon, queryAll, targetOf } from "../../shared/dom.js";
-import { accuracyText, clockText } from "../../shared/format.js";
+import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { t, tn } from "../../shared/i18n.js";
 import { rafThrottle } from "../../shared/timing.js";
 import { PHOTOS_TYPE } from "./drop-photos.js";
@@ -200,9 +200,12 @@ export class PhotoGrid {
 /** What is known of a photo, for its badges and in words. @returns {Fact[]} */
 function factsOf(store, id) {
   const { gps } = store.photos.get(id);
-  const accuracy = gps?.accuracy_m ? `±${accuracyText(gps.accuracy_m)}` : "";
+  const radius = store.radius(id);
+  const off = radius === null ? null : offText(radius, store.georeference.metresPerPixel);
+  const accuracy = off === null && gps?.accuracy_m ? `±${accuracyText(gps.accuracy_m)}` : "";
   const heading = store.heading(id);
   return [
+    off !== null && { icon: "pin", text: `±${off}`, words: t("Placed as suggested, within {distance}", { distance: off }) },
     gps && { icon: "target", text: accuracy, words: ["GPS", accuracy].filter(Boolean).join(" ") },
     heading !== null && { icon: "north", text: "", words: t("Heading {degrees}°", { degrees: Math.round(heading) }), turn: heading },
   ].filter(Boolean);

@@ -90,6 +90,12 @@ export class MapStore extends EventTarget {
     return !photo || photo.x_px === null ? null : [photo.x_px, photo.y_px];
   }
 
+  /** How far off the position that is shown may be, pixels; null for one that somebody has set, or GPS. */
+  radius(id) {
+    if (this.placement !== null || this._over(id, "x_px")) return null;
+    return this.photos.get(id)?.radius_px ?? null;
+  }
+
   /** Where the photo looks, degrees clockwise from north; null where nobody knows. */
   heading(id) {
     const over = this._over(id, "heading_deg");

@@ -158,6 +158,7 @@ export class PhotoDots extends CanvasLayer {
   _all() {
     const { currentId, selection } = this.store;
     this._gpsCircle();
+    this._radiusCircle();
     for (const { foot, x, y } of this._spots) if (foot) this._leg(foot, { x, y });
     if (!this._crowded) for (const spot of this._spots) for (const id of spot.ids) this._wedge(spot, id);
     for (const spot of this._spots) {
@@ -320,6 +321,19 @@ export class PhotoDots extends CanvasLayer {
       pen.stroke();
     }
     this._ring({ x, y }, RADIUS, this._ink.mark);
+  }
+
+  /** How far off the current photo may be, where it was placed as suggested. */
+  _radiusCircle() {
+    const { currentId } = this.store;
+    const radius = currentId === null ? null : this.store.radius(currentId);
+    if (radius === null) return;
+    const { x, y } = this._map.latLngToContainerPoint(latLngOf(this.store.position(currentId)));
+    this._pen.beginPath();
+    this._pen.arc(x, y, Math.max(radius * this._scale, RADIUS), 0, 2 * Math.PI);
+    this._pen.lineWidth = 1;
+    this._pen.strokeStyle = this._ink.mark;
+    this._pen.stroke();
   }
 
   /** How far off the GPS of the current photo may be. */
