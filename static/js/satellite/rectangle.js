@@ -48,8 +48,8 @@ export class Rectangle {
   }
 
   _handle(edges) {
-    const names = { north: t("north"), south: t("south"), west: t("west"), east: t("east") };
-    const title = t("Corner in the {where}", { where: edges.map((edge) => names[edge]).join("-") });
+    const names = { "north-west": t("north-west"), "north-east": t("north-east"), "south-west": t("south-west"), "south-east": t("south-east") };
+    const title = t("Corner in the {where}", { where: names[edges.join("-")] });
     const handle = L.marker([0, 0], { icon: pin("", "sat-pin--corner"), draggable: true, title, alt: title });
     handle.on("drag", () => this._move(edges, handle.getLatLng()));
     handle.on("add", () => {
