@@ -1,8 +1,9 @@
 """Bring the translations up to date: `python docs/make_translations.py`.
 
-Gathers every text from the pages, the scripts, and the errors of the program, adds the new ones to the
-`.po` files below `webapp/web/translations`, and makes the `.mo` files. Then fill in what the `.po` files
-lack (a text editor or Poedit does) and run it again: it prints how many are still without a translation.
+Gathers every text from the pages, the scripts, the errors of the program and the steps of its jobs, adds
+the new ones to the `.po` files below `webapp/web/translations`, and makes the `.mo` files. Then fill in what
+the `.po` files lack (a text editor or Poedit does) and run it again: it prints how many are still without a
+translation.
 """
 
 from __future__ import annotations
@@ -47,9 +48,12 @@ _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 _WITH_ERRORS = {"store", "tasks", "web"}
 """Layers, here and in the missions wing, whose errors have texts that are translated when they are shown."""
 
+_IN_JOBS = {"jobs", "jobs.py", "sample", "tasks"}
+"""Where work of jobs says what it is doing; maintenance of the library from the command line does not."""
+
 
 def gathered(domain: str) -> Catalog:
-    """Gather the texts of a domain: `messages` of pages and errors, or `scripts`."""
+    """Gather the texts of a domain: `messages` of pages, errors and jobs, or `scripts`."""
     pages = domain == "messages"
     catalog = Catalog(domain=domain, fuzzy=False)
     for folder, methods in (_PAGES if pages else _SCRIPTS).items():
@@ -62,7 +66,7 @@ def gathered(domain: str) -> Catalog:
         for file, _line, message, _comments, context in found:
             catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)
     if pages:
-        for text, place in sorted(_of_errors()):
+        for text, place in sorted({*_of_errors(), *_of_jobs()}):
             catalog.add(text, locations=[(place, 1)])
     return catalog
 
@@ -116,6 +120,20 @@ def _of_errors() -> Iterator[tuple[str, str]]:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in kinds:
                 texts = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "hint")]
                 for part in texts:
+                    if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                        yield part.value, place.as_posix()
+
+
+def _of_jobs() -> Iterator[tuple[str, str]]:
+    """Find the constant texts that jobs give as what they are doing."""
+    for path in sorted((ROOT / "webapp").rglob("*.py")):
+        place = path.relative_to(ROOT)
+        if not _IN_JOBS & set(place.parts[1:3]) or "operate" in place.parts:
+            continue
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("progress.note"):
+                given = node.args[0]
+                for part in [given.body, given.orelse] if isinstance(given, ast.IfExp) else [given]:
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         yield part.value, place.as_posix()
 

@@ -24,6 +24,18 @@ def test_a_browser_in_czech_gets_czech(open_context):
     expect(page.get_by_label("Heslo")).to_be_visible()
 
 
+def test_the_current_tab_is_in_view_where_there_is_no_room_for_all(open_context, owner, sample_map):
+    context = open_context(
+        storage_state=owner, locale="cs-CZ", viewport={"width": 320, "height": 640}, has_touch=True
+    )
+    page = context.new_page()
+    page.goto("/maps/sample/settings")
+    expect(page.locator(".tabs [aria-current=page]")).to_be_in_viewport(ratio=0.9)
+    expect(page.locator(".tabs")).not_to_have_attribute("data-more", "")
+    page.goto("/maps/sample/image")
+    expect(page.locator(".tabs")).to_have_attribute("data-more", "")
+
+
 def test_dark_stays_chosen(page):
     page.goto("/")
     light = page.evaluate("getComputedStyle(document.body).backgroundColor")

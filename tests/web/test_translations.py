@@ -7,7 +7,7 @@ from collections import defaultdict
 import pytest
 from babel.messages.pofile import read_po
 
-from webapp.web.language import LANGUAGES, TRANSLATIONS, script_catalogue
+from webapp.web.language import LANGUAGES, TRANSLATIONS, script_catalogue, translate_job
 
 DOMAINS = ("messages", "scripts")
 OTHERS = sorted(set(LANGUAGES) - {"en"})
@@ -42,7 +42,7 @@ def test_every_text_is_gathered_and_translated(maker, written):
 
 def test_texts_in_any_place_of_a_script_are_gathered(maker):
     gathered = maker.gathered("scripts")
-    calls = re.compile(r'\bt\(\s*"((?:[^"\\]|\\.)+)"')
+    calls = re.compile(r'\btn?\(\s*"((?:[^"\\]|\\.)+)"')
     texts = {
         (path.name, text)
         for path in (maker.ROOT / "static" / "js").rglob("*.js")
@@ -122,6 +122,15 @@ def test_every_language_can_be_chosen(client):
 def test_errors_are_translated_too(client):
     result = client.get("/api/v1/jobs?map=none", headers={"Accept-Language": "cs"}).json["error"]
     assert result["message"] == "taková mapa neexistuje, nebo s vámi není sdílena"
+
+
+def test_steps_and_errors_of_jobs_are_translated(app):
+    error = {"message": "internal error", "hint": None, "where": "photo_01.jpg"}
+    with app.test_request_context(headers={"Accept-Language": "cs"}):
+        job = translate_job({"id": 7, "note": "describing photos", "error": error})
+        assert translate_job({"note": "", "error": None}) == {"note": "", "error": None}
+    assert (job["id"], job["note"]) == (7, "popisují se fotky")
+    assert job["error"] == error | {"message": "na serveru se něco pokazilo"}
 
 
 def test_scripts_get_their_words_with_the_page(app):

@@ -45,6 +45,14 @@ def translate(message: str) -> str:
     return str(gettext(message)) if message else message
 
 
+def translate_job(job: dict[str, Any]) -> dict[str, Any]:
+    """Translate what a job is doing, and what stopped it; the rest of it stays as it is."""
+    error = job["error"]
+    if error:
+        error = error | {part: translate(error[part]) for part in ("message", "hint") if error.get(part)}
+    return job | {"note": translate(job["note"]), "error": error}
+
+
 def script_catalogue() -> dict[str, Any]:
     """Return the translations that the scripts need, for the current language.
 

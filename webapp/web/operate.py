@@ -19,6 +19,7 @@ from webapp.store.maps.maps import Role
 from webapp.store.operate import jobs
 from webapp.store.schema import Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
+from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
 jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
@@ -89,7 +90,7 @@ def _job(session: Session, job_id: int, *, role: Role) -> Job:
 
 
 def _job_json(session: Session, job: Job) -> dict[str, Any]:
-    return jobs.to_json(session, job, account_id=account().id)
+    return translate_job(jobs.to_json(session, job, account_id=account().id))
 
 
 @jobs_pages.get("/maps/<slug>/jobs")

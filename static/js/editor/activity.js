@@ -14,6 +14,7 @@ const JOBS = {
   health: () => t("Finding places that look similar"),
   landmarks: () => t("Computing landmarks"),
   "place-rest": () => t("Finding places for the rest"),
+  "mission-fuse": () => t("The tracks are being fused"),
   sample: () => t("Creating the sample map"),
   "satellite-pyramid": () => t("Preparing the image for display"),
   "satellite-tiles": () => t("Fetching the satellite image"),

@@ -167,7 +167,9 @@ async function load(cloud, layer, stage) {
     stage.invalidate();
     status.textContent = t("{n} of {total} points", { n: number(layer.total), total: number(cloud.points) });
   }
-  status.textContent = `${tn("{n} point", "{n} points", cloud.points)} · ${tn("{n} of {total} photo", "{n} of {total} photos", cloud.cameras.length, { total: number(cloud.photos) })}`;
+  const points = tn("{n} point", "{n} points", cloud.points);
+  const photos = tn("{n} of {total} photo", "{n} of {total} photos", cloud.cameras.length, { total: number(cloud.photos) });
+  status.textContent = `${points} · ${photos}`;
   canvas.dataset.points = String(layer.total);
 }
 

@@ -156,6 +156,7 @@ export function kindName(kind) {
     health: t("Map health"),
     landmarks: t("Landmarks"),
     "place-rest": t("Places for the rest"),
+    "mission-fuse": t("Fuse the tracks"),
     evaluate: t("Evaluation"),
   };
   return names[kind] || sentence(kind.replaceAll(/[-_.]/g, " "));

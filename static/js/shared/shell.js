@@ -7,6 +7,7 @@ import { connectTheme } from "./theme.js";
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
+connectTabs();
 whenLoaded(() => workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`)));
 
 const fieldLink = metaOf("expmap-account")?.content && h("a", { href: "/field" }, t("Take photos for later"));
@@ -37,6 +38,16 @@ async function workOffline() {
   if (!known) return;
   const { active } = await navigator.serviceWorker.ready;
   active.postMessage({ account, page: location.pathname });
+}
+
+/** Where there is no room for all tabs, the current one is in view, and a fading edge says that there are more. */
+function connectTabs() {
+  const tabs = document.querySelector(".tabs");
+  if (!tabs) return;
+  const mark = () => tabs.toggleAttribute("data-more", tabs.scrollLeft + tabs.clientWidth < tabs.scrollWidth - 1);
+  tabs.querySelector("[aria-current=page]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+  tabs.addEventListener("scroll", mark, { passive: true });
+  new ResizeObserver(mark).observe(tabs);
 }
 
 /** A button with `data-copy` takes the text of the field before it. */

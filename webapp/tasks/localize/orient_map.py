@@ -39,8 +39,6 @@ _SAVED_EVERY_S = 20.0
 _MOVED = 0.5
 """A photo that has been moved farther since, in place radii, has no known orientation."""
 
-_NOTE = "comparing the map's photos with each other"
-_NOTE_BY_NETWORK = "comparing them by a network"
 
 _WELL_KNOWN = 2.0
 """Sum of trust above which comparing a photo by a network would add little."""
@@ -319,7 +317,11 @@ class _Comparison:
         parts = [known]
         todo = [i for i in photos if number.get(contents[i]) == i and contents[i] not in done]
         if todo:
-            progress.note(_NOTE if self.matcher is None else _NOTE_BY_NETWORK)
+            progress.note(
+                "comparing the map's photos with each other"
+                if self.matcher is None
+                else "comparing them by a network"
+            )
         if stage:
             progress.size(len(todo))
         saved = time.monotonic()

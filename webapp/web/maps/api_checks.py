@@ -18,6 +18,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
 from webapp.tasks.maps.findings import FixName
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.language import translate_job
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
 
@@ -238,4 +239,4 @@ def evaluate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     with library().database.write() as session:
         job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=data)
         session.flush()
-        return jobs.to_json(session, job, account_id=who.id)
+        return translate_job(jobs.to_json(session, job, account_id=who.id))

@@ -25,6 +25,7 @@ from webapp.tasks.street.survey import (
 from webapp.tasks.street.targets import LibraryTarget
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
+from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
 blueprint = APIBlueprint("api_street", __name__, url_prefix="/api/v1/maps/<slug>/street-photos", tag="Photos")
@@ -123,7 +124,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
             session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
         )
         session.flush()
-        return jobs.to_json(session, job, account_id=who.id)
+        return translate_job(jobs.to_json(session, job, account_id=who.id))
 
 
 def _request(data: dict[str, Any]) -> StreetRequest:

@@ -22,6 +22,7 @@ from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
+from webapp.web.language import translate_job
 from webapp.web.state import library
 
 FIRST_PHOTOS = 500
@@ -108,7 +109,8 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **({"placements": _placements(session, record)} if changed else {}),
         **_history(session, record, account=account),
         "jobs": [
-            jobs.to_json(session, job, account_id=account.id) for job in jobs.current(session, record.id)
+            translate_job(jobs.to_json(session, job, account_id=account.id))
+            for job in jobs.current(session, record.id)
         ],
     }
 
