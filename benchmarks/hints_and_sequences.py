@@ -4,9 +4,10 @@ Queries with one truth are photos of one spot. Where all truths differ, the quer
 walk, in their order: then each with its neighbours stands for photos of one spot, the direction of the walk
 is what a compass shows, and the sequence is measured. Hints are made from the truth: a circle whose middle is
 off by up to half its radius, and a compass with noise. Wrong hints are measured, too: circles and headings of
-other queries.
+other queries. Photos from elsewhere, taken as the frames of a walk, have to stay uncertain.
 
-    python benchmarks/hints_and_sequences.py MAP.cfg QUERIES.csv [--features sift] [--first N] [--json OUT]
+    python -m benchmarks.hints_and_sequences MAP.cfg QUERIES.csv [--features sift] [--first N]
+        [--foreign FOLDER] [--json OUT]
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ def main() -> None:
     print(f"{'':<26}" + "".join(f"{column:>17}" for column in COLUMNS))
     for name, figures in rows.items():
         print(f"{name:<26}" + "".join(f"{figures[column]:>17.3f}" for column in COLUMNS))
+    if arguments.foreign:
+        rows |= _foreign(localizer, sorted(arguments.foreign.iterdir())[: arguments.first])
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
 
@@ -91,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--fov", type=float, help="of the queries, degrees")
     parser.add_argument("--map-fov", type=float, help="of map photos without one in their EXIF, degrees")
     parser.add_argument("--first", type=int, help="only so many of the queries")
+    parser.add_argument("--foreign", type=Path, help="photos from elsewhere, frames of a walk by their names")
     parser.add_argument("--json", type=Path, help="write all figures there")
     return parser
 
@@ -136,6 +140,33 @@ def _look(
     print(name, file=sys.stderr, flush=True)
     pairs = zip(queries, hints, strict=True)
     return [replace(localize_spot.observe(localizer, q.path, hints=h), evidence=()) for q, h in pairs]
+
+
+def _foreign(localizer: LocalizationPipeline, photos: Sequence[Path]) -> dict[str, dict[str, float]]:
+    """Print how photos from elsewhere are answered: each by itself, and as a walk."""
+    queries = [Query(photo.name, photo, MapPixel(math.nan, math.nan)) for photo in photos]
+    alone = _look(localizer, queries, [Hints()] * len(queries), name="from elsewhere")
+    ways = {
+        "single photos": alone,
+        "sequence": _followed(localizer, alone),
+        "sequence, smoothed": smooth(alone, motion=motion(localizer), top=TOP),
+    }
+    rows = {f"from elsewhere, {name}": _uncertainty(answers) for name, answers in ways.items()}
+    for name, figures in rows.items():
+        print(f"{name:<40}" + "".join(f"{column} {value:.2f}   " for column, value in figures.items()))
+    return rows
+
+
+def _uncertainty(answers: Sequence[Answer]) -> dict[str, float]:
+    off = np.array([answer.off_map_probability or 0.0 for answer in answers])
+    first = np.array([h.probability for answer in answers for h in answer.hypotheses[:1]] or [0.0])
+    return {
+        "not_on_map_mean": float(off.mean()),
+        "not_on_map_last": float(off[-1]),
+        "first_mean": float(first.mean()),
+        "first_most": float(first.max()),
+        "placed": float((first >= 0.5).sum() / len(answers)),
+    }
 
 
 def _followed(localizer: LocalizationPipeline, alone: Sequence[Answer]) -> list[Answer]:

@@ -1,6 +1,7 @@
 """The belief about a sequence on simulated walks."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,26 @@ def test_what_is_off_the_map_stays_off_it():
     frames = [answer(place(float(rng.uniform(0, 2000)), p=0.05)) for _ in range(30)]
     _, answers = walk(frames)
     assert all(a.abstained for a in answers)
+
+
+@pytest.mark.parametrize("step", [0.0, 10.0])
+def test_frames_of_a_foreign_scene_that_agree_on_wrong_places_stay_as_uncertain_as_each(step):
+    """Its frames look like the same places again and again, even along a course."""
+    frames = [
+        replace(
+            answer(*(place(x + step * number, p=0.06) for x in (200.0, 900.0, 1500.0))),
+            off_map_probability=0.45,
+            other_probability=0.37,
+        )
+        for number in range(40)
+    ]
+    for answers, least in ((walk(frames)[1], 0.35), (smooth(frames, motion=MOTION, top=5), 0.25)):
+        assert all(a.abstained for a in answers)
+        assert min(a.off_map_probability for a in answers) > least
+        assert max(a.hypotheses[0].probability for a in answers) < 0.2
+    for number, frame in enumerate(frames):
+        frames[number] = replace(frame, off_map_probability=0.7, other_probability=0.12)
+    assert walk(frames)[1][-1].off_map_probability > 0.8
 
 
 def test_leaving_the_map_is_noticed():

@@ -1,14 +1,20 @@
 """One belief from the frames of a sequence: each frame's answer updates the belief of the frame before.
 
-A Gaussian-sum filter (Alspach and Sorenson, "Nonlinear Bayesian estimation using Gaussian sum
-approximations", 1972) over places. The state is a Gaussian mixture over position and velocity, plus the
-probability of being lost: off the map, or at a place that no frame has named. A frame's answer is read as a
-likelihood: its hypotheses as Gaussians of their radius, and its "not on this map" as the probability of a
-missed detection, which spares components that the frame does not see. New components are spawned from the
-lost state, so that a robot that was carried elsewhere (the kidnapped robot) is found again after some frames,
-and one outlier frame is not believed. The filter is causal. `smooth` also uses later frames: it combines the
-filter with one that runs backwards (Fraser and Potter, "The optimum linear smoother as a combination of two
-optimum linear filters", 1969).
+Where the camera is, if a frame has named the place, is estimated by a Gaussian-sum filter (Alspach and
+Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", 1972). Its state is a Gaussian
+mixture over position and velocity, plus the probability of being lost: at a place that no frame has named.
+A frame's answer is read as a likelihood: its hypotheses as Gaussians of their radius, and that none of them
+is right as the probability of a missed detection, which spares components that the frame does not see. New
+components are spawned from the lost state, so that a robot that was carried elsewhere (the kidnapped robot)
+is found again after some frames, and one outlier frame is not believed.
+
+Whether a frame has named the place at all, and whether the camera is on the map, are other questions: frames
+of one foreign scene name the same wrong places again and again, and a course on which they agree proves
+nothing. So only what each frame itself says of it counts, and fades: a hundred frames that do not know weigh
+as much as the last few of them.
+
+The filter is causal. `smooth` also uses later frames: it combines the filter with one that runs backwards
+(Fraser and Potter, "The optimum linear smoother as a combination of two optimum linear filters", 1969).
 """
 
 from __future__ import annotations
@@ -50,6 +56,12 @@ _DOOR = 2.0
 _ERR_TOGETHER = 0.5
 """Least 68 % radius, place radii: the error that neighbouring frames have in common."""
 
+_FADES = 0.8
+"""Power to which the odds of a named place, and of being off the map, are taken from frame to frame."""
+
+_LEAST = 0.001
+"""No frame is so sure of either, or of the contrary."""
+
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
 
@@ -79,14 +91,18 @@ class Belief:
     Attributes
     ----------
     lost : float
-        Probability that it is on none of them; with their weights it adds up to 1.
+        Probability of none of them, for the filter; with their weights it adds up to 1.
     frames : int
         How many it has seen.
+    named, off : float
+        Odds that one of them is right, and of being off the map.
     """
 
     components: tuple[Component, ...] = ()
     lost: float = 1.0
     frames: int = 0
+    named: float = 1.0
+    off: float = 1.0
 
 
 def motion_model(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> MotionModel:
@@ -179,8 +195,9 @@ def _combine(belief: Belief, later: Belief, motion: MotionModel) -> Belief:
             components.append(replace(both, hypothesis=t.hypothesis, seen=t.seen))
     lost = belief.lost * later.lost
     total = lost + sum(t.weight for t in components)
-    whole = [replace(t, weight=t.weight / total) for t in components]
-    return _reduce(Belief(tuple(whole), lost / total, belief.frames))
+    whole = tuple(replace(t, weight=t.weight / total) for t in components)
+    odds = belief.named * later.named, belief.off * later.off
+    return _reduce(Belief(whole, lost / total, belief.frames, *odds))
 
 
 def _predict(belief: Belief, motion: MotionModel, steps: float) -> Belief:
@@ -189,7 +206,7 @@ def _predict(belief: Belief, motion: MotionModel, steps: float) -> Belief:
         replace(predict(t, speed_px=motion.speed_px, steps=steps), weight=stay * t.weight)
         for t in belief.components
     ]
-    return Belief(tuple(components), 1.0 - stay * (1.0 - belief.lost), belief.frames)
+    return replace(belief, components=tuple(components), lost=1.0 - stay * (1.0 - belief.lost))
 
 
 def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: float) -> Belief:
@@ -218,11 +235,27 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
             components.append(kalman_update(component, hypothesis, mass=mass, variance=variance / temper))
             components.append(kalman_update(component, hypothesis, mass=loose, variance=wide / temper))
     total = belief.lost * missed + sum(component.weight for component in components)
+    whole = tuple(replace(component, weight=component.weight / total) for component in components)
+    named, off = _frame_odds(answer, miss=miss)
     return Belief(
-        tuple(replace(component, weight=component.weight / total) for component in components),
+        whole,
         belief.lost * missed / total,
         belief.frames + 1,
+        belief.named**_FADES * named**temper,
+        belief.off**_FADES * off**temper,
     )
+
+
+def _frame_odds(answer: Answer, *, miss: float) -> tuple[float, float]:
+    """Return the odds that a hypothesis of a frame is right, if it is on the map, and of being off it."""
+    off, other = answer.off_map_probability, answer.other_probability
+    off = 0.0 if off is None or off + other <= 0.0 else miss * off / (off + other)
+    return _odds((1.0 - miss) / (1.0 - off)), _odds(off)
+
+
+def _odds(probability: float) -> float:
+    probability = min(max(probability, _LEAST), 1.0 - _LEAST)
+    return probability / (1.0 - probability)
 
 
 def _mass(probability: float, variance: float, *, density: float, temper: float) -> float:
@@ -251,7 +284,10 @@ def _reduce(belief: Belief) -> Belief:
 def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> Answer:
     """Convert the belief to an answer about the frame."""
     radius = motion.place_radius_px
-    left, places = list(belief.components), []
+    off = belief.off / (1.0 + belief.off)
+    share = (1.0 - off) * belief.named / (1.0 + belief.named)
+    share /= max(sum(t.weight for t in belief.components), 1e-300)
+    left, places = [replace(t, weight=share * t.weight) for t in belief.components], []
     while left:
         lead = left[0].position
         near = [t for t in left if math.dist(t.position, lead) <= radius]
@@ -260,13 +296,13 @@ def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> 
     ranked = sorted(places, key=lambda h: -h.probability)[:top]
     listed = sum(h.probability for h in ranked)
     known = frame.off_map_probability is not None
-    lost = min(belief.lost, 1.0 - listed)
+    off = min(off, 1.0 - listed)
     first = set(ranked[0].experiences) if ranked else set()
     return replace(
         frame,
         hypotheses=tuple(replace(h, rank=rank) for rank, h in enumerate(ranked, 1)),
-        off_map_probability=lost if known else None,
-        other_probability=max(0.0, 1.0 - listed - (lost if known else 0.0)),
+        off_map_probability=off if known else None,
+        other_probability=max(0.0, 1.0 - listed - (off if known else 0.0)),
         no_pose=None if ranked else frame.no_pose,
         evidence=tuple(sorted(frame.evidence, key=lambda e: e.experience not in first)),
     )

@@ -17,6 +17,8 @@ def belief_to_json(belief: Belief) -> dict[str, Any]:
         "tracks": [asdict(component) for component in belief.components],
         "lost": belief.lost,
         "frames": belief.frames,
+        "named": belief.named,
+        "off": belief.off,
     }
 
 
@@ -28,7 +30,9 @@ def belief_from_json(form: dict[str, Any]) -> Belief:
     KeyError, TypeError
         It is something else.
     """
-    return Belief(tuple(_component(t) for t in form["tracks"]), float(form["lost"]), int(form["frames"]))
+    numbers = (float(form[name]) for name in ("named", "off"))
+    components = tuple(_component(t) for t in form["tracks"])
+    return Belief(components, float(form["lost"]), int(form["frames"]), *numbers)
 
 
 def _component(form: dict[str, Any]) -> Component:

@@ -24,6 +24,8 @@ MAX_AGE_S = 600.0
 """So long after its last frame a sequence is known."""
 
 _FOLDER = "sequences"
+_FORMAT = 2
+"""Of the file; one of another starts the sequence over."""
 
 
 def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
@@ -65,10 +67,11 @@ def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, 
         The file cannot be written.
     """
     known = _read(file)
-    same = known.get("map") == pipeline.map_hash
+    same = (known.get("format"), known.get("map")) == (_FORMAT, pipeline.map_hash)
     belief = belief_from_json(known["belief"]) if same else Belief()
     belief, joined = filter_step(belief, answer, motion=motion(pipeline), top=top)
-    write_text(file, json.dumps({"map": pipeline.map_hash, "belief": belief_to_json(belief)}))
+    now = {"format": _FORMAT, "map": pipeline.map_hash, "belief": belief_to_json(belief)}
+    write_text(file, json.dumps(now))
     return joined
 
 
