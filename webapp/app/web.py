@@ -31,7 +31,16 @@ from webapp.web.landmarks import api_cloud, api_points, api_rest
 from webapp.web.landmarks import pages as landmarks_pages
 from webapp.web.localize import api_find, api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
-from webapp.web.maps import api_checks, api_exchange, api_maps, api_photos, api_placing, api_plan, api_street
+from webapp.web.maps import (
+    api_checks,
+    api_exchange,
+    api_maps,
+    api_photos,
+    api_placing,
+    api_plan,
+    api_print,
+    api_street,
+)
 from webapp.web.maps import pages as maps_pages
 from webapp.web.satellite import api_georeference, api_places, api_satellite
 from webapp.web.satellite import pages as satellite_pages
@@ -79,6 +88,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_placing.placing_api,
     api_placing.placements_api,
     api_plan.blueprint,
+    api_print.blueprint,
     api_street.blueprint,
     manual.blueprint,
     maps_pages.blueprint,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 
@@ -61,6 +61,11 @@ class Canvas:
     def line(self, start: Point, end: Point, *, colour: RGB, width: int = 1) -> None:
         """Draw a straight line."""
         cv2.line(self.pixels, _fixed(start), _fixed(end), colour, width, cv2.LINE_AA, _SHIFT)
+
+    def polygon(self, corners: Sequence[Point], *, colour: RGB) -> None:
+        """Fill a convex polygon."""
+        points = np.array([_fixed(corner) for corner in corners], np.int32)
+        cv2.fillConvexPoly(self.pixels, points, colour, cv2.LINE_AA, _SHIFT)
 
     def box(self, top_left: tuple[int, int], size: tuple[int, int], *, colour: RGB) -> None:
         """Fill a rectangle of whole pixels."""

@@ -16,6 +16,7 @@ from flask import Flask
 from werkzeug.routing import Rule
 
 from webapp.render.export_file import FORMATS
+from webapp.render.sheet.options import SHEET_FORMATS
 from webapp.web import pieces
 from webapp.web.context import is_public
 from webapp.web.state import parts
@@ -65,6 +66,7 @@ _PARAMETERS: dict[str, dict[str, Any]] = {
     "account_id": {"description": "Id of the account."},
     "name": {"description": "Name, as it is listed."},
     "form": {"description": "Format.", "schema": {"type": "string", "enum": list(FORMATS)}},
+    "sheet": {"description": "Format.", "schema": {"type": "string", "enum": list(SHEET_FORMATS)}},
     "z": {"description": "Zoom level: 0 shows the image in one tile."},
     "x": {"description": "Column of the tile, from the left."},
     "y": {"description": "Row of the tile, from the top."},

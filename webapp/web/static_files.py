@@ -33,7 +33,7 @@ _LEFT_OUT = frozenset({"js/sw.js"})
 
 EVERY_SCRIPT = ("shared/shell",)
 """Of every page, below `static/js/`."""
-_EVERY_SHEET = ("tokens", "base", "controls", "components")
+_EVERY_SHEET = ("tokens", "base", "controls", "components", "print")
 LIBRARIES = {
     "three": "vendor/three/three.module.min.js",
     "three/orbit-controls": "vendor/three/OrbitControls.js",

@@ -1,6 +1,6 @@
 /** The page on which photos are put on the image of a map: makes the parts and connects them. */
 
-import { byId } from "../shared/dom.js";
+import { byId, targetOf } from "../shared/dom.js";
 import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { takeNotes } from "../shared/kept-notes.js";
 import { Crosshair } from "../shared/map/crosshair.js";
@@ -9,6 +9,7 @@ import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
+import { printDialog } from "../shared/print-dialog.js";
 import { toast, toastError } from "../shared/toast.js";
 import { Uploads } from "../shared/uploads.js";
 import { Activity } from "./activity.js";
@@ -70,6 +71,10 @@ chooseFirst();
 takeFiles();
 zoomButtons();
 byId("help").addEventListener("click", showHelp);
+byId("print-map").addEventListener("click", (event) => {
+  targetOf(event).closest("details").open = false;
+  printDialog(store.slug);
+});
 live.start();
 loadDetails(store, server.photosAfter).catch(toastError);
 for (const { text } of takeNotes()) toast(text);

@@ -5,6 +5,7 @@ import { isOffMap } from "../shared/answer/query-session.js";
 import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
+import { printDialog } from "../shared/print-dialog.js";
 import { sentence } from "../shared/toast.js";
 
 const INDEXING_MS = 3000;
@@ -29,6 +30,7 @@ export class Batch {
     /** Whether an answer is known as latitude and longitude, which all but a table needs. */
     this.onEarth = false;
     byId("batch-stop").addEventListener("click", () => this.stop());
+    byId("batch-print").addEventListener("click", () => printDialog(slug, this._range()));
   }
 
   /** Localize one photo after the other. @param {File[]} files */
@@ -105,8 +107,14 @@ export class Batch {
     byId("batch-count").textContent = t("{done} of {all} localized", { done, all });
   }
 
+  /** The answers, by their ids. */
+  _range() {
+    return { first: Math.min(...this.ids), last: Math.max(...this.ids) };
+  }
+
   _downloads() {
-    const range = new URLSearchParams({ first: String(Math.min(...this.ids)), last: String(Math.max(...this.ids)), mine: "true" });
+    const { first, last } = this._range();
+    const range = new URLSearchParams({ first: String(first), last: String(last), mine: "true" });
     byId("batch-downloads").hidden = false;
     for (const link of byId("batch-downloads").querySelectorAll("a")) {
       link.href = `${this.base}.${link.dataset.form}?${range}`;

@@ -1,0 +1,95 @@
+/** The dialog that prints a map: what is on the sheet, a preview, and the files. */
+
+import { file } from "./api.js";
+import { errorLine, field, openDialog } from "./dialogs.js";
+import { h, icon } from "./dom.js";
+import { t } from "./i18n.js";
+import { debounce } from "./timing.js";
+
+const PREVIEW_DPI = 80;
+const PAUSE_MS = 300;
+const RESOLUTIONS = [150, 200, 300];
+const USUAL_DPI = 200;
+
+/**
+ * Open the dialog.
+ * @param {string} slug
+ * @param {{first: number, last: number}} [answers] ids of answers to one's own photos that are shown, too
+ */
+export function printDialog(slug, answers) {
+  const base = `/maps/${encodeURIComponent(slug)}/print`;
+  const fields = sheetFields();
+  const preview = h("img", { class: "print-preview__sheet", alt: t("Preview of the sheet"), "data-testid": "print-preview" });
+  const frame = h("div", { class: "print-preview" }, preview);
+  const error = errorLine();
+  const links = ["pdf", "png"].map((form) => h("a", {
+    class: `button${form === "pdf" ? " button--primary" : ""}`, download: true, "data-testid": `print-${form}`,
+  }, icon("download"), form.toUpperCase()));
+  const body = h("div", { class: "print-dialog" }, h("div", { class: "stack" }, ...fields.elements, error), frame);
+  const dialog = openDialog(t("Print the map"), [body], { actions: links });
+  dialog.classList.add("dialog--wide");
+  let asked = 0;
+  let shown = "";
+  const show = async () => {
+    const query = fields.query(answers);
+    for (const [n, form] of ["pdf", "png"].entries()) links[n].href = `/api/v1${base}.${form}?${query}`;
+    query.set("dpi", String(PREVIEW_DPI));
+    const mine = (asked += 1);
+    frame.classList.add("print-preview--waits");
+    try {
+      const data = await file(`${base}.png?${query}`);
+      if (mine !== asked) return;
+      URL.revokeObjectURL(shown);
+      preview.src = shown = URL.createObjectURL(data);
+      error.show(null);
+    } catch (problem) {
+      if (mine === asked) error.show(problem);
+    }
+    if (mine === asked) frame.classList.remove("print-preview--waits");
+  };
+  const soon = debounce(show, PAUSE_MS);
+  body.addEventListener("input", soon);
+  dialog.addEventListener("close", () => URL.revokeObjectURL(shown));
+  show();
+}
+
+/** The choices, and the question to the server that they make. */
+function sheetFields() {
+  const chosen = {
+    paper: choice([["a4", "A4"], ["a3", "A3"], ["letter", t("Letter")]]),
+    orientation: choice([["auto", t("Automatic")], ["portrait", t("Portrait")], ["landscape", t("Landscape")]]),
+    extent: choice([["image", t("The whole image")], ["photos", t("Around the photos")]]),
+    labels: choice([["numbers", t("Numbers")], ["names", t("Names")], ["none", t("None")]]),
+    dpi: choice(RESOLUTIONS.map((dpi) => [String(dpi), t("{n} dpi", { n: dpi })]), String(USUAL_DPI)),
+  };
+  const titled = h("input", { class: "input", maxlength: 300, placeholder: t("Name of the map"), autocomplete: "off" });
+  const credit = h("input", { class: "input", maxlength: 300, autocomplete: "off" });
+  const headings = h("input", { type: "checkbox", checked: true });
+  const points = h("input", { type: "checkbox" });
+  const elements = [
+    field(t("Title"), titled),
+    h("div", { class: "print-dialog__pair" }, field(t("Paper"), chosen.paper), field(t("Orientation"), chosen.orientation)),
+    h("div", { class: "print-dialog__pair" }, field(t("Part of the map"), chosen.extent), field(t("Labels"), chosen.labels)),
+    h("label", { class: "check small" }, headings, t("Where the photos look")),
+    h("label", { class: "check small" }, points, t("Control points")),
+    field(t("Whom the image is from"), credit),
+    field(t("Resolution"), chosen.dpi),
+  ];
+  const query = (answers) => {
+    const made = new URLSearchParams(Object.entries(chosen).map(([name, input]) => [name, input.value]));
+    made.set("headings", String(headings.checked));
+    made.set("control_points", String(points.checked));
+    if (titled.value.trim()) made.set("title", titled.value.trim());
+    if (credit.value.trim()) made.set("attribution", credit.value.trim());
+    if (answers) for (const [name, value] of Object.entries({ answers: true, mine: true, ...answers })) made.set(name, String(value));
+    return made;
+  };
+  return { elements, query };
+}
+
+/** @param {string[][]} options value and words @param {string} [value] */
+function choice(options, value) {
+  const select = h("select", { class: "select" }, ...options.map(([key, words]) => h("option", { value: key }, words)));
+  if (value) select.value = value;
+  return select;
+}

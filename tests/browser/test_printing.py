@@ -1,0 +1,35 @@
+"""A map on paper: chosen in a dialog, seen before, downloaded; and what the browser's own Print shows."""
+
+import re
+
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+
+def test_a_sheet_is_seen_before_it_is_downloaded(page, sample_map):
+    page.goto(f"/maps/{sample_map}/edit")
+    page.locator("summary", has=page.locator("use[href$='#chevron-down']")).first.click()
+    page.get_by_test_id("print-map").click()
+    sheet = page.get_by_test_id("print-preview")
+    landscape = "image => image.complete && image.naturalWidth > image.naturalHeight"
+    portrait = "image => image.complete && image.naturalWidth < image.naturalHeight"
+    page.wait_for_function(landscape, arg=sheet.element_handle(), timeout=60_000)
+    page.get_by_label("Orientation").select_option("portrait")
+    page.get_by_label("Title").fill("Our park")
+    page.wait_for_function(portrait, arg=sheet.element_handle(), timeout=60_000)
+    pdf = page.get_by_test_id("print-pdf")
+    expect(pdf).to_have_attribute("href", re.compile(r"print\.pdf\?.*orientation=portrait.*title=Our\+park"))
+    assert axe.findings(page) == []
+    with page.expect_download() as download:
+        pdf.click()
+    assert download.value.suggested_filename.endswith(".pdf")
+
+
+def test_the_page_as_the_browser_prints_it_has_the_map_and_no_buttons(page, sample_map):
+    page.goto(f"/maps/{sample_map}/edit")
+    expect(page.get_by_test_id("map-canvas")).to_be_visible()
+    page.emulate_media(media="print")
+    expect(page.get_by_test_id("map-canvas")).to_be_visible()
+    expect(page.locator("#toolbar")).to_be_hidden()
+    expect(page.locator("#side")).to_be_hidden()

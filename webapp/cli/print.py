@@ -1,0 +1,114 @@
+"""`expmap map print`: a map on paper."""
+
+from __future__ import annotations
+
+import json
+from datetime import date
+from pathlib import Path
+
+import click
+
+from webapp.cli.options import MAP_FILE
+from webapp.configuration import load_settings
+from webapp.errors import UsageError
+from webapp.files.atomic import write_bytes
+from webapp.render.sheet.make import print_map
+from webapp.render.sheet.options import (
+    EXTENTS,
+    LABELS,
+    LEAST_DPI,
+    MOST_DPI,
+    ORIENTATIONS,
+    PAPERS,
+    SHEET_FORMATS,
+    USUAL_DPI,
+    Extent,
+    Labels,
+    Orientation,
+    Paper,
+    SheetAnswer,
+    SheetOptions,
+    answers_from_json,
+    english,
+)
+from webapp.tasks.exchange.export_source import of_folder
+
+_OUT = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command("print", short_help="Print a map as PDF or PNG.")
+@click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
+@click.argument("out", metavar="OUT.pdf|OUT.png", type=_OUT)
+@click.option(
+    "--paper", type=click.Choice(PAPERS), default="a4", show_default=True, help="Size of the paper."
+)
+@click.option(
+    "--orientation", type=click.Choice(ORIENTATIONS), default="auto", show_default=True,
+    help="auto: the one in which the map is larger.",
+)  # fmt: skip
+@click.option(
+    "--dpi", type=click.IntRange(LEAST_DPI, MOST_DPI), default=USUAL_DPI, show_default=True, metavar="N",
+    help="Pixels an inch; in a PDF of the satellite image alone.",
+)  # fmt: skip
+@click.option(
+    "--labels", type=click.Choice(LABELS), default="numbers", show_default=True,
+    help="What is written next to the photos: nothing, their ids, their names.",
+)  # fmt: skip
+@click.option("--no-headings", is_flag=True, help="Do not show where the photos look.")
+@click.option("--control-points", is_flag=True, help="Show the control points.")
+@click.option(
+    "--extent", type=click.Choice(EXTENTS), default="image", show_default=True,
+    help="The whole image, or the surroundings of the photos.",
+)  # fmt: skip
+@click.option("--title", metavar="TEXT", help="Instead of the map's.")
+@click.option(
+    "--attribution", metavar="TEXT", default="", help="Whom the image is from; default: its tile service."
+)
+@click.option(
+    "--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="What `expmap localize --json` printed: show the best place of each photo.",
+)  # fmt: skip
+def print_command(
+    cfg: Path,
+    out: Path,
+    paper: Paper,
+    orientation: Orientation,
+    dpi: int,
+    labels: Labels,
+    no_headings: bool,
+    control_points: bool,
+    extent: Extent,
+    title: str | None,
+    attribution: str,
+    answers: Path | None,
+) -> None:
+    """Print a map on one sheet of paper: its image with the photos on it, legend, scale, north and date.
+
+    The scale and north are those of the map's georeference; without one the sheet says so. In a PDF
+    text and marks are sharp at any size.
+    """
+    form = out.suffix[1:].lower()
+    if form not in SHEET_FORMATS:
+        raise UsageError("the name of the file must end with .pdf or .png", where=str(out))
+    options = SheetOptions(
+        paper, orientation, dpi, labels, not no_headings, control_points, extent, title, attribution
+    )
+    data = print_map(
+        of_folder(cfg),
+        form=form,
+        options=options,
+        words=english(date.today().isoformat()),
+        settings=load_settings(),
+        answers=() if answers is None else _answers(answers),
+    )
+    write_bytes(out, data)
+    click.echo(str(out))
+
+
+def _answers(file: Path) -> tuple[SheetAnswer, ...]:
+    try:
+        return answers_from_json(json.loads(file.read_text("utf-8")))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(
+            "these are no answers", where=str(file), hint="run expmap localize --json"
+        ) from error

@@ -1,0 +1,141 @@
+"""What a printed map shows, on which paper, and in which words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from webapp.core.geo.types import MapPixel
+
+Paper = Literal["a4", "a3", "letter"]
+PAPERS: tuple[Paper, ...] = get_args(Paper)
+Orientation = Literal["auto", "portrait", "landscape"]
+ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
+Labels = Literal["none", "numbers", "names"]
+LABELS: tuple[Labels, ...] = get_args(Labels)
+Extent = Literal["image", "photos"]
+EXTENTS: tuple[Extent, ...] = get_args(Extent)
+SheetFormat = Literal["pdf", "png"]
+SHEET_FORMATS: tuple[SheetFormat, ...] = get_args(SheetFormat)
+
+LEAST_DPI, USUAL_DPI, MOST_DPI = 40, 200, 400
+MOST_TEXT = 300
+"""Characters of a title or an attribution."""
+
+_MM = 72 / 25.4
+_SIZES: Mapping[Paper, tuple[float, float]] = {
+    "a4": (210 * _MM, 297 * _MM),
+    "a3": (297 * _MM, 420 * _MM),
+    "letter": (612.0, 792.0),
+}
+"""Width and height upright, points."""
+
+
+@dataclass(frozen=True, slots=True)
+class SheetOptions:
+    """How a map is printed.
+
+    Attributes
+    ----------
+    orientation : {"auto", "portrait", "landscape"}
+        "auto" takes the one in which the map is larger.
+    dpi : int
+        Of a PNG, and of the satellite image in a PDF.
+    labels : {"none", "numbers", "names"}
+        What is written next to the photos; numbers are their ids.
+    headings : bool
+        Whether it is shown where the photos look.
+    control_points : bool
+        Whether control points are shown, with their names.
+    extent : {"image", "photos"}
+        The whole image, or the surroundings of the photos.
+    title : str or None
+        Instead of the map's.
+    attribution : str
+        Whom the image is from.
+    """
+
+    paper: Paper = "a4"
+    orientation: Orientation = "auto"
+    dpi: int = USUAL_DPI
+    labels: Labels = "numbers"
+    headings: bool = True
+    control_points: bool = False
+    extent: Extent = "image"
+    title: str | None = None
+    attribution: str = ""
+
+    def page_sizes(self) -> list[tuple[float, float]]:
+        """Width and height of the paper in points, in each orientation that it may have."""
+        width, height = _SIZES[self.paper]
+        sizes = {"portrait": (width, height), "landscape": (height, width)}
+        return list(sizes.values()) if self.orientation == "auto" else [sizes[self.orientation]]
+
+
+@dataclass(frozen=True, slots=True)
+class SheetAnswer:
+    """The best place of one answer."""
+
+    name: str
+    position: MapPixel
+    probability: float
+    radius_px: float | None = None
+    heading_deg: float | None = None
+
+
+def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer, ...]:
+    """Take the best places of answers as `localize --json` prints them.
+
+    Photos that are rather not on the map are left out.
+
+    Raises
+    ------
+    KeyError, TypeError
+        They are no answers.
+    """
+    found = []
+    for answer in answers:
+        for best in answer.get("hypotheses", ())[:1]:
+            if best["probability"] < (answer.get("off_map_probability") or 0.0):
+                continue
+            found.append(
+                SheetAnswer(
+                    str(answer["query"]),
+                    MapPixel(float(best["x_px"]), float(best["y_px"])),
+                    float(best["probability"]),
+                    best.get("radius_px"),
+                    best.get("heading_deg"),
+                )
+            )
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class SheetWords:
+    """The words of one language.
+
+    Attributes
+    ----------
+    photos : callable
+        Says a number of photos.
+    labels_left_out : str
+        With `{n}`.
+    """
+
+    photos: Callable[[int], str]
+    date: str
+    photo: str = "photo"
+    looks: str = "direction of view"
+    control_point: str = "control point"
+    answer: str = "answer, by its probability"
+    radius: str = "68 % radius"
+    labels_left_out: str = "{n} labels left out for lack of space"
+    no_scale: str = "No georeference: the scale and north are not known."
+    about: str = "about {scale}"
+    image: str = "Image: {attribution}"
+
+
+def english(date: str) -> SheetWords:
+    """Return the English words, with a date as it shall be printed."""
+    return SheetWords(lambda n: f"{n} photo{'s' * (n != 1)}", date)
