@@ -12,6 +12,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.findings import WARNINGS, Code
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
+from webapp.core.mapmodel.notes import MapNote
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.files.maps.cfg import format_cfg, parse_cfg
 from webapp.files.maps.map_json import format_map_json, parse_map_json
@@ -34,6 +35,7 @@ FULL = Map(
             Panorama((BlurBox(0, 0.75, 1.0, 0.25),)),
             by_gps=True,
             radius_px=7.5,
+            note="It was blue.",
         ),
     ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),
@@ -42,6 +44,7 @@ FULL = Map(
     title="A",
     unplaced=(UnplacedPhoto(2, "b.jpg"),),
     control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
+    notes=(MapNote(1, "Bench", MapPixel(2.5, 7.0), "Since May.", (0,)),),
 )
 
 

@@ -11,6 +11,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
+from webapp.core.mapmodel.notes import MapNote
 from webapp.render.sheet import marks
 from webapp.render.sheet.drawing import shorten, text_width
 from webapp.render.sheet.labels import Box, LabelWanted, place_labels
@@ -127,6 +128,30 @@ def test_control_points_and_answers_are_shown_where_they_are_wanted():
     ).words
     assert {"Gate", WORDS.control_point, "query.jpg", WORDS.answer, WORDS.radius} <= set(words)
     assert "Lost" not in words
+
+
+def test_notes_are_numbers_with_what_they_say_below_the_map():
+    spots = ((1, "Bench", MapPixel(300, 300)), (2, "Lost", None), (5, "Gate", MapPixel(500, 100)))
+    map_ = replace(
+        MAP, notes=tuple(MapNote(id, title, at, "Since May.\nTwo seats.") for id, title, at in spots)
+    )
+    tall = SheetOptions(orientation="portrait")
+    sheet = Recorded()
+    content = SheetContent(map_, IMAGE, "Park")
+    compose(sheet, content, size=tall.page_sizes()[0], options=tall, words=WORDS)
+    ((_, frame),) = sheet.images
+    below = [text for text, (_, y), _ in sheet.texts if y > frame.bottom]
+    assert below.index("Bench") < below.index("Gate")
+    assert below.count("Since May.") == below.count("Two seats.") == 2
+    assert "Lost" not in below
+    assert "Bench" not in drawn(map_, notes=False).words
+
+
+def test_notes_without_room_are_counted():
+    notes = tuple(MapNote(n, f"Note {n}", MapPixel(9.0 * n, 50), "word " * 300) for n in range(1, 40))
+    words = drawn(replace(MAP, notes=notes)).words
+    shown = sum(text.startswith("Note ") for text in words)
+    assert WORDS.notes_left_out.format(n=39 - shown) in words
 
 
 def test_answers_are_the_best_places_of_photos_that_are_on_the_map():

@@ -56,6 +56,7 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 )  # fmt: skip
 @click.option("--no-headings", is_flag=True, help="Do not show where the photos look.")
 @click.option("--control-points", is_flag=True, help="Show the control points.")
+@click.option("--no-notes", is_flag=True, help="Do not show the notes on spots of the map.")
 @click.option(
     "--extent", type=click.Choice(EXTENTS), default="image", show_default=True,
     help="The whole image, or the surroundings of the photos.",
@@ -77,6 +78,7 @@ def print_command(
     labels: Labels,
     no_headings: bool,
     control_points: bool,
+    no_notes: bool,
     extent: Extent,
     title: str | None,
     attribution: str,
@@ -91,7 +93,16 @@ def print_command(
     if form not in SHEET_FORMATS:
         raise UsageError("the name of the file must end with .pdf or .png", where=str(out))
     options = SheetOptions(
-        paper, orientation, dpi, labels, not no_headings, control_points, extent, title, attribution
+        paper,
+        orientation,
+        dpi,
+        labels,
+        not no_headings,
+        control_points,
+        not no_notes,
+        extent,
+        title,
+        attribution,
     )
     data = print_map(
         of_folder(cfg),

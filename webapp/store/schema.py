@@ -144,6 +144,8 @@ class MapRecord(Base):
     """As in `map.json`."""
     control_points: Mapped[list[dict[str, Any]] | None]
     """As in `map.json`, by name; None where there are none."""
+    notes: Mapped[list[dict[str, Any]] | None]
+    """On spots of the map, as in `map.json`, by id; None where there are none."""
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)
@@ -210,6 +212,8 @@ class Photo(Base):
     """Of a photo that is from a service: `service`, `id`, `licence`, `author`, `url`, as in `map.json`."""
     panorama: Mapped[dict[str, Any] | None]
     """Of a photo that shows the whole sphere: the boxes that are `masked`, as in `map.json`."""
+    note: Mapped[str | None]
+    """What people have written on it."""
     removed: Mapped[bool] = mapped_column(default=False)
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)
@@ -361,3 +365,5 @@ class Share(ShareColumns, Base):
     """Whether visitors may ask about photos of their own."""
     originals: Mapped[bool] = mapped_column(default=False)
     """Whether original files, with their EXIF, are given out."""
+    notes: Mapped[bool] = mapped_column(default=False)
+    """Whether notes are shown."""

@@ -33,11 +33,14 @@ class Allows:
         Questions about photos of the visitor's own; of a shared map only.
     originals : bool
         Original files, with their EXIF.
+    notes : bool
+        Notes on photos and on spots of the map; of a shared map only.
     """
 
     photos: bool = False
     localize: bool = False
     originals: bool = False
+    notes: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,7 @@ def change(share: Share, allows: Allows) -> None:
     share.photos = allows.photos
     share.localize = allows.localize and share.query_id is None
     share.originals = allows.originals
+    share.notes = allows.notes and share.query_id is None
 
 
 def list_shares(session: Session, record: MapRecord) -> list[Share]:

@@ -95,6 +95,11 @@ export class Commands {
     this.say(tn("The time of {n} photo is corrected.", "The times of {n} photos are corrected.", times.size));
   }
 
+  /** Write a note on a photo. @param {number} id @param {string} note */
+  note(id, note) {
+    if ((this.store.photos.get(id)?.note ?? "") !== note) this._edit("note", [{ id, note }]);
+  }
+
   /** Turn the current photo by some degrees; one without a heading starts at north. */
   turnBy(degrees) {
     const { current, canEdit } = this.store;

@@ -33,6 +33,7 @@ import { PhotoOrder } from "./photos/photo-order.js";
 import { openViewer } from "./photos/photo-viewer.js";
 import { connectSelection } from "./photos/selection-bar.js";
 import { Measure } from "./measure.js";
+import { Notes } from "./notes.js";
 import { choosePlacement } from "./placements.js";
 import { satelliteInput } from "./satellite-input.js";
 import { connectUndoRedo } from "./undo-redo.js";
@@ -55,7 +56,7 @@ gestures.measure = measure;
 const page = { store, server, refresh, view, dots, gestures, crosshair, measure, commands, say, help: showHelp };
 
 new CurrentPhoto(commands, view, server);
-const menu = new PhotoMenu(commands, order, page);
+const menu = new PhotoMenu(commands, order, { ...page, notes: new Notes(page) });
 new PhotoGrid(commands, order, { open: () => openViewer(commands), menu: (id, at) => menu.ofPhoto(id, at) });
 connectFilters(order, store);
 connectSelection(commands);

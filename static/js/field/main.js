@@ -7,6 +7,7 @@ import { get } from "../shared/api.js";
 import { byId, h, metaOf, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
+import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
 import { toastError } from "../shared/toast.js";
 import { Guide } from "./guide.js";
@@ -135,6 +136,7 @@ function showMap(state) {
   const store = new MapStore({ ...state, satellite, can_edit: false });
   const view = new MapView(byId("map-canvas"), store);
   const marks = new AnswerLayer(store, session).addTo(view.map);
+  new NoteLayer(store, view.map);
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
   session.on("answer", look);

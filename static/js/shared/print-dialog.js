@@ -66,12 +66,14 @@ function sheetFields() {
   const credit = h("input", { class: "input", maxlength: 300, autocomplete: "off" });
   const headings = h("input", { type: "checkbox", checked: true });
   const points = h("input", { type: "checkbox" });
+  const notes = h("input", { type: "checkbox", checked: true });
   const elements = [
     field(t("Title"), titled),
     h("div", { class: "print-dialog__pair" }, field(t("Paper"), chosen.paper), field(t("Orientation"), chosen.orientation)),
     h("div", { class: "print-dialog__pair" }, field(t("Part of the map"), chosen.extent), field(t("Labels"), chosen.labels)),
     h("label", { class: "check small" }, headings, t("Where the photos look")),
     h("label", { class: "check small" }, points, t("Control points")),
+    h("label", { class: "check small" }, notes, t("Notes")),
     field(t("Whom the image is from"), credit),
     field(t("Resolution"), chosen.dpi),
   ];
@@ -79,6 +81,7 @@ function sheetFields() {
     const made = new URLSearchParams(Object.entries(chosen).map(([name, input]) => [name, input.value]));
     made.set("headings", String(headings.checked));
     made.set("control_points", String(points.checked));
+    made.set("notes", String(notes.checked));
     if (titled.value.trim()) made.set("title", titled.value.trim());
     if (credit.value.trim()) made.set("attribution", credit.value.trim());
     if (answers) for (const [name, value] of Object.entries({ answers: true, mine: true, ...answers })) made.set(name, String(value));

@@ -60,6 +60,7 @@ export function allowed(query, given = { photos: true }) {
       h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
   return [
     box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
+    query === null && box("notes", t("Notes on photos and on the map")),
     query === null && box("localize", t("Visitors can localize their own photos")),
     box("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),
   ].filter(Boolean);

@@ -49,6 +49,7 @@ export class PhotoPanel {
       latLon && [t("Coordinates"), latLonText(latLon)],
       photo.heading_deg !== null && [t("Heading"), headingText(photo.heading_deg)],
       photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
+      photo.note && [t("Note"), h("span", { class: "note-text" }, photo.note)],
       photo.source && [t("From"), creditLine(photo.source)],
       photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("original"))],
     ].filter(Boolean);

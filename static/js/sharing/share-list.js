@@ -40,6 +40,7 @@ function gives(share) {
   return [
     share.photos && t("pictures"),
     share.localize && t("visitors can localize"),
+    share.notes && t("notes"),
     share.originals && t("originals"),
   ].filter(Boolean);
 }

@@ -7,6 +7,7 @@ import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
+import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
@@ -25,6 +26,7 @@ const marks = new AnswerLayer(store, session);
 
 byId("about").textContent = tn("{n} photo", "{n} photos", store.photos.size);
 new PhotoPanel(store, view);
+new NoteLayer(store, view.map);
 listen();
 zoomButtons();
 loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}`)).catch(toastError);

@@ -9,6 +9,7 @@ from webapp.core.blur import BlurBox
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
+from webapp.core.mapmodel.notes import MapNote
 from webapp.core.mapmodel.panorama import LevelView, Panorama
 
 
@@ -93,6 +94,8 @@ class Experience:
     radius_px : float or None
         68 % radius of a position that was suggested and accepted; None where somebody has placed it exactly,
         or its GPS has.
+    note : str or None
+        What people have written on it.
     """
 
     id: int
@@ -109,6 +112,7 @@ class Experience:
     view: LevelView | None = None
     by_gps: bool = False
     radius_px: float | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +130,7 @@ class UnplacedPhoto:
     source: PhotoSource | None = None
     panorama: Panorama | None = None
     view: LevelView | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,3 +168,4 @@ class Map:
     title: str | None = None
     unplaced: tuple[UnplacedPhoto, ...] = ()
     control_points: tuple[GroundControlPoint, ...] = ()
+    notes: tuple[MapNote, ...] = ()

@@ -5,24 +5,27 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
 from webapp.core.geo.georeference import Georeference
-from webapp.core.geo.types import LatLon
+from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.notes import MapNote
 
 _DIGITS = 9
 """Of degrees: a tenth of a millimetre."""
 
 
 def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iterator[bytes]:
-    """Write the photos of a map as points.
+    """Write the photos of a map, and the notes on its spots, as points.
 
     Yields
     ------
     bytes
         UTF-8. A photo whose place has no position on the Earth has no geometry. What is unknown is null.
     """
-    return write_collection(title, ([_photo(e, georeference)] for e in map_.experiences))
+    photos = ([_photo(e, georeference)] for e in map_.experiences)
+    return write_collection(title, chain(photos, ([_note(note, georeference)] for note in map_.notes)))
 
 
 def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
@@ -76,10 +79,20 @@ def photo_properties(e: Experience) -> dict[str, object]:
         "radius_px": e.radius_px,
         "taken_at": e.taken_at,
         "credit": None if e.source is None else e.source.credit,
+        "note": e.note,
     }
 
 
 def _photo(e: Experience, georeference: Georeference) -> str:
-    latlon = georeference.latlon_of(e.position)
-    known = math.isfinite(latlon.lat) and math.isfinite(latlon.lon)
-    return point_feature(e.id, latlon if known else None, properties=photo_properties(e))
+    return point_feature(e.id, _latlon(e.position, georeference), properties=photo_properties(e))
+
+
+def _note(note: MapNote, georeference: Georeference) -> str:
+    at = None if note.position is None else _latlon(note.position, georeference)
+    properties = {"title": note.title, "note": note.text or None, "photos": list(note.photos)}
+    return point_feature(f"note-{note.id}", at, properties=properties)
+
+
+def _latlon(position: MapPixel, georeference: Georeference) -> LatLon | None:
+    found = georeference.latlon_of(position)
+    return found if math.isfinite(found.lat) and math.isfinite(found.lon) else None

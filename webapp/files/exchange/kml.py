@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.notes import MapNote
 from webapp.files.exchange.geojson import photo_properties
 from webapp.files.exchange.xml import DECLARATION, element, quoted
 
@@ -39,7 +40,7 @@ class Pictures:
 def format_kml(
     map_: Map, georeference: Georeference, *, title: str, pictures: Pictures | None = None
 ) -> Iterator[bytes]:
-    """Write the photos of a map as placemarks.
+    """Write the photos of a map, and the notes on its spots, as placemarks.
 
     Parameters
     ----------
@@ -58,7 +59,8 @@ def format_kml(
     if pictures.ground is not None:
         content.append(_ground(map_, georeference, href=pictures.ground))
     marks = (_photo(e, georeference, picture=pictures.photos.get(e.id)) for e in map_.experiences)
-    return write_kml(("<Document>", *content), marks, ("</Document>\n",))
+    notes = (_note(note, georeference) for note in map_.notes)
+    return write_kml(("<Document>", *content), marks, notes, ("</Document>\n",))
 
 
 def write_kml(*parts: Iterable[str]) -> Iterator[bytes]:
@@ -107,7 +109,9 @@ def _photo(e: Experience, georeference: Georeference, *, picture: str | None) ->
     at = georeference.latlon_of(e.position)
     if not (math.isfinite(at.lat) and math.isfinite(at.lon)):
         return ""
-    about = "" if picture is None else picture_description(picture, caption=e.photo)
+    about = "" if e.note is None else element("description", html.escape(e.note))
+    if picture is not None:
+        about = picture_description(picture, caption=e.note or e.photo)
     look = when = style = ""
     if e.heading_deg is not None:
         heading = element("heading", f"{e.heading_deg % 360:g}")
@@ -121,6 +125,14 @@ def _photo(e: Experience, georeference: Georeference, *, picture: str | None) ->
         f'<Placemark id="photo-{e.id}">{name}{about}{look}{when}{style}'
         f"{extended_data({'id': e.id} | photo_properties(e))}{point(at)}</Placemark>\n"
     )
+
+
+def _note(note: MapNote, georeference: Georeference) -> str:
+    at = None if note.position is None else georeference.latlon_of(note.position)
+    if at is None or not (math.isfinite(at.lat) and math.isfinite(at.lon)):
+        return ""
+    about = element("description", html.escape(note.text)) if note.text else ""
+    return f'<Placemark id="note-{note.id}">{element("name", note.title)}{about}{point(at)}</Placemark>\n'
 
 
 def _ground(map_: Map, georeference: Georeference, *, href: str) -> str:

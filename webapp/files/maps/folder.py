@@ -121,6 +121,7 @@ def read_map(cfg_path: Path) -> Map:
         title=extras.title,
         unplaced=unplaced,
         control_points=extras.control_points,
+        notes=extras.notes,
     )
 
 
@@ -194,6 +195,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         panorama=known.panorama,
         by_gps=known.by_gps and is_as_known,
         radius_px=known.radius_px if is_as_known else None,
+        note=known.note,
     )
 
 
@@ -212,6 +214,7 @@ def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
             known.blurred,
             known.source,
             known.panorama,
+            note=known.note,
         )
         for id, known in sorted(extras.unplaced.items())
         if id not in ids and known.photo not in photos

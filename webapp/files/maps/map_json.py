@@ -13,15 +13,27 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, UnplacedPhoto
+from webapp.core.mapmodel.notes import MapNote
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 from webapp.files.maps.control_points import control_point_fields, parse_control_points
+from webapp.files.maps.notes import notes_fields, parse_notes, parse_text
 
 FORMAT = "experience-map"
 VERSION = 1
 
-_FACTS = ("heading_deg", "fov_deg", "gps_accuracy_m", "taken_at", "name", "blurred", "source", "panorama")
+_FACTS = (
+    "heading_deg",
+    "fov_deg",
+    "gps_accuracy_m",
+    "taken_at",
+    "name",
+    "blurred",
+    "source",
+    "panorama",
+    "note",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +52,7 @@ class MapJsonPhoto:
     panorama: Panorama | None = None
     by_gps: bool = False
     radius_px: float | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +71,8 @@ class MapJson:
         Photos in the tray, by id; none has a position.
     control_points : tuple of GroundControlPoint
         By name.
+    notes : tuple of MapNote
+        By id.
     """
 
     revision: int = 0
@@ -68,6 +83,7 @@ class MapJson:
     title: str | None = None
     unplaced: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
     control_points: tuple[GroundControlPoint, ...] = ()
+    notes: tuple[MapNote, ...] = ()
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
@@ -96,6 +112,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
             "experiences",
             "unplaced",
             "control_points",
+            "notes",
         ),
     )
     if top["format"].value != FORMAT:
@@ -119,6 +136,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         title=None if top["title"].missing else top["title"].text(),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
         control_points=parse_control_points(top["control_points"]),
+        notes=parse_notes(top["notes"]),
     )
 
 
@@ -147,6 +165,7 @@ def format_map_json(map_: Map) -> bytes:
         "experiences": photos,
         **({"unplaced": [_photo_fields(photo) for photo in map_.unplaced]} if map_.unplaced else {}),
         **({"control_points": control_point_fields(map_.control_points)} if map_.control_points else {}),
+        **({"notes": notes_fields(map_.notes)} if map_.notes else {}),
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
     data = f"{text}\n".encode("utf-8", "surrogatepass")
@@ -233,7 +252,9 @@ def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
 
 
 def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJsonPhoto:
-    heading, fov, accuracy, taken_at, name, blurred, source, panorama = (fields[name] for name in _FACTS)
+    heading, fov, accuracy, taken_at, name, blurred, source, panorama, note = (
+        fields[name] for name in _FACTS
+    )
     if not taken_at.missing:
         _check_time(taken_at)
     return MapJsonPhoto(
@@ -247,6 +268,7 @@ def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJso
         blurred=tuple(_box(box) for box in blurred.items()),
         source=None if source.missing else _source(source),
         panorama=None if panorama.missing else _panorama(panorama),
+        note=parse_text(note),
     )
 
 
@@ -341,6 +363,7 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
         "blurred": [box._asdict() for box in photo.blurred] or None,
         "source": source_fields(photo.source),
         "panorama": panorama_fields(photo.panorama),
+        "note": photo.note,
     }
     present = {name: value for name, value in known.items() if value is not None}
     if not isinstance(photo, Experience):

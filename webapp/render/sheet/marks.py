@@ -19,11 +19,13 @@ from webapp.render.sheet.options import SheetAnswer
 
 PHOTO: RGB = (22, 104, 220)
 CONTROL_POINT: RGB = (255, 212, 0)
+NOTE: RGB = (176, 26, 112)
 _RIM: RGB = (255, 255, 255)
 
 LEAST_DOT_PT, MOST_DOT_PT = 1.1, 3.4
 ANSWER_PT = 5.0
 CROSS_PT = 4.0
+NOTE_PT = 5.0
 _POINTER = 3.2
 """Length of what shows where a photo looks, in radii of its dot."""
 
@@ -154,6 +156,15 @@ def draw_control_point(drawing: Drawing, at: Point) -> None:
         for dx, dy in ((1, 1), (1, -1)):
             ends = [(at[0] + side * dx * CROSS_PT, at[1] + side * dy * CROSS_PT) for side in (1, -1)]
             drawing.line(*ends, colour=colour, width=width)
+
+
+def draw_note(drawing: Drawing, at: Point, *, number: int) -> None:
+    """Draw a square with the number of a note."""
+    for side, colour in ((NOTE_PT + 1, _RIM), (NOTE_PT, NOTE)):
+        corners = [(at[0] + dx * side, at[1] + dy * side) for dx, dy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        drawing.polygon(corners, colour=colour)
+    style = TextStyle(7, colour=_RIM, bold=True, anchor="middle")
+    drawing.text((at[0], at[1] + 2.5), str(number), style=style)
 
 
 def draw_answer_area(drawing: Drawing, answer: SheetAnswer, *, view: SheetView) -> None:

@@ -48,6 +48,8 @@ class SheetOptions:
         Whether it is shown where the photos look.
     control_points : bool
         Whether control points are shown, with their names.
+    notes : bool
+        Whether notes on spots are shown, and what they say below the map.
     extent : {"image", "photos"}
         The whole image, or the surroundings of the photos.
     title : str or None
@@ -62,6 +64,7 @@ class SheetOptions:
     labels: Labels = "numbers"
     headings: bool = True
     control_points: bool = False
+    notes: bool = True
     extent: Extent = "image"
     title: str | None = None
     attribution: str = ""
@@ -128,9 +131,11 @@ class SheetWords:
     photo: str = "photo"
     looks: str = "direction of view"
     control_point: str = "control point"
+    note: str = "note"
     answer: str = "answer, by its probability"
-    radius: str = "68 % radius"
+    radius: str = "uncertainty radius"
     labels_left_out: str = "{n} labels left out for lack of space"
+    notes_left_out: str = "{n} notes left out for lack of space"
     no_scale: str = "No georeference: the scale and north are not known."
     about: str = "about {scale}"
     image: str = "Image: {attribution}"

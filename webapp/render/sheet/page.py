@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.notes import MapNote
 from webapp.render.canvas import Point
 from webapp.render.colours import INK, QUIET, probability_colour
 from webapp.render.sheet import marks
@@ -133,6 +134,7 @@ class _Page:
         self._measures(view, foot)
         self._legend(foot, left_out=left_out)
         self._attribution(foot + _FOOT - 24)
+        self._notes(view, foot + _FOOT)
 
     def _head(self) -> float:
         """Write title, number of photos and date; gives where the map begins."""
@@ -174,12 +176,13 @@ class _Page:
             angle = None if e.heading_deg is None or not self.options.headings else e.heading_deg + turn
             marks.draw_photo(self.drawing, point, radius=radius, angle_deg=angle)
         points = self._control_points(view)
+        taken = [_square(view.shown(at), marks.NOTE_PT + 1) for at in self._draw_notes(view)]
         for answer, turn in zip(answers, self._norths([a.position for a in answers]), strict=True):
             angle = None if answer.heading_deg is None else answer.heading_deg + turn
             marks.draw_answer(self.drawing, answer, view=view, angle_deg=angle)
         labels = [_Label(a.name, view.shown(a.position), marks.ANSWER_PT + 2, bold=True) for a in answers]
         labels += points
-        taken = [_square(label.at, label.reach) for label in labels] + [_square(p, radius) for p in at]
+        taken += [_square(label.at, label.reach) for label in labels] + [_square(p, radius) for p in at]
         if self.options.labels != "none":
             labels += self._photo_labels(photos, at, reach=1.5 * radius)
         return self._write(labels, taken=taken, frame=view.frame)
@@ -209,6 +212,37 @@ class _Page:
             _Label(self._name(here[0]) + (f" +{len(here) - 1}" if len(here) > 1 else ""), spot, reach)
             for spot, here in spots.items()
         ]
+
+    def _shown_notes(self, view: SheetView) -> list[tuple[MapNote, MapPixel]]:
+        found = self.content.map.notes if self.options.notes else ()
+        return [(note, note.position) for note in found if note.position and view.shows(note.position)]
+
+    def _draw_notes(self, view: SheetView) -> list[MapPixel]:
+        """Draw the notes as numbers, from 1 on; gives where they are."""
+        found = self._shown_notes(view)
+        for number, (_, position) in enumerate(found, start=1):
+            marks.draw_note(self.drawing, view.shown(position), number=number)
+        return [position for _, position in found]
+
+    def _notes(self, view: SheetView, top: float) -> None:
+        """Write what the notes say in the room below the map, and say how many have none."""
+        found = self._shown_notes(view)
+        bottom, width = self.size[1] - _MARGIN + 6, self.size[0] - 2 * _MARGIN - 22
+        y = top
+        for number, (note, _) in enumerate(found, start=1):
+            lines = _lines(note.text, width=width)
+            needed = 14 + 11 * len(lines) + (0 if number == len(found) else 12)
+            if y + needed > bottom:
+                rest = self.words.notes_left_out.format(n=len(found) - number + 1)
+                self.drawing.text((_MARGIN, y + 8), rest, style=TextStyle(_SMALL, colour=QUIET))
+                return
+            y += 14
+            marks.draw_note(self.drawing, (_MARGIN + 8, y - 3), number=number)
+            title = shorten(note.title, _TEXT, width=width, bold=True)
+            self.drawing.text((_MARGIN + 22, y), title, style=TextStyle(_TEXT, bold=True))
+            for line in lines:
+                y += 11
+                self.drawing.text((_MARGIN + 22, y), line, style=TextStyle(_TEXT))
 
     def _name(self, e: Experience) -> str:
         if self.options.labels == "numbers":
@@ -256,6 +290,8 @@ class _Page:
             yield lambda at: marks.draw_photo(drawing, at, radius=2.8, angle_deg=60.0), self.words.looks
         if self.options.control_points and any(p.position for p in map_.control_points):
             yield lambda at: marks.draw_control_point(drawing, at), self.words.control_point
+        if self.options.notes and any(note.position for note in map_.notes):
+            yield lambda at: marks.draw_note(drawing, at, number=1), self.words.note
         if self.content.answers:
             yield self._probabilities, self.words.answer
             if any(a.radius_px is not None for a in self.content.answers):
@@ -307,6 +343,21 @@ def _wrapped(text: str, *, width: float) -> list[str]:
         rest = rest[fits:]
     lines += [" ".join(rest)] if rest else []
     return [shorten(line, _TITLE, width=width, bold=True) for line in lines]
+
+
+def _lines(text: str, *, width: float) -> list[str]:
+    """Break a text into lines."""
+    lines = []
+    for paragraph in text.splitlines():
+        line = ""
+        for word in paragraph.split():
+            longer = f"{line} {word}".strip()
+            if line and text_width(longer, _TEXT) > width:
+                lines.append(line)
+                longer = word
+            line = longer
+        lines += [shorten(line, _TEXT, width=width)] if line else []
+    return lines
 
 
 def _cut(content: SheetContent, part: Box, *, most: int) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
 """Edits of a map: applied, undone and redone, with conflicts between people and tabs noticed.
 
-An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`) with the
+An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`,
+`note/2`) with the
 values of its fields before and after. Undo brings the values before back, but only where nobody has changed
 them since. Everyone undoes their own edits.
 """
@@ -23,10 +24,16 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 Fields = dict[str, Any]
 
 PHOTO_FIELDS = frozenset(
-    {"x_px", "y_px", "radius_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg"}
+    {"x_px", "y_px", "radius_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg", "note"}
 )
 POINTS_KIND = "control-points"
 """Kind of an edit of control points."""
+
+NOTES_KIND = "notes"
+"""Kind of an edit of notes on spots of the map."""
+
+_LISTED = {"point": ("control_points", "name"), "note": ("notes", "id")}
+"""What is kept as a list in the record: the column, and by what the items of the list are known."""
 
 _IMAGE_KINDS = ("satellite", "georeference")
 """Of edits that move them too."""
@@ -76,7 +83,8 @@ def apply(
     Parameters
     ----------
     changes : mapping of str to mapping or None
-        New values of fields by target; None takes a position in another placement, or a control point, away.
+        New values of fields by target; None takes a position in another placement, a control
+        point or a note away.
         The position of a photo is exact where it comes without `radius_px`.
     kind : str
         A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
@@ -265,13 +273,13 @@ class _Rows:
         """Return the revision that last changed a target."""
         if target == "map":
             return self.record.satellite_revision
-        if target.startswith("point/"):
-            return self._revision_of_point(target)
+        if target.split("/", 1)[0] in _LISTED:
+            return self._revision_of_listed(target)
         return self.photo(target.rsplit("/", 1)[1]).revision
 
-    def _revision_of_point(self, target: str) -> int:
-        """Find the last edit of a control point, which has no row of its own."""
-        of_map = (Edit.map_id == self.record.id, Edit.kind.in_((POINTS_KIND, *_IMAGE_KINDS)))
+    def _revision_of_listed(self, target: str) -> int:
+        """Find the last edit of a control point or a note, which have no row of their own."""
+        of_map = (Edit.map_id == self.record.id, Edit.kind.in_((POINTS_KIND, NOTES_KIND, *_IMAGE_KINDS)))
         for edit in self.session.scalars(select(Edit).where(*of_map).order_by(Edit.turn.desc())):
             if any(change["target"] == target for change in edit.changes):
                 return edit.turn
@@ -289,9 +297,10 @@ def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fie
         case ["placed", placement, number]:
             there = rows.elsewhere(placement, number)
             return None if there is None else {"x_px": there.x_px, "y_px": there.y_px}
-        case ["point", name]:
-            found = {point["name"]: point for point in rows.record.control_points or ()}
-            return None if name not in found else {k: v for k, v in found[name].items() if k != "name"}
+        case [kind, key] if kind in _LISTED:
+            column, by = _LISTED[kind]
+            found = {str(item[by]): item for item in getattr(rows.record, column) or ()}
+            return None if key not in found else {k: v for k, v in found[key].items() if k != by}
         case _:
             raise ValueError(f"unknown target: {target}")
 
@@ -315,10 +324,12 @@ def _set(rows: _Rows, *, target: str, fields: Fields | None) -> None:
             photo.revision = record.revision
             if before != (photo.is_placed, photo.panorama):
                 record.photos_revision = record.revision
-        case ["point", name]:
-            others = [point for point in record.control_points or () if point["name"] != name]
-            points = others if fields is None else [*others, {"name": name, **fields}]
-            record.control_points = sorted(points, key=lambda point: str(point["name"])) or None
+        case [kind, key] if kind in _LISTED:
+            column, by = _LISTED[kind]
+            items = [item for item in getattr(record, column) or () if str(item[by]) != key]
+            if fields is not None:
+                items.append({by: int(key) if by == "id" else key, **fields})
+            setattr(record, column, sorted(items, key=lambda item: item[by]) or None)
         case [_, placement, number]:
             there = rows.elsewhere(placement, number)
             photo = rows.photo(number)
@@ -348,6 +359,8 @@ def _who_changed(rows: _Rows, *, target: str) -> str:
     what = "the satellite image"
     if target.startswith("point/"):
         what = f"the control point {target.split('/', 1)[1]}"
+    elif target.startswith("note/"):
+        what = "the note"
     elif target != "map":
         what = f"the photo {rows.photo(target.rsplit('/', 1)[1]).name}"
     return f"{who} has changed {what} in the meantime"

@@ -30,6 +30,7 @@ _RECORD_FIELDS = (
     "satellite_height",
     "georeference",
     "control_points",
+    "notes",
 )
 _NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
 """In `derived`: made for the other map."""

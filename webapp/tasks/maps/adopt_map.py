@@ -17,6 +17,7 @@ from webapp.files.decode import check_decodes
 from webapp.files.maps.control_points import control_point_fields
 from webapp.files.maps.folder import MapFolder, read_map
 from webapp.files.maps.map_json import georeference_fields, panorama_fields, source_fields
+from webapp.files.maps.notes import notes_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
@@ -166,6 +167,7 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
     record.georeference = georeference_fields(map_.georeference)
     record.control_points = control_point_fields(map_.control_points) or None
+    record.notes = notes_fields(map_.notes) or None
     photos = (*contents.photos, *contents.tray)
     _keep_gps(contents.photos, map_)
     for row in photos:
@@ -228,6 +230,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
         blurred=[box._asdict() for box in e.blurred] or None,
         source=source_fields(e.source),
         panorama=panorama_fields(e.panorama),
+        note=e.note,
     )
     try:
         _look(row, files.path(e.photo), limits=limits)
@@ -259,6 +262,7 @@ def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLim
         row.blurred = [box._asdict() for box in known.blurred] or None
         row.source = source_fields(known.source)
         row.panorama = panorama_fields(known.panorama)
+        row.note = known.note
     _look(row, path, limits=limits)
     return row
 

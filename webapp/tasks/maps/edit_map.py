@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
+from webapp.core.mapmodel.notes import text_problem
 from webapp.errors import UsageError
 from webapp.files.maps.map_json import panorama_fields, parse_panorama
 from webapp.files.photos.panorama import is_whole_sphere
@@ -17,7 +18,7 @@ from webapp.store.maps.edits import UndoResult
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
-KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "remove")
+KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "note", "remove")
 """Words for a step."""
 
 
@@ -30,7 +31,8 @@ class RequestedEdit:
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama` or `removed` by photo. x and y
+        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note` or
+        `removed` by photo. x and y
         come together; None for both puts the photo back into the tray.
     placement : str or None
         Whose positions change; None for the main one.
@@ -96,6 +98,8 @@ def _targets(
         known["heading_deg"] = _heading(known["heading_deg"], id)
     if known.get("taken_at") is not None:
         known["taken_at"] = _time(known["taken_at"], id)
+    if known.get("note") is not None:
+        known["note"] = _note(known["note"], id)
     if "x_px" not in known:
         return {f"photo/{id}": known} if known else {}
     at = {axis: known.pop(axis) for axis in ("x_px", "y_px")}
@@ -137,6 +141,14 @@ def _time(text: str, id: int) -> str:
         raise UsageError(
             "taken_at is not a time", where=f"photo/{id}", hint="write it as 2026-05-31T14:05:00"
         ) from error
+
+
+def _note(text: str, id: int) -> str | None:
+    tidy = text.strip()
+    problem = text_problem(tidy)
+    if problem:
+        raise UsageError(f"the note {problem}", where=f"photo/{id}")
+    return tidy or None
 
 
 def _check_inside(record: MapRecord, at: Mapping[str, float | None], *, id: int) -> None:

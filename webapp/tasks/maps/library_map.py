@@ -23,9 +23,11 @@ from webapp.core.mapmodel.model import (
     SatelliteImage,
     UnplacedPhoto,
 )
+from webapp.core.mapmodel.notes import MapNote
 from webapp.files.json_fields import JsonField
 from webapp.files.maps.control_points import parse_control_points
 from webapp.files.maps.map_json import parse_georeference, parse_panorama
+from webapp.files.maps.notes import parse_notes
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
@@ -56,6 +58,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         title=record.name,
         unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
         control_points=control_points(record),
+        notes=notes(record),
     )
 
 
@@ -67,6 +70,11 @@ def georeference(record: MapRecord) -> Georeference | None:
 def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
     """Read the control points of a map."""
     return parse_control_points(JsonField(record.control_points, "$.control_points", record.slug))
+
+
+def notes(record: MapRecord) -> tuple[MapNote, ...]:
+    """Read the notes of a map."""
+    return parse_notes(JsonField(record.notes, "$.notes", record.slug))
 
 
 def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
@@ -108,6 +116,7 @@ def _facts(photo: Photo) -> dict[str, Any]:
         "blurred": tuple(BlurBox(**box) for box in photo.blurred or ()),
         "source": None if photo.source is None else PhotoSource(**photo.source),
         "panorama": parse_panorama(photo.panorama, where=photo.path),
+        "note": photo.note,
     }
 
 

@@ -17,11 +17,12 @@ from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.map_json import georeference_fields
+from webapp.files.maps.notes import note_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.maps.library_map import control_points
+from webapp.tasks.maps.library_map import control_points, notes
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import image_of
 
@@ -177,6 +178,7 @@ def _apply(
             from_tray += 1
     outside += _move_placements(session, record, change, changes=changes)
     _move_control_points(record, change, changes=changes)
+    _move_notes(record, change, changes=changes)
     # a photo whose place on the new georeference is gone goes to the tray: the image itself stays as it is
     if outside and not choice.tray and not change.same_file:
         raise _refusal(outside, change)
@@ -214,6 +216,17 @@ def _move_control_points(
         moved = replace(point, position=spot if change.on_it(spot) else None)
         if moved != point:
             changes[f"point/{point.name}"] = point_fields(moved)
+
+
+def _move_notes(
+    record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
+) -> None:
+    """Move the notes too; those outside lose their place, and keep what they say."""
+    there = [(note, note.position) for note in notes(record) if note.position is not None]
+    for (note, _), spot in zip(there, change.moved([position for _, position in there]), strict=True):
+        moved = replace(note, position=spot if change.on_it(spot) else None)
+        if moved != note:
+            changes[f"note/{note.id}"] = note_fields(moved)
 
 
 def _refusal(outside: int, change: ImageChange) -> UsageError:

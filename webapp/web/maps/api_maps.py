@@ -9,6 +9,7 @@ from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
 
+from webapp.core.mapmodel.notes import MOST_TEXT
 from webapp.errors import Conflict, UsageError
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
@@ -25,7 +26,7 @@ blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps"
 _MOST = 10_000
 """Photos in one edit."""
 
-_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama"}
+_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama", "note": "note"}
 
 _EDITED = json_answer("What the edit changed.", EditAnswer)
 
@@ -86,6 +87,12 @@ class PhotoChange(Schema):
         PanoramaOut,
         allow_none=True,
         metadata={"description": "It shows the whole sphere, and is twice as wide as high; null: not."},
+    )
+
+    note = String(
+        allow_none=True,
+        validate=Length(max=MOST_TEXT),
+        metadata={"description": "What people write on it; null or empty: nothing."},
     )
 
 

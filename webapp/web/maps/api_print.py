@@ -64,6 +64,7 @@ class PrintIn(Schema):
     )
     headings = Boolean(load_default=True)
     control_points = Boolean(load_default=False)
+    notes = Boolean(load_default=True, metadata={"description": "Show the notes on spots of the map."})
     extent = String(
         load_default="image",
         validate=OneOf(EXTENTS),
@@ -111,7 +112,7 @@ def _answers(record: MapRecord, query: dict[str, Any]) -> tuple[SheetAnswer, ...
 
 def _words() -> SheetWords:
     def photos(n: int) -> str:
-        return cast(str, ngettext("%(num)d photo", "%(num)d photos", n))
+        return cast(str, ngettext("%(num)s photo", "%(num)s photos", n))
 
     return SheetWords(
         photos=photos,
@@ -119,9 +120,11 @@ def _words() -> SheetWords:
         photo=_("photo"),
         looks=_("direction of view"),
         control_point=_("control point"),
+        note=_("note"),
         answer=_("answer, by its probability"),
-        radius=_("68 % radius"),
+        radius=_("uncertainty radius"),
         labels_left_out=_("{n} labels left out for lack of space"),
+        notes_left_out=_("{n} notes left out for lack of space"),
         no_scale=_("No georeference: the scale and north are not known."),
         about=_("about {scale}"),
         image=_("Image: {attribution}"),

@@ -88,6 +88,7 @@ class PhotoOut(Schema):
         allow_none=True,
         metadata={"description": "Of a panorama: `heading_deg` is where its middle looks, `fov_deg` is 360."},
     )
+    note = String(allow_none=True, metadata={"description": "What people have written on it."})
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
     removed = Boolean()
@@ -135,6 +136,17 @@ class PlacementOut(Schema):
     )
 
 
+class NoteOut(Schema):
+    """A note on a spot of the map."""
+
+    id = Integer()
+    title = String()
+    text = String()
+    x_px = Float(allow_none=True, metadata={"description": "null: the present image does not show it."})
+    y_px = Float(allow_none=True)
+    photos = List(Integer(), metadata={"description": "Ids of the photos that it is about."})
+
+
 class StepOut(Schema):
     """An edit that can be undone or redone."""
 
@@ -175,6 +187,7 @@ class _Changed(Schema):
     )
     photos = List(Nested(PhotoOut))
     placements = List(Nested(PlacementOut))
+    notes = List(Nested(NoteOut))
     undo = Nested(StepOut, allow_none=True, metadata={"description": "Your last edit."})
     redo = Nested(StepOut, allow_none=True, metadata={"description": "Your last undone edit."})
 

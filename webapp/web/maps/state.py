@@ -88,6 +88,7 @@ def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str
         "revision": record.revision,
         **image(record),
         "placements": _placements(session, record),
+        "notes": notes_json(record),
         **_history(session, record, account=account),
     }
 
@@ -107,6 +108,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **(image(record) if record.satellite_revision > since else {}),
         "photos": _changed(record, changed),
         **({"placements": _placements(session, record)} if changed else {}),
+        **({"notes": notes_json(record)} if record.revision > since else {}),
         **_history(session, record, account=account),
         "jobs": [
             translate_job(jobs.to_json(session, job, account_id=account.id))
@@ -130,6 +132,7 @@ def edited(session: Session, record: MapRecord, *, account: Account, revision: i
         **(image(record) if record.satellite_revision == revision else {}),
         "photos": _changed(record, changed),
         "placements": _placements(session, record),
+        "notes": notes_json(record),
         **_history(session, record, account=account),
     }
 
@@ -206,9 +209,16 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "blurred": photo.blurred or [],
         "source": source_of_photo(photo),
         "panorama": photo.panorama,
+        "note": photo.note,
         "preview": f"{address}/preview{look}",
         "thumb": f"{address}/thumb{look}",
     }
+
+
+def notes_json(record: MapRecord) -> list[dict[str, Any]]:
+    """Return the notes on spots of a map."""
+    empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": []}
+    return [{**empty, **note} for note in record.notes or ()]
 
 
 def source_of_photo(photo: Photo) -> dict[str, str] | None:

@@ -26,7 +26,7 @@ from webapp.web.context import library, public, settings
 from webapp.web.counting import CountingStorage
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
-from webapp.web.maps.schemas import PageQuery
+from webapp.web.maps.schemas import NoteOut, PageQuery
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
@@ -49,6 +49,7 @@ class AllowsOut(Schema):
     photos = Boolean()
     localize = Boolean()
     originals = Boolean()
+    notes = Boolean()
 
 
 class SharedOut(Schema):
@@ -60,6 +61,7 @@ class SharedOut(Schema):
     satellite = Dict(allow_none=True)
     georeference = Dict(allow_none=True)
     photos = List(Dict(), metadata={"description": "Those that have a place."})
+    notes = List(Nested(NoteOut), metadata={"description": "On spots of the map."})
     answer = Dict(allow_none=True, metadata={"description": "The shared answer; null for a shared map."})
 
 

@@ -38,6 +38,10 @@ class AllowsIn(Schema):
         load_default=False,
         metadata={"description": "Original files, with names, times and GPS."},
     )
+    notes = Boolean(
+        load_default=False,
+        metadata={"description": "Notes on photos and on spots; of a shared map only."},
+    )
 
 
 class ShareIn(AllowsIn):
@@ -58,6 +62,7 @@ class ShareOut(Schema):
     photos = Boolean()
     localize = Boolean()
     originals = Boolean()
+    notes = Boolean()
     maker = String(
         allow_none=True, metadata={"description": "Who made it; null where that account was removed."}
     )
@@ -129,7 +134,7 @@ def revoke(slug: str, id: int) -> str:
 
 
 def _allows(data: dict[str, Any]) -> Allows:
-    return Allows(photos=data["photos"], localize=data["localize"], originals=data["originals"])
+    return Allows(**{name: data[name] for name in Allows.__slots__})
 
 
 def _share_json(
@@ -143,6 +148,7 @@ def _share_json(
         "photos": share.photos,
         "localize": share.localize,
         "originals": share.originals,
+        "notes": share.notes,
         "maker": maker,
         "created_at": share.created_at.isoformat(timespec="seconds"),
         "url": None if token is None else url_for("public_pages.show", token=token, _external=True),

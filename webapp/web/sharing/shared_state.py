@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.store.sharing import OpenedShare
+from webapp.store.sharing import Allows, OpenedShare
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
 from webapp.web.sending import send_revalidated
@@ -28,8 +28,8 @@ def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any
     Returns
     -------
     dict
-        `name, revision, allows, satellite, georeference, photos, answer`: photos that have a place, and the
-        shared answer, or null.
+        `name, revision, allows, satellite, georeference, notes, photos, answer`: photos that have a place,
+        and the shared answer, or null.
     """
     present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
     return {**_about(opened, token), "photos": [_photo(opened, photo, token) for photo in present]}
@@ -70,9 +70,10 @@ def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
     return {
         "name": record.name,
         "revision": record.revision,
-        "allows": {name: getattr(share, name) for name in ("photos", "localize", "originals")},
+        "allows": {name: getattr(share, name) for name in Allows.__slots__},
         "satellite": found["satellite"],
         "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
+        "notes": state.notes_json(record) if share.notes else [],
         "answer": None if opened.query is None else _answer(opened, opened.query, token),
     }
 
@@ -138,6 +139,7 @@ def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
         "fov_deg": photo.fov_deg if exif else None,
         "taken_at": photo.taken_at if exif else None,
         "source": state.source_of_photo(photo),
+        "note": photo.note if opened.share.notes else None,
         "thumb": f"{address}/thumb" if shown else None,
         "preview": f"{address}/preview" if shown else None,
         "original": f"{address}/original" if file else None,

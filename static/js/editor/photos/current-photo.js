@@ -52,6 +52,7 @@ export class CurrentPhoto {
     on("current-blur", () => this._blur(store.current));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
+    byId("current-note", HTMLTextAreaElement).addEventListener("change", (event) => commands.note(store.currentId, targetOf(event, HTMLTextAreaElement).value.trim()));
     byId("current-heading", HTMLInputElement).addEventListener("change", (event) => this._heading(targetOf(event, HTMLInputElement)));
   }
 
@@ -99,6 +100,8 @@ export class CurrentPhoto {
     byId("current-name").title = photo.name;
     byId("current-facts").replaceChildren(...this._facts(photo, position));
     this._buttons(photo, position);
+    const note = byId("current-note", HTMLTextAreaElement);
+    if (document.activeElement !== note) note.value = photo.note ?? "";
     const input = byId("current-heading", HTMLInputElement);
     if (document.activeElement !== input) input.value = this._headingText(photo.id);
   }
@@ -120,6 +123,7 @@ export class CurrentPhoto {
       const within = radius === null ? "" : ` ± ${offText(radius, this.store.georeference.metresPerPixel)}`;
       facts.push(...fact(t("Placed at"), this.view.positionText(position) + within));
     }
+    if (photo.note && !this.store.canEdit) facts.push(...fact(t("Note"), photo.note));
     if (photo.source) facts.push(...fact(t("From"), creditLine(photo.source)));
     return facts;
   }
@@ -146,6 +150,7 @@ export class CurrentPhoto {
     byId("current-panorama").hidden = !store.canEdit || !isWholeSphere(photo);
     byId("current-remove").hidden = !store.canEdit;
     byId("current-turn").hidden = !store.canEdit;
+    byId("current-note-part").hidden = !store.canEdit;
   }
 
   /** One line that says what to do now. */

@@ -13,14 +13,15 @@ export class PhotoMenu {
   /**
    * @param {import("../commands.js").Commands} commands
    * @param {import("./photo-order.js").PhotoOrder} order
-   * @param {{view: Object, dots: Object, crosshair: Object, measure: Object}} page
+   * @param {{view: Object, dots: Object, crosshair: Object, measure: Object, notes: Object}} page
    */
-  constructor(commands, order, { view, dots, crosshair, measure }) {
+  constructor(commands, order, { view, dots, crosshair, measure, notes }) {
     this.commands = commands;
     this.order = order;
     this.store = commands.store;
     this.view = view;
     this.measure = measure;
+    this.notes = notes;
     view.element.addEventListener("contextmenu", (event) => {
       event.preventDefault();
       if (event.pointerType === "touch" || !this.store.satellite) return; // a long press selects
@@ -66,6 +67,7 @@ export class PhotoMenu {
     openContextMenu(at, t("Satellite image"), [
       store.canEdit && current && { icon: "pin", label: words, run: () => commands.placeCurrent(pixel) },
       ...this._placeItems(pixel),
+      store.canEdit && { icon: "note", label: t("Add a note here …"), run: () => this.notes.add(pixel) },
       { icon: "ruler", label: t("Measure from here"), run: () => this.measure.start(pixel) },
     ]);
   }

@@ -66,7 +66,7 @@ export class PhotoOrder extends EventTarget {
   passes(id) {
     const { gps, heading, from, to, text } = this.filters;
     const photo = this.store.photos.get(id);
-    if (text && !photo.name.toLowerCase().includes(text.toLowerCase())) return false;
+    if (text && !`${photo.name} ${photo.note ?? ""}`.toLowerCase().includes(text.toLowerCase())) return false;
     if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
     if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
     if (!from && !to) return true;

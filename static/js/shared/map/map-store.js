@@ -24,6 +24,8 @@ export class MapStore extends EventTarget {
     this.revision = state.revision;
     this.photos = new Map(photosOf(state).map((photo) => [photo.id, photo]));
     this.placements = placementsOf(state.placements);
+    /** @type {import("./note-layer.js").Note[]} on spots of the map */
+    this.notes = state.notes ?? [];
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
     this.preview = new Map();
@@ -157,6 +159,10 @@ export class MapStore extends EventTarget {
     for (const photo of changes.photos || []) this._mergePhoto(photo);
     this._unplaced = null;
     if (changes.placements) this.placements = placementsOf(changes.placements);
+    if (changes.notes && JSON.stringify(changes.notes) !== JSON.stringify(this.notes)) {
+      this.notes = changes.notes;
+      this.emit("notes");
+    }
     if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it is gone
     if ("undo" in changes) this.history = { undo: changes.undo, redo: changes.redo };
     if ("satellite" in changes) {

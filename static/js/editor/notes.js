@@ -1,0 +1,67 @@
+/** Notes on spots of the map, written in a dialog, and moved by dragging their marks. */
+
+import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { t, tn } from "../shared/i18n.js";
+import { clamped, pixelOf } from "../shared/map/coords.js";
+import { NoteLayer, noteDialog, notePhotos } from "../shared/map/note-layer.js";
+import { toastError } from "../shared/toast.js";
+
+const MOST_TITLE = 120;
+const MOST_TEXT = 4000;
+
+/** The notes of the page. */
+export class Notes {
+  /** @param {Object} page store, server and view */
+  constructor({ store, server, view }) {
+    this.store = store;
+    this.server = server;
+    this.view = view;
+    const moved = (note, at) => this._send(() => server.changeNote({ ...note, x_px: at[0], y_px: at[1] }));
+    new NoteLayer(store, view.map, store.canEdit ? { open: (note) => this.edit(note), moved } : { open: (note) => noteDialog(store, note) });
+    byId("note-button").addEventListener("click", () => {
+      byId("place-menu", HTMLDetailsElement).open = false;
+      if (store.satellite) this.add(clamped(pixelOf(view.map.getCenter()), store.satellite));
+    });
+  }
+
+  /** Write a new note. @param {number[]} at map pixel */
+  add([x_px, y_px]) {
+    this.edit({ id: null, title: "", text: "", x_px, y_px, photos: [...this.store.selection] });
+  }
+
+  /** @param {Object} note */
+  edit(note) {
+    const title = h("input", { class: "input", value: note.title, maxlength: MOST_TITLE, autocomplete: "off", "data-testid": "note-title" });
+    const text = h("textarea", { class: "input note-input", rows: 5, maxlength: MOST_TEXT, "data-testid": "note-text" }, note.text);
+    const about = h("input", { type: "checkbox", checked: note.photos.length > 0 });
+    const photos = note.photos.length ? note.photos : [...this.store.selection];
+    const linked = photos.length > 0 && h("label", { class: "check small" }, about, tn("About {n} photo", "About {n} photos", photos.length));
+    const error = errorLine();
+    const save = h("button", { class: "button button--primary", type: "button", "data-testid": "note-save" }, t("Save"));
+    const remove = note.id !== null && h("button", { class: "button", type: "button", "data-testid": "note-remove" }, icon("trash"), t("Remove"));
+    const body = [field(t("Title"), title), field(t("Text"), text), linked, notePhotos(this.store, note.photos), error].filter(Boolean);
+    const dialog = openDialog(note.id === null ? t("New note") : t("Note"), body, { actions: [remove, save].filter(Boolean) });
+    const done = (button, run) => button.addEventListener("click", () => busy(button, async () => {
+      try {
+        this.store.merge(await run());
+        dialog.close();
+      } catch (problem) {
+        error.show(problem);
+      }
+    }));
+    const wish = () => ({ ...note, title: title.value.trim(), text: text.value.trim(), photos: about.checked ? photos : [] });
+    done(save, () => (note.id === null ? this.server.addNote(wish()) : this.server.changeNote(wish())));
+    if (remove) done(remove, () => this.server.removeNote(note.id));
+    title.focus();
+  }
+
+  async _send(run) {
+    try {
+      this.store.merge(await run());
+    } catch (error) {
+      this.store.emit("notes");
+      toastError(error);
+    }
+  }
+}

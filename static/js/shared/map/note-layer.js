@@ -1,0 +1,65 @@
+/** Notes on spots of the map: marks that open what is written. */
+
+import { openDialog } from "../dialogs.js";
+import { h, icon } from "../dom.js";
+import { t } from "../i18n.js";
+import { latLngOf, pixelOf } from "./coords.js";
+
+const SIDE = 30;
+
+/** @typedef {{id: number, title: string, text: string, x_px: ?number, y_px: ?number, photos: number[]}} Note */
+
+/** A layer of Leaflet with a mark for each note; follows the store. */
+export class NoteLayer {
+  /**
+   * @param {import("./map-store.js").MapStore} store
+   * @param {L.Map} map
+   * @param {{open?: function(Note): void, moved?: function(Note, number[]): void}} [does] `moved`: marks can be dragged
+   */
+  constructor(store, map, { open = (note) => noteDialog(store, note), moved } = {}) {
+    this.store = store;
+    this.open = open;
+    this.moved = moved;
+    this.group = L.layerGroup().addTo(map);
+    store.on("notes satellite", () => this.show());
+    this.show();
+  }
+
+  show() {
+    this.group.clearLayers();
+    for (const note of this.store.notes) if (note.x_px !== null) this.group.addLayer(this._mark(note));
+  }
+
+  _mark(note) {
+    const html = h("span", { class: "note-mark__face" }, icon("note"));
+    const look = L.divIcon({ className: "note-mark", html, iconSize: [SIDE, SIDE], iconAnchor: [SIDE / 2, SIDE - 2] });
+    const mark = L.marker(latLngOf([note.x_px, note.y_px]), { icon: look, title: note.title, draggable: Boolean(this.moved), zIndexOffset: 500 });
+    mark.on("click", (event) => {
+      L.DomEvent.stop(event);
+      this.open(note);
+    });
+    mark.on("keypress", ({ originalEvent }) => originalEvent.key === "Enter" && this.open(note));
+    mark.on("dragend", () => this.moved?.(note, pixelOf(mark.getLatLng())));
+    return mark;
+  }
+}
+
+/** Show a note to somebody who reads. @param {import("./map-store.js").MapStore} store @param {Note} note */
+export function noteDialog(store, note) {
+  openDialog(note.title, [note.text && h("p", { class: "note-text" }, note.text), notePhotos(store, note.photos)].filter(Boolean));
+}
+
+/** Pictures of the photos that a note is about. @param {import("./map-store.js").MapStore} store @param {number[]} ids */
+export function notePhotos(store, ids) {
+  const there = ids.map((id) => store.photos.get(id)).filter((photo) => photo?.thumb);
+  if (!there.length) return null;
+  const picture = ({ id, thumb, name }) => {
+    const choose = (event) => {
+      event.target.closest("dialog").close();
+      store.setCurrent(id);
+    };
+    const words = name || t("Photo {id}", { id });
+    return h("button", { class: "note-photo", type: "button", title: words, onclick: choose }, h("img", { src: thumb, alt: words, loading: "lazy" }));
+  };
+  return h("div", { class: "note-photos" }, ...there.map(picture));
+}

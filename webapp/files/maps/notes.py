@@ -1,0 +1,82 @@
+"""Notes as `map.json` has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.notes import MapNote, text_problem, title_problem
+from webapp.files.json_fields import JsonField, by_id, finite
+
+
+def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
+    """Read a list of notes, by id.
+
+    Raises
+    ------
+    MapJsonError
+    """
+    found = by_id(field, parse=_note)
+    return tuple(found[id] for id in sorted(found))
+
+
+def read_note(id: int, fields: Mapping[str, Any], *, where: str) -> MapNote:
+    """Read one from its fields without the id.
+
+    Raises
+    ------
+    MapJsonError
+    """
+    return parse_notes(JsonField([{"id": id, **fields}], "$", where))[0]
+
+
+def parse_text(field: JsonField) -> str | None:
+    """Read the note of a photo; None where it has none.
+
+    Raises
+    ------
+    MapJsonError
+    """
+    if field.missing:
+        return None
+    problem = text_problem(field.text())
+    if problem:
+        raise field.error(problem)
+    return field.text() or None
+
+
+def note_fields(note: MapNote) -> dict[str, Any]:
+    """Return a note as `map.json` has it, without its id; what is unknown is left out."""
+    at = note.position
+    return {
+        "title": note.title,
+        **({} if at is None else {"x_px": at.x, "y_px": at.y}),
+        **({"text": note.text} if note.text else {}),
+        **({"photos": list(note.photos)} if note.photos else {}),
+    }
+
+
+def notes_fields(notes: Iterable[MapNote]) -> list[dict[str, Any]]:
+    """Return notes as `map.json` has them."""
+    return [{"id": note.id, **note_fields(note)} for note in notes]
+
+
+def _note(item: JsonField) -> tuple[int, MapNote]:
+    fields = item.record(required=("id", "title"), optional=("x_px", "y_px", "text", "photos"))
+    problem = title_problem(fields["title"].text())
+    if problem:
+        raise fields["title"].error(problem)
+    x, y = (fields[axis] for axis in ("x_px", "y_px"))
+    if x.missing != y.missing:
+        raise item.error("has only one of x_px and y_px", hint="give both or none")
+    number = fields["id"].integer(largest=MAX_NUMBER)
+    position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
+    photos = [photo.integer(largest=MAX_NUMBER) for photo in fields["photos"].items()]
+    text = parse_text(fields["text"]) or ""
+    return number, MapNote(number, fields["title"].text(), position, text, tuple(dict.fromkeys(photos)))
+
+
+def _pixel(field: JsonField) -> float:
+    return field.number("a finite number of pixels", valid=finite)

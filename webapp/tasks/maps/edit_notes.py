@@ -1,0 +1,101 @@
+"""Writes notes on spots of a map of the library, each change as one edit that can be undone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from webapp.core.geo.types import inside
+from webapp.core.mapmodel.notes import MOST_NOTES, MapNote, text_problem, title_problem
+from webapp.errors import NotFound, UsageError
+from webapp.files.maps.notes import note_fields
+from webapp.store.library import Library
+from webapp.store.maps import edits, maps
+from webapp.store.maps.changing import MapChange
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.library_map import notes
+
+
+def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
+    """Add a note; its id is chosen here.
+
+    Returns
+    -------
+    int or None
+        Revision of the edit.
+
+    Raises
+    ------
+    UsageError
+        The note is not valid, or the map has too many.
+    NotFound
+        A photo that it names is not there.
+    """
+    with library.changing(map_id) as change:
+        there = notes(change.record)
+        if len(there) >= MOST_NOTES:
+            raise UsageError(f"the map has {MOST_NOTES} notes already", hint="remove some first")
+        numbered = replace(note, id=1 + max((one.id for one in there), default=0))
+        return _write(change, numbered, account_id=account_id)
+
+
+def change_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
+    """Replace a note; the revision is None when it was so already.
+
+    Raises
+    ------
+    UsageError
+    NotFound
+        The note, or a photo that it names, is not there.
+    """
+    with library.changing(map_id) as change:
+        _check_there(change.record, note.id)
+        return _write(change, note, account_id=account_id)
+
+
+def remove_note(library: Library, map_id: int, *, id: int, account_id: int) -> int | None:
+    """Take a note away.
+
+    Raises
+    ------
+    NotFound
+    """
+    with library.changing(map_id) as change:
+        _check_there(change.record, id)
+        done = edits.apply(
+            change.session,
+            change.record,
+            changes={f"note/{id}": None},
+            kind=edits.NOTES_KIND,
+            account_id=account_id,
+        )
+    return None if done is None else done.turn
+
+
+def _check_there(record: MapRecord, id: int) -> None:
+    if id not in {note.id for note in notes(record)}:
+        raise NotFound(f"the map has no note {id}", hint="somebody may have removed it; reload the page")
+
+
+def _write(change: MapChange, note: MapNote, *, account_id: int) -> int | None:
+    session, record = change.session, change.record
+    _check(record, note)
+    maps.present_photos(session, record, note.photos)
+    done = edits.apply(
+        session,
+        record,
+        changes={f"note/{note.id}": note_fields(note)},
+        kind=edits.NOTES_KIND,
+        account_id=account_id,
+    )
+    return None if done is None else done.turn
+
+
+def _check(record: MapRecord, note: MapNote) -> None:
+    for what, problem in (("title", title_problem(note.title)), ("text", text_problem(note.text))):
+        if problem:
+            raise UsageError(f"the {what} of a note {problem}", where=what)
+    width, height = record.satellite_width, record.satellite_height
+    if width is None or height is None:
+        raise UsageError("the map has no satellite image yet", hint="add one, or start from a blank plan")
+    if note.position is not None and not inside(note.position, width=width, height=height):
+        raise UsageError("the note is outside the image", where="x_px, y_px")

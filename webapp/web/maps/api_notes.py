@@ -1,0 +1,90 @@
+"""Notes on spots of a map through the API; those on photos are edits of the photos."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import Float, Integer, List, Nested, String
+from apiflask.validators import Length, Range
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps import edit_notes
+from webapp.web.context import account, library, open_map
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer, NoteOut
+
+blueprint = APIBlueprint("api_notes", __name__, url_prefix="/api/v1/maps/<slug>/notes", tag="Maps")
+
+_ID = "<int(max=2147483647):id>"
+_MOST_PHOTOS = 500
+
+
+class NoteIn(Schema):
+    """What a note says, and where."""
+
+    title = String(required=True, validate=Length(1, MOST_TITLE))
+    text = String(load_default="", validate=Length(max=MOST_TEXT))
+    x_px = Float(required=True)
+    y_px = Float(required=True)
+    photos = List(
+        Integer(validate=Range(0, MAX_NUMBER)),
+        load_default=list,
+        validate=Length(max=_MOST_PHOTOS),
+        metadata={"description": "Ids of the photos that it is about."},
+    )
+
+
+class NotesOut(Schema):
+    """The notes on spots of a map."""
+
+    notes = List(Nested(NoteOut))
+
+
+@blueprint.get("")
+@blueprint.output(NotesOut)
+def show(slug: str) -> dict[str, Any]:
+    """List the notes on spots of the map."""
+    return {"notes": state.notes_json(open_map(slug))}
+
+
+@blueprint.post("")
+@blueprint.input(NoteIn, arg_name="data")
+@blueprint.output(EditAnswer, status_code=201)
+def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Add a note, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    note = _note(0, data)
+    return _answer(record, edit_notes.add_note(library(), record.id, note=note, account_id=account().id))
+
+
+@blueprint.put(f"/{_ID}")
+@blueprint.input(NoteIn, arg_name="data")
+@blueprint.output(EditAnswer)
+def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
+    """Replace a note, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    note = _note(id, data)
+    return _answer(record, edit_notes.change_note(library(), record.id, note=note, account_id=account().id))
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.output(EditAnswer)
+def remove(slug: str, id: int) -> dict[str, Any]:
+    """Take a note away, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    return _answer(record, edit_notes.remove_note(library(), record.id, id=id, account_id=account().id))
+
+
+def _note(id: int, data: dict[str, Any]) -> MapNote:
+    text, photos = data["text"].strip(), tuple(dict.fromkeys(data["photos"]))
+    return MapNote(id, data["title"].strip(), MapPixel(data["x_px"], data["y_px"]), text, photos)
+
+
+def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=account(), revision=revision)
