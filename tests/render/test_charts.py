@@ -31,6 +31,12 @@ def test_error_curve_of_odd_data_is_valid(errors: list[float]) -> None:
     assert all(0 <= x <= WIDTH and 0 <= y <= HEIGHT for x, y in curve(ET.tostring(root, encoding="unicode")))
 
 
+@pytest.mark.parametrize(("radius", "side"), [(2, "note"), (76, "note end")])
+def test_the_name_of_the_place_radius_is_where_there_is_room(radius: float, side: str) -> None:
+    root = ET.fromstring(error_chart(np.array([1.0]), place_radius_px=radius))
+    assert [part.get("class") for part in root.iter() if part.text == "place radius"] == [side]
+
+
 def test_reliability_has_a_dot_a_bin_at_its_place() -> None:
     svg = reliability_chart([ReliabilityBin(0.0, 1.0, 9), ReliabilityBin(1.0, 0.0, 9)])
     dots = [(float(e.get("cx", "")), float(e.get("cy", ""))) for e in ET.fromstring(svg).iter("circle")]

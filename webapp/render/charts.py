@@ -89,10 +89,11 @@ def error_chart(
         steps.append(f"H{_x(x, float(value))}V{_y(y, float(share))}")
     steps.append(f"H{_x(x, ticks[-1][0])}")
     at = _x(x, place_radius_px)
+    label = ("note", at + 6) if at < WIDTH / 2 else ("note end", at - 6)  # where there is room for it
     body = (
         Markup('<path class="guide" d="M{0} {1}V{2}"/>').format(at, _TOP, HEIGHT - _BOTTOM)
-        + Markup('<text class="note" x="{0}" y="{1}">{2}</text>').format(
-            at + 6, HEIGHT - _BOTTOM - 8, words.place_radius
+        + Markup('<text class="{0}" x="{1}" y="{2}">{3}</text>').format(
+            *label, HEIGHT - _BOTTOM - 8, words.place_radius
         )
         + Markup('<path class="curve" d="{0}"/>').format("".join(steps))
     )
