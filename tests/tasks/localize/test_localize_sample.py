@@ -52,6 +52,20 @@ def test_queries_are_found_where_they_were_taken(localizer):
     assert any(a.hypotheses[0].kind == "position" for a in first)
 
 
+def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):
+    by_gps = [replace(e, by_gps=True, gps_accuracy_m=25.0) for e in localizer.opened.map.experiences]
+    there = replace(localizer.opened.map, experiences=tuple(by_gps))
+    path, _ = next(queries(localizer))
+    exact, inexact = (
+        replace(localizer, opened=replace(localizer.opened, map=on)).localize(path, top=1).hypotheses[0]
+        for on in (localizer.opened.map, there)
+    )
+    radius_m = inexact.radius_px * there.georeference.metres_per_pixel(inexact.position)
+    assert exact.radius_px < 0.5 * inexact.radius_px
+    assert radius_m >= 20.0
+    assert inexact.probability == pytest.approx(exact.probability, abs=0.05)
+
+
 def test_headings_count_from_north_on_an_image_that_is_turned(localizer):
     """Mapped again with north to the left of the image, every camera has turned by a quarter."""
     east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")

@@ -9,14 +9,12 @@ import numpy as np
 
 from webapp.core.landmarks.placing import KnownPositions
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
+from webapp.core.mapmodel.accuracy import position_radius_px
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.core.mapmodel.panorama import experience_of
 
 _CLICK_PX = 1.0
 """Standard deviation of a position that somebody clicked."""
-
-_GPS_M = 8.0
-"""68 % radius of positions of GPS that do not say how exact they are: phones between buildings."""
 
 AnyPhoto = Experience | UnplacedPhoto
 
@@ -39,16 +37,6 @@ def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPos
         if isinstance(photo, Experience) and experience_of(photo.id) not in seen:
             seen.add(experience_of(photo.id))
             at[number] = complex(*photo.position)
-            sigma[number] = max(_radius_px(photo, the_map) / RADIUS_OVER_SIGMA, _CLICK_PX)
+            sigma[number] = max(position_radius_px(photo, the_map) / RADIUS_OVER_SIGMA, _CLICK_PX)
             derived[number] = photo.radius_px is not None
     return KnownPositions(at, sigma, derived)
-
-
-def _radius_px(photo: Experience, the_map: Map) -> float:
-    """68 % radius of a position; 0 where somebody has placed the photo."""
-    if photo.radius_px is not None:
-        return photo.radius_px
-    if not photo.by_gps or the_map.georeference is None:
-        return 0.0
-    accuracy_m = _GPS_M if photo.gps_accuracy_m is None else photo.gps_accuracy_m
-    return accuracy_m / the_map.georeference.metres_per_pixel(photo.position)

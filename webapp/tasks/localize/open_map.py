@@ -13,6 +13,7 @@ import numpy as np
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, describe_places
 from webapp.core.landmarks.cloud import LaidCloud
+from webapp.core.mapmodel.accuracy import inexact_positions
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import LevelView, experience_of, experiences_of
 from webapp.core.mapmodel.views import level_views, picture_of
@@ -96,6 +97,8 @@ class OpenMap:
         What the index has of the map's experiences: their photos, and of panoramas their level views.
     views : mapping of int to LevelView
         Those among them that are views, by id.
+    position_radius_px : mapping of int to float
+        Of the experiences whose positions are not exact, by id.
     """
 
     cfg: Path
@@ -111,11 +114,12 @@ class OpenMap:
     landmarks: LaidCloud | None = None
     pictures: tuple[Experience, ...] = field(init=False)
     views: Mapping[int, LevelView] = field(init=False)
+    position_radius_px: Mapping[int, float] = field(init=False)
 
     def __post_init__(self) -> None:
-        pictures = level_views(self.map.experiences)
-        object.__setattr__(self, "pictures", pictures)
+        object.__setattr__(self, "pictures", pictures := level_views(self.map.experiences))
         object.__setattr__(self, "views", {e.id: e.view for e in pictures if e.view is not None})
+        object.__setattr__(self, "position_radius_px", inexact_positions(self.map))
 
     def artifact_paths(self, name: str) -> tuple[Path, Path]:
         """Paths of a file computed from the index: where it is looked for first, and where it is written."""

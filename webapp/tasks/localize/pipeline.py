@@ -33,6 +33,7 @@ from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.heading_prior import relative_to_north
 from webapp.core.hypotheses.jsonform import AnswerSource
+from webapp.core.hypotheses.map_accuracy import limit_accuracy
 from webapp.core.hypotheses.model import Answer
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
@@ -126,9 +127,12 @@ class LocalizationPipeline:
         PhotoError
             The photo cannot be used.
         """
-        return apply_path_prior_to_answer(
-            self.observe(photo_path, top=top, hide=hide), self.opened.indexed.paths
-        )
+        answer = self.observe(photo_path, top=top, hide=hide)
+        return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
+
+    def limit_accuracy(self, answer: Answer) -> Answer:
+        """Make no position of a finished answer more exact than those of the map's photos."""
+        return limit_accuracy(answer, self.opened.position_radius_px)
 
     def observe(
         self,

@@ -65,7 +65,7 @@ class SequenceFilter:
         self._belief, answer = filter_step(
             self._belief, alone, motion=self._motion, top=top, steps=self._steps.get(photo_path, 1.0)
         )
-        return answer
+        return self._pipeline.limit_accuracy(answer)
 
 
 class SmoothedSequence:
@@ -135,7 +135,8 @@ def smooth_sequence(
         top=FRAME_TOP,
         steps=[steps.get(photo, 1.0) for photo in frames],
     )
-    return SmoothedSequence(found | dict(zip(frames, smoothed, strict=True)))
+    limited = map(pipeline.limit_accuracy, smoothed)
+    return SmoothedSequence(found | dict(zip(frames, limited, strict=True)))
 
 
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:

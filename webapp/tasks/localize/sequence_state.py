@@ -72,7 +72,7 @@ def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, 
     belief, joined = filter_step(belief, answer, motion=motion(pipeline), top=top)
     now = {"format": _FORMAT, "map": pipeline.map_hash, "belief": belief_to_json(belief)}
     write_text(file, json.dumps(now))
-    return joined
+    return pipeline.limit_accuracy(joined)
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -77,7 +77,8 @@ def combine(
     weighed, best = combine_without_prior(pipeline, answers, hints=hints)
     paths = pipeline.opened.indexed.paths
     weight = None if hints.near is None else photo_weights(hints.near, paths)
-    return truncate(apply_path_prior_to_answer(weighed, paths, weight=weight), top), best
+    answer = truncate(apply_path_prior_to_answer(weighed, paths, weight=weight), top)
+    return pipeline.limit_accuracy(answer), best
 
 
 def combine_without_prior(

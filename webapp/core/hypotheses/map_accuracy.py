@@ -1,0 +1,32 @@
+"""No position is known better than those of the photos that it is computed from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from statistics import median
+
+from webapp.core.hypotheses.model import Answer, Hypothesis
+
+
+def limit_accuracy(answer: Answer, position_radius_px: Mapping[int, float]) -> Answer:
+    """Widen the radii of hypotheses to that of the positions of their photos, in the median.
+
+    Photos that were placed by the GPS of one phone, on one walk, may all be off in the same direction, so
+    that the mean of several is not better than each.
+
+    Parameters
+    ----------
+    position_radius_px : mapping of int to float
+        68 % radii of the positions of experiences by their ids; those that are not in it are exact.
+    """
+    if not position_radius_px:
+        return answer
+    return replace(answer, hypotheses=tuple(_limited(h, position_radius_px) for h in answer.hypotheses))
+
+
+def _limited(hypothesis: Hypothesis, position_radius_px: Mapping[int, float]) -> Hypothesis:
+    if hypothesis.radius_px is None or not hypothesis.experiences:
+        return hypothesis
+    least = median(position_radius_px.get(id, 0.0) for id in hypothesis.experiences)
+    return replace(hypothesis, radius_px=max(hypothesis.radius_px, least))
