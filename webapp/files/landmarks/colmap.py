@@ -6,7 +6,11 @@ by their content in it. pycolmap is the extra `sfm`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import ctypes
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +31,9 @@ PIECES_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
 
 _FORMAT = 4
 
+_MOST_OF_SIGACTION = 512
+"""More bytes than the C library's `struct sigaction` has anywhere."""
+
 
 def pycolmap() -> ModuleType:
     """Import pycolmap, without its log: that photos cannot be joined is a result.
@@ -36,10 +43,27 @@ def pycolmap() -> ModuleType:
     MissingPart
         The extra `sfm` is not installed.
     """
-    with extra("sfm"):
+    with extra("sfm"), _termination_kept():
         import pycolmap as module
     module.logging.minloglevel = int(module.logging.FATAL)
     return module
+
+
+@contextmanager
+def _termination_kept() -> Iterator[None]:
+    """Keep what the process does on SIGTERM: pycolmap's log would print a stack trace and end it at once.
+
+    It is imported in threads, too, where Python's own `signal.signal` cannot be called.
+    """
+    if sys.platform == "win32" or "pycolmap" in sys.modules:
+        yield
+        return
+    libc, action = ctypes.CDLL(None), ctypes.create_string_buffer(_MOST_OF_SIGACTION)
+    libc.sigaction(signal.SIGTERM, None, action)
+    try:
+        yield
+    finally:
+        libc.sigaction(signal.SIGTERM, action, None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
