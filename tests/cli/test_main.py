@@ -82,6 +82,7 @@ def test_it_runs_as_a_module(module, tmp_path):
     [
         (["bogus"], "No such command 'bogus' (see expmap --help)"),
         (["map", "bogus"], "No such command 'bogus' (see expmap map --help)"),
+        (["localise"], "there is no command 'localise'; did you mean 'localize'? (see expmap --help)"),
         (["--quux"], "No such option '--quux' (see expmap --help)"),
         (["build"], "Missing argument 'MAP.cfg' (see expmap build --help)"),
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),

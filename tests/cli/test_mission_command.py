@@ -48,7 +48,8 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     code, _, err = mission("import", "1", good)
     assert code == 0
     assert "all of it was there already" in err
-    assert mission("export", "1", tmp_path / "out.geojson")[0] == 0
+    code, out, _ = mission("export", "1", tmp_path / "out.geojson")
+    assert (code, out) == (0, f"{tmp_path / 'out.geojson'}\n")
     assert (tmp_path / "out.geojson").read_text().startswith("{")
     assert mission("export", "1", tmp_path / "yard-objects.csv")[0] == 0
     assert "waypoint" in (tmp_path / "yard-objects.csv").read_text()

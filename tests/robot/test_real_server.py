@@ -91,7 +91,9 @@ def test_lines_of_another_program_are_sent(site, expmap, mission, tmp_path):
         "send", tmp_path / "s", "--url", site.url, "--mission", mission, "--at-end", stdin="\n".join(lines)
     )
     assert (code, out) == (1, "")
-    assert [line.partition(":")[0] for line in err.splitlines()] == ["line 3", "line 4", "line 5"]
+    *refused, last = err.splitlines()
+    assert [line.partition(":")[0] for line in refused] == ["line 3", "line 4", "line 5"]
+    assert last == f"6 lines sent, 3 refused: {site.url}/missions/{mission}"
     assert site.poses().times_s.tolist() == list(range(5))
 
 

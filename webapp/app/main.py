@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import os
 import sys
@@ -58,6 +59,15 @@ class LazyGroup(click.Group):
         module, name = self._where[cmd_name].split(":")
         command: click.Command = getattr(importlib.import_module(module), name)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is meant; for a name that is nearly one of them that is suggested."""
+        near = difflib.get_close_matches(args[0], self._where, n=1)
+        if near and args[0] not in self._where:
+            ctx.fail(f"there is no command {args[0]!r}; did you mean {near[0]!r}?")
+        return super().resolve_command(ctx, args)
 
 
 def _show_version(ctx: click.Context, _option: click.Parameter, wanted: bool) -> None:

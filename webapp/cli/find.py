@@ -12,6 +12,7 @@ from sqlalchemy import select
 
 from webapp.cli import exitcodes
 from webapp.cli.library import existing_library, library_option, library_settings
+from webapp.cli.localize import percent
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.hypotheses.jsonform import failure_to_json
 from webapp.errors import PhotoError
@@ -75,8 +76,8 @@ def _text(search: MapSearch, *, query: str) -> str:
     for found in search.maps:
         places = found.answer["hypotheses"]
         where = f"x {places[0]['x_px']:.0f}, y {places[0]['y_px']:.0f}" if places else "nowhere"
-        lines.append(f"  {found.probability:6.1%}  {found.slug}: {where}")
-    lines.append(f"  {search.no_map_probability:6.1%}  on none of them")
+        lines.append(f"  {percent(found.probability)}  {found.slug}: {where}")
+    lines.append(f"  {percent(search.no_map_probability)}  on none of them")
     lines += [f"  not searched: {one.slug}: {one.reason}" for one in search.not_searched]
     return "\n".join(lines)
 

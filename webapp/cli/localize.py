@@ -57,9 +57,9 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
     width = [max(len(r[i]) for r in rows) for i in shown]
     lines = ["  ".join(r[i].rjust(w) for i, w in zip(shown, width, strict=True)) for r in rows]
     if answer.other_probability >= 0.005:
-        lines.append(f"   {_percent(answer.other_probability)} other places on this map")
+        lines.append(f"   {percent(answer.other_probability)} other places on this map")
     if answer.off_map_probability is not None:
-        lines.append(f"   {_percent(answer.off_map_probability)} not on this map")
+        lines.append(f"   {percent(answer.off_map_probability)} not on this map")
     if answer.note:
         lines.append(f"   {answer.note}")
     return "\n".join([f"{query}: {_verdict(answer)}", *lines])
@@ -93,7 +93,7 @@ def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str
             shown = f"{radius * georeference.metres_per_pixel(position):.1f} m"
     return (
         str(hypothesis.rank),
-        _percent(hypothesis.probability).strip(),
+        percent(hypothesis.probability).strip(),
         f"{position.x:.0f}",
         f"{position.y:.0f}",
         shown,
@@ -106,7 +106,8 @@ def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str
     )
 
 
-def _percent(probability: float) -> str:
+def percent(probability: float) -> str:
+    """Write a probability; only what is exactly that is 0 or 100 %."""
     if 0.0 < probability < 0.01:
         return " <1 %"
     if 0.99 < probability < 1.0:

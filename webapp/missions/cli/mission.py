@@ -149,6 +149,7 @@ def export(mission: int, file: Path, form: str | None, library: Path | None) -> 
                 sys.stdout.buffer.write(piece)
         else:
             write_pieces(file, download.pieces)
+            click.echo(file)
 
 
 def _form_of(file: Path) -> str:

@@ -179,13 +179,15 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
     with RobotClient(
         target.url, target.token, mission=target.mission, spool=spool, options=options
     ) as client:
-        refused = sum(
-            not _take(client, line, number=n) for n, line in enumerate(sys.stdin, 1) if line.strip()
-        )
+        taken = [_take(client, line, number=n) for n, line in enumerate(sys.stdin, 1) if line.strip()]
         client.close()
         left = client.status()
+    refused = taken.count(False)
     if left.waiting or left.photos:
         click.echo(_left(spool, left.waiting, photos=left.photos, problem=left.problem), err=True)
+    else:
+        where = f"{target.url}/missions/{target.mission}"
+        click.echo(f"{len(taken) - refused} lines sent, {refused} refused: {where}", err=True)
     return SOME_FAILED if refused or left.waiting or left.photos else 0
 
 
