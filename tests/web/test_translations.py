@@ -60,7 +60,7 @@ def test_what_is_compiled_is_what_is_written(maker, written):
 def test_every_folder_is_a_language_in_its_own_words():
     assert set(OTHERS) == {path.name for path in TRANSLATIONS.iterdir() if path.is_dir()}
     assert next(iter(LANGUAGES)) == "en", "which is what there is where nothing else is preferred"
-    assert LANGUAGES["cs"] == "Čeština"
+    assert (LANGUAGES["cs"], LANGUAGES["de"]) == ("Čeština", "Deutsch")
 
 
 def test_translations_keep_placeholders_and_markup(written):
@@ -102,6 +102,7 @@ def test_pages_are_in_the_language_that_is_asked_for(client, stranger):
         ("CS", "cs"),
         ("en-GB, cs;q=0.8", "en"),
         ("fi, cs-CZ;q=0.2", "cs"),
+        ("de-AT, en;q=0.8", "de"),
         ("en;q=0.1, cs;q=0.9", "cs"),
         ("cs;q=0, *", "en"),
         ("fi", "en"),
