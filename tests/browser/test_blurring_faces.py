@@ -30,3 +30,22 @@ def test_boxes_are_drawn_and_kept(make_page, page):
     expect(page.locator(".blur-box")).to_have_count(2)
     page.get_by_role("button", name="Remove this box").first.click()
     expect(page.locator(".blur-box")).to_have_count(1)
+
+
+def test_suggested_faces_are_accepted_photo_by_photo(make_page, page, api):
+    edit = make_page(3, placed=True)
+    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2}
+    page.route("**/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face]}))
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    page.locator("#selection-blur").click()
+    expect(page.get_by_text("1 of 3")).to_be_visible()
+    expect(page.locator(".blur-box")).to_have_count(1)
+    assert axe.findings(page) == []
+    page.get_by_role("button", name="Remove this box").click()
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_text("2 of 3")).to_be_visible()
+    expect(page.locator(".blur-box")).to_have_count(1)
+    page.get_by_test_id("blur-rest").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert sorted(len(photo["blurred"]) for photo in api.state(edit.slug)["photos"]) == [0, 1, 1]

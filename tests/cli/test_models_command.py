@@ -5,6 +5,7 @@ import json
 import pytest
 
 from tests.standin_models import brightest, tiny_image
+from webapp.files.localize.models import MODELS
 
 
 @pytest.fixture(autouse=True)
@@ -19,12 +20,13 @@ def test_the_list_has_size_licence_source_and_state(expmap):
     code, out, err = expmap("models", "list")
     assert code == 0
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out
+    assert "faces: face_detection_yunet_2023mar.onnx, 0.2 MB, MIT, YuNet of" in out
     assert "aliked: aliked.onnx, yours to supply: no published file is pinned, ALIKED of" in out
-    assert out.count("; missing\n") == out.count("\n") == 7
+    assert out.count("; missing\n") == out.count("\n") == 8
     assert "folder:" in err
     code, out, _ = expmap("models", "list", "--json")
     names = {state["model"] for state in json.loads(out)}
-    assert names == {"xfeat", "lighterglue", "aliked", "disk", "aliked-lightglue", "global"}
+    assert names == {"xfeat", "lighterglue", "faces", "aliked", "disk", "aliked-lightglue", "global"}
 
 
 def test_a_global_descriptor_is_named_and_tried(expmap, models):
@@ -46,7 +48,8 @@ def test_a_global_descriptor_is_named_and_tried(expmap, models):
     assert "Traceback" not in err
 
 
-def test_weights_from_a_folder_can_be_used(expmap, shared_models, models):
+def test_weights_from_a_folder_can_be_used(expmap, shared_models, models, monkeypatch):
+    monkeypatch.delitem(MODELS, "faces")  # it would be downloaded
     code, out, err = expmap("models", "fetch", "xfeat", "--from", shared_models)
     assert code == 0
     assert out.strip() == str(models / "xfeat_800x576.onnx")

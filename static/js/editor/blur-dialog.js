@@ -1,4 +1,4 @@
-/** The dialog in which boxes are drawn over faces and plates: they are blurred in every picture of the photo. */
+/** The dialog in which boxes over faces and plates are drawn, or suggested: they are blurred in every picture. */
 
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
@@ -10,29 +10,71 @@ const STEP = 0.01;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /**
- * Let somebody draw what is to be blurred.
- * @param {Object} photo
- * @param {function(Object[]): Promise<void>} save gets all boxes
+ * Let somebody draw what is to be blurred, in one photo or in several, one after the other.
+ * @param {Object[]} photos
+ * @param {{suggest: function(Object): Promise<Object[]>, save: function(Object, Object[]): Promise<void>}} server
+ *   finds faces in a photo; keeps all boxes of it
  */
-export function blurDialog(photo, save) {
-  const image = h("img", { src: photo.preview, alt: photo.name, draggable: "false" });
+export function blurDialog(photos, { suggest, save }) {
+  const image = h("img", { draggable: "false" });
   const frame = h("div", { class: "blur-frame" }, image);
-  const boxes = new Boxes(frame, photo.blurred.map((box) => ({ ...box })));
+  const boxes = new Boxes(frame, []);
+  const place = h("span", { class: "soft small", role: "status" });
   const error = errorLine();
-  const add = h("button", { class: "button", type: "button", onclick: () => boxes.add({ ...NEW }) }, icon("plus"), t("Add a box"));
-  const send = h("button", { class: "button button--primary", type: "button" }, t("Save"));
+  const none = h("span", { class: "small", role: "status" });
+  const button = (words, attributes, ...inner) => h("button", { class: "button", type: "button", ...attributes }, ...inner, words);
+  const add = button(t("Add a box"), { onclick: () => boxes.add({ ...NEW }) }, icon("plus"));
+  const find = button(t("Suggest faces"), { "data-testid": "blur-suggest" }, icon("person"));
+  const skip = button(t("Next photo"), { "data-testid": "blur-skip" });
+  const rest = button(t("Accept all"), { "data-testid": "blur-rest" });
+  const send = button(t("Save"), { class: "button button--primary" });
   const text = t("Draw a box over each face and number plate. They are blurred in every picture that is shown; the original file is not changed.");
-  const body = [h("p", { class: "soft small" }, text), frame, h("div", { class: "row" }, add, boxes.count), error];
-  const dialog = openDialog(t("Blur faces and plates"), body, { actions: [send] });
+  const several = photos.length > 1;
+  const body = [h("p", { class: "soft small" }, text), frame, h("div", { class: "row" }, add, find, boxes.count, none, place), error];
+  const dialog = openDialog(t("Blur faces and plates"), body, { actions: several ? [skip, rest, send] : [send] });
   dialog.classList.add("dialog--wide");
-  send.addEventListener("click", () => busy(send, async () => {
+  let at = 0;
+  const show = () => {
+    const photo = photos[at];
+    Object.assign(image, { src: photo.preview, alt: photo.name });
+    boxes.replace(photo.blurred.map((box) => ({ ...box })));
+    none.textContent = "";
+    place.textContent = several ? t("{n} of {all}", { n: at + 1, all: photos.length }) : "";
+  };
+  const seek = async () => {
+    const found = await suggest(photos[at]);
+    boxes.replace([...boxes.all, ...found]);
+    none.textContent = found.length ? "" : t("No face was found.");
+  };
+  const next = async () => {
+    at += 1;
+    if (at === photos.length) return dialog.close();
+    show();
+    return several && seek();
+  };
+  const does = (pressed, run) => pressed.addEventListener("click", () => busy(pressed, async () => {
     try {
-      await save(boxes.all);
-      dialog.close();
+      error.show(null);
+      await run();
     } catch (problem) {
       error.show(problem);
     }
   }));
+  const keep = () => save(photos[at], boxes.all);
+  does(find, seek);
+  does(skip, next);
+  does(send, async () => {
+    await keep();
+    await next();
+  });
+  does(rest, async () => {
+    while (dialog.open) {
+      await keep();
+      await next();
+    }
+  });
+  show();
+  if (several) seek().catch((problem) => error.show(problem));
 }
 
 /** Boxes over a picture, drawn with a pointer, or added and moved with keys. */

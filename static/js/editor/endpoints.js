@@ -49,6 +49,7 @@ export function endpointsOf(slug) {
     addStreet: (wish) => post(`${map}/street-photos`, wish),
 
     readMask: (file) => api(`${map}/photos/mask`, { method: "POST", body: form({ file }) }),
+    suggestBlur: (id) => get(`${map}/photos/${id}/blur/suggestions`),
     blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
 
     findings: () => get(`${map}/findings`),

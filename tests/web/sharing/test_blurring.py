@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from webapp.core.blur import BlurBox
 from webapp.tasks.maps import show_photo
+from webapp.web.maps import api_photos
 
 BOX = {"x": 0.25, "y": 0.25, "width": 0.5, "height": 0.5}
 
@@ -160,3 +162,26 @@ def test_who_may_only_look_cannot_blur(sign_in, new_account, new_map):
     slug = new_map(ana, shared={bob: "viewer"})
     assert blur(sign_in(bob), slug, BOX).status_code == 403
     assert blur(sign_in(ana), slug, BOX).status_code == 404
+
+
+def test_faces_are_suggested_and_nothing_is_changed(client, full, park, monkeypatch):
+    class StandIn:
+        def detect(self, pixels):
+            assert pixels.shape == (120, 160, 3)
+            return [BlurBox(0.4, 0.4, 0.1, 0.2), BlurBox(0.8, 0.1, 0.1, 0.1)]
+
+    monkeypatch.setattr(api_photos, "face_detector", lambda chosen: StandIn())
+    url = f"/api/v1/maps/{park}/photos/0/blur"
+    first, second = client.get(f"{url}/suggestions").json["boxes"]
+    assert first == pytest.approx({"x": 0.38, "y": 0.36, "width": 0.14, "height": 0.28})
+    assert client.get(f"/api/v1/maps/{park}").json["photos"][0]["blurred"] == []
+    assert client.put(url, json={"boxes": [first]}).status_code == 200
+    assert client.get(f"{url}/suggestions").json["boxes"] == [second]
+    assert client.get(f"/api/v1/maps/{park}/photos/7/blur/suggestions").status_code == 404
+
+
+def test_without_the_model_it_is_said_how_to_get_it(client, full, park):
+    answer = client.get(f"/api/v1/maps/{park}/photos/0/blur/suggestions")
+    assert answer.status_code == 422
+    assert answer.json["error"]["message"] == "the weights of faces are not here"
+    assert "expmap models fetch" in answer.json["error"]["hint"]

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from webapp.core.faces import FaceDetector, YuNet
 from webapp.core.features.extract import FeatureNetwork
 from webapp.core.features.keypoint_networks import AlikedNetwork, DiskNetwork
 from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue, PairMatcher
@@ -99,6 +100,17 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
             source="LighterGlue of github.com/verlab/accelerated_features, exported with 3 layers by the "
             "program of github.com/noahzhy/xfeat_lightglue_onnx",
             address="",
+        ),
+    ),
+    "faces": (
+        ModelFile(
+            name="face_detection_yunet_2023mar.onnx",
+            bytes=232_589,
+            sha256="8f2383e4dd3cfbb4553ea8718107fc0423210dc964f9f4280604804ed2552fa4",
+            licence="MIT",
+            source="YuNet of github.com/opencv/opencv_zoo, which finds faces",
+            address="https://media.githubusercontent.com/media/opencv/opencv_zoo/main/models/"
+            "face_detection_yunet/face_detection_yunet_2023mar.onnx",
         ),
     ),
     "aliked": (_own("aliked.onnx", "ALIKED of github.com/Shiaoming/ALIKED"),),
@@ -271,6 +283,18 @@ def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher
     return pair_matcher(features, chosen)
 
 
+def face_detector(chosen: Path | None) -> FaceDetector:
+    """Open the network that finds faces, once in this process.
+
+    Raises
+    ------
+    MissingPart, StorageError
+        As for `network`.
+    """
+    path, file = _find("faces", chosen)
+    return _face_detector(path, file.sha256)
+
+
 def _find(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
@@ -289,6 +313,11 @@ def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
     if model == "aliked":
         return AlikedNetwork(data, path.name)
     raise KeyError(model)
+
+
+@lru_cache(maxsize=1)
+def _face_detector(path: Path, sha256: str) -> FaceDetector:
+    return YuNet(_checked("faces", path, sha256=sha256))
 
 
 @lru_cache(maxsize=2)

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from webapp.core.blur import BlurBox
+from webapp.core.faces import FaceDetector, blur_boxes
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
+from webapp.files.photos.photo import read_upright
 from webapp.files.photos.preview import Kind, look_of, make_previews, preview_path, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -17,6 +19,8 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 MOST_BOXES = 50
+_SEARCHED_PX = 1600
+"""Longer side of the photo in which faces are searched: smaller ones than a dozen pixels are nobody's."""
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
@@ -107,6 +111,23 @@ def blur_photo(
         record.changed_at = now()
         photo.revision = record.revision
         return record.revision
+
+
+def suggest_blur(
+    library: Library, slug: str, *, photo: Photo, detector: FaceDetector, settings: Settings
+) -> list[BlurBox]:
+    """Find the faces of a photo that are not blurred yet; nothing is changed.
+
+    Raises
+    ------
+    NotFound, PhotoError, MapError
+        The photo is missing or damaged.
+    """
+    source = original(library, slug, photo=photo)
+    with show_file_as(photo.name, source):
+        pixels = read_upright(source, limits=settings.photo, max_side=_SEARCHED_PX)
+    boxes = blur_boxes(detector.detect(pixels), blurred=boxes_of(photo))
+    return boxes[: max(0, MOST_BOXES - len(boxes_of(photo)))]
 
 
 def _checked(box: BlurBox) -> BlurBox:

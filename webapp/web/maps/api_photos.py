@@ -19,6 +19,7 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
 from webapp.errors import DiskFull, ExpMapError, InputError, PhotoError, UsageError
+from webapp.files.localize.models import face_detector
 from webapp.files.part_file import (
     WrongOffset,
     append,
@@ -36,6 +37,7 @@ from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
 from webapp.web import pieces
+from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
@@ -46,6 +48,9 @@ from webapp.web.sending import as_attachment, send_immutable
 photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
+
+_finding = ConcurrencyLimit("faces", share=0.25)
+blur_api.record(_finding.set_up)
 
 _OTHER_PARTS = 20
 """Fields of a form besides its files."""
@@ -195,6 +200,26 @@ def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[st
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=account(), revision=revision)
+
+
+class BlurSuggestions(Schema):
+    """What is suggested to be blurred, besides what is blurred already."""
+
+    boxes = List(Nested(BoxOut))
+
+
+@blur_api.get("/<int(max=2147483647):id>/blur/suggestions")
+@blur_api.output(BlurSuggestions)
+def suggest(slug: str, id: int) -> dict[str, Any]:
+    """Find the faces in a photo by the model `faces`; nothing is changed."""
+    open_map(slug, "editor")
+    record, photo = _find(slug, id)
+    detector = face_detector(settings().models)
+    with _finding.slot():
+        boxes = show_photo.suggest_blur(
+            library(), record.slug, photo=photo, detector=detector, settings=settings()
+        )
+    return {"boxes": [box._asdict() for box in boxes]}
 
 
 class MaskIn(Schema):

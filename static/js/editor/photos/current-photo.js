@@ -49,15 +49,21 @@ export class CurrentPhoto {
     this.around.addEventListener("look", () => this._look());
     on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
     on("current-tray", () => commands.toTray([store.currentId]));
-    on("current-blur", () => this._blur(store.current));
+    on("current-blur", () => this._blur([store.currentId]));
+    on("selection-blur", () => this._blur(store.order.filter((id) => store.selection.has(id))));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
     byId("current-note", HTMLTextAreaElement).addEventListener("change", (event) => commands.note(store.currentId, targetOf(event, HTMLTextAreaElement).value.trim()));
     byId("current-heading", HTMLInputElement).addEventListener("change", (event) => this._heading(targetOf(event, HTMLInputElement)));
   }
 
-  _blur(photo) {
-    blurDialog(photo, async (boxes) => this.store.merge(await this.server.blur(photo.id, boxes)));
+  /** @param {number[]} ids */
+  _blur(ids) {
+    const photos = ids.map((id) => this.store.photos.get(id)).filter((photo) => photo?.preview);
+    blurDialog(photos, {
+      suggest: async ({ id }) => (await this.server.suggestBlur(id)).boxes,
+      save: async ({ id }, boxes) => this.store.merge(await this.server.blur(id, boxes)),
+    });
   }
 
   /** Show on the dot where one looks in the panorama. */
