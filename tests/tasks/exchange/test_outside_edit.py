@@ -226,3 +226,55 @@ def test_a_file_that_changed_again_is_neither_taken_nor_discarded(library, map_i
     with pytest.raises(Conflict):
         outside_edit.take(library, map_id, account_id=owner, settings=SETTINGS, sha256=sha256)
     assert "9;9" in library.cfg("park").read_text()
+
+
+class TestControlPoints:
+    """`map.json` next to the changed file may have others."""
+
+    @pytest.fixture
+    def write_points(self, library):
+        def change(*points):
+            file = library.cfg("park").with_name("map.json")
+            extras = json.loads(file.read_bytes()) | {"control_points": list(points)}
+            file.write_text(json.dumps(extras))
+
+        return change
+
+    @pytest.fixture
+    def there(self, record, map_id):
+        return lambda: {point["name"]: point for point in record(map_id).control_points or ()}
+
+    def test_they_are_taken_over_with_the_file_and_undone(
+        self, library, map_id, edit, write, write_points, take, undo, there
+    ):
+        edit(map_id, {"point/gate": point(1.0), "point/well": point(2.0)}, kind="control-points")
+        export.export_map(library, map_id)
+        clicks = [{"id": 1, "x": 0.5, "y": 0.25}, {"id": 77, "x": 0.5, "y": 0.25}]
+        write_points({"name": "gate", **point(9.0)}, {"name": "tree", **point(3.0), "photos": clicks})
+        write("0;photos/0.jpg;7;8", *SAME[1:])
+        assert show(library, map_id)["control_points"] == ["gate", "tree"]
+        take()
+        assert {name: found["x_px"] for name, found in there().items()} == {
+            "gate": 9.0,
+            "tree": 3.0,
+            "well": 2.0,  # what the file does not have is not lost
+        }
+        assert there()["tree"]["photos"] == clicks[:1]
+        undo()
+        assert {name: found["x_px"] for name, found in there().items()} == {"gate": 1.0, "well": 2.0}
+
+    def test_what_was_changed_here_since_the_file_was_written_stays(
+        self, library, map_id, edit, write, write_points, take, there
+    ):
+        edit(map_id, {"point/gate": point(0.5)}, kind="control-points")
+        export.export_map(library, map_id)
+        write_points({"name": "gate", **point(9.0)})
+        write("0;photos/0.jpg;7;8", *SAME[1:])
+        edit(map_id, {"point/gate": point(1.0)}, kind="control-points")
+        assert show(library, map_id)["control_points"] == []
+        take()
+        assert there()["gate"]["x_px"] == 1.0
+
+
+def point(x):
+    return {"x_px": x, "y_px": 5.0, "photos": []}

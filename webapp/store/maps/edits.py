@@ -35,8 +35,11 @@ NOTES_KIND = "notes"
 _LISTED = {"point": ("control_points", "name"), "note": ("notes", "id")}
 """What is kept as a list in the record: the column, and by what the items of the list are known."""
 
-_IMAGE_KINDS = ("satellite", "georeference")
-"""Of edits that move them too."""
+OUTSIDE_KIND = "outside"
+"""Of the edit that takes over what was changed in the files of a map."""
+
+_KINDS_OF_LISTED = (POINTS_KIND, NOTES_KIND, "satellite", "georeference", OUTSIDE_KIND)
+"""Of edits that change what is kept as a list."""
 
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
@@ -220,6 +223,15 @@ def _placed_on_present_image(
     return "photos were placed on the satellite image in the meantime"
 
 
+def revision_of_listed(session: Session, record: MapRecord, target: str) -> int:
+    """Return the revision that last changed a control point or a note, which have no row of their own."""
+    of_map = (Edit.map_id == record.id, Edit.kind.in_(_KINDS_OF_LISTED))
+    for edit in session.scalars(select(Edit).where(*of_map).order_by(Edit.turn.desc())):
+        if any(change["target"] == target for change in edit.changes):
+            return edit.turn
+    return 0
+
+
 def _next_revision(record: MapRecord) -> None:
     record.revision += 1
     record.changed_at = now()
@@ -274,16 +286,8 @@ class _Rows:
         if target == "map":
             return self.record.satellite_revision
         if target.split("/", 1)[0] in _LISTED:
-            return self._revision_of_listed(target)
+            return revision_of_listed(self.session, self.record, target)
         return self.photo(target.rsplit("/", 1)[1]).revision
-
-    def _revision_of_listed(self, target: str) -> int:
-        """Find the last edit of a control point or a note, which have no row of their own."""
-        of_map = (Edit.map_id == self.record.id, Edit.kind.in_((POINTS_KIND, NOTES_KIND, *_IMAGE_KINDS)))
-        for edit in self.session.scalars(select(Edit).where(*of_map).order_by(Edit.turn.desc())):
-            if any(change["target"] == target for change in edit.changes):
-                return edit.turn
-        return 0
 
 
 def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fields | None:

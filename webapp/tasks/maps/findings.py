@@ -209,9 +209,8 @@ def _ids(map_: Map, group: Sequence[Finding]) -> tuple[int, ...]:
 
 
 def _outside(shown: dict[str, Any]) -> Problem:
-    counts = ", ".join(
-        f"{len(shown[what])} {what}" for what in ("added", "moved", "turned", "removed") if shown[what]
-    )
+    what_counts = ("added", "moved", "turned", "removed", "control_points")
+    counts = ", ".join(f"{len(shown[what])} {what.replace('_', ' ')}" for what in what_counts if shown[what])
     message = "map.cfg was changed outside of this program"
     message += f": {shown['problem']}" if shown["problem"] else f" ({counts or 'nothing that counts'})"
     fixes: tuple[FixName, ...] = (

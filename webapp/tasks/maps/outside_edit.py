@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Conflict, MapError, NotFound, UsageError
+from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.map_json import georeference_fields
 from webapp.settings import Settings
@@ -22,10 +23,8 @@ from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps import export
 from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, salted
 from webapp.tasks.maps.export import changed_outside, file_sha256
+from webapp.tasks.maps.library_map import control_points
 from webapp.tasks.relative_paths import relative_text, show_relative_to
-
-KIND = "outside"
-"""Of the edit that takes a file over."""
 
 Change = Mapping[str, Any] | None
 
@@ -59,7 +58,7 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
     dict or None
         None when nobody has changed the file. Else `sha256` of the file; `problem`, a sentence, where it
         cannot be taken over; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`,
-        sentences; `placements`, names; `georeference`, whether it changes.
+        sentences; `placements` and `control_points`, names; `georeference`, whether it changes.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -114,7 +113,9 @@ def take(
         add_removed(session, record, found.new)
         for id, path in found.renamed.items():
             next(photo for photo in record.photos if photo.id == id).path = path
-        edit = edits.apply(session, record, changes=found.changes, kind=KIND, account_id=account_id)
+        edit = edits.apply(
+            session, record, changes=found.changes, kind=edits.OUTSIDE_KIND, account_id=account_id
+        )
         record.exported_sha256 = sha256
         if found.renamed:
             record.photos_revision = record.revision
@@ -157,6 +158,7 @@ def _plan_json(found: TakeOverPlan) -> dict[str, Any]:
         "kept": found.kept,
         "left_out": found.left_out,
         "placements": found.placements,
+        "control_points": found.control_points,
         "georeference": found.georeference,
     }
 
@@ -180,6 +182,8 @@ class TakeOverPlan:
         Sentences about photos of the file that cannot be read.
     placements : list of str
         Names of further placements that change.
+    control_points : list of str
+        Names of control points that change.
     georeference : bool
         Whether it changes.
     """
@@ -194,6 +198,7 @@ class TakeOverPlan:
     kept: list[dict[str, Any]] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     placements: list[str] = field(default_factory=list)
+    control_points: list[str] = field(default_factory=list)
     georeference: bool = False
 
 
@@ -225,6 +230,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
     made = _Planner(record, files, rows=rows)
     ids = made.take_photos(map_.experiences)
     made.take_placements(session, map_, ids)
+    made.take_control_points(session, map_, ids)
     fields = georeference_fields(map_.georeference)
     if fields != record.georeference and record.satellite_revision <= record.exported_revision:
         made.plan.changes["map"] = {"georeference": fields}
@@ -280,6 +286,24 @@ class _Planner:
             self.plan.changes[f"placed/{name}/{id}"] = None if at is None else {"x_px": at[0], "y_px": at[1]}
             if name not in self.plan.placements:
                 self.plan.placements.append(name)
+
+    def take_control_points(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
+        """Plan the control points; those that the file does not have stay."""
+        before = {point.name: point for point in control_points(self._record)}
+        in_tray = {photo.id for photo in map_.unplaced if photo.id in self._rows}
+        known = {id: id for id in in_tray.difference(ids.values())} | dict(ids)
+        for point in map_.control_points:
+            clicks = [
+                click._replace(photo=known[click.photo]) for click in point.clicks if click.photo in known
+            ]
+            after = replace(point, clicks=tuple(sorted(clicks)))
+            target = f"point/{point.name}"
+            if after == before.get(point.name) or (
+                edits.revision_of_listed(session, self._record, target) > self._record.exported_revision
+            ):
+                continue
+            self.plan.changes[target] = point_fields(after)
+            self.plan.control_points.append(point.name)
 
     def _matched(
         self, experiences: list[Experience]

@@ -106,6 +106,7 @@ class OutsideOut(Schema):
     kept = List(Dict(), metadata={"description": "Changed here too: they stay as they are here."})
     left_out = List(String())
     placements = List(String())
+    control_points = List(String(), metadata={"description": "Names of those that change."})
     georeference = Boolean()
 
 
