@@ -1,13 +1,17 @@
 """Landmarks around the place of a query, on a map that has none of its own."""
 
+import os
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.files.landmarks.cloud import CLOUD_FILE
 from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import read_map
@@ -25,8 +29,9 @@ from webapp.tasks.localize.pipeline import open_pipeline
 LANDMARKS = OpenOptions(method="landmarks")
 
 
-def settings(**chosen):
-    return Settings(landmarks=LandmarkSettings(**chosen))
+def settings(*, around_s=3600.0):
+    """However slow the machine is."""
+    return Settings(landmarks=LandmarkSettings(around_s=around_s))
 
 
 def opened(cfg, **chosen):
@@ -116,6 +121,45 @@ def test_photos_that_cannot_be_joined_are_tried_once(bare, query, monkeypatch):
         assert answer.note == "too few landmarks around this place agree with the photo"
         assert answer.hypotheses[0].camera is None
     assert len(parts(bare)) == 1
+
+
+@pytest.fixture
+def tried(tmp_path, monkeypatch):
+    """Tries to join photos of a map by their names, with stand-ins for what takes time."""
+    cfg = tmp_path / "map.cfg"
+
+    def run(names, *, joined):
+        found = SimpleNamespace(pieces=("a piece",) if joined else ())
+        monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
+        monkeypatch.setattr(surroundings, "adjust_pieces", lambda *_, **__: None)
+        the_map = Map(SatelliteImage("s.png", 9, 9), ())
+        return surroundings.reconstruct_part(
+            cfg, the_map, photos=photos_of(names), settings=Settings(), progress=Progress()
+        )
+
+    return SimpleNamespace(cfg=cfg, run=run)
+
+
+def photos_of(names):
+    return [Experience(number, name, MapPixel(1.0, 1.0)) for number, name in enumerate(names)]
+
+
+def test_photos_that_could_not_be_joined_say_nothing_of_others_around_them(tried):
+    folder = tried.run("abcdefghij", joined=False)
+    assert surroundings.part_of(tried.cfg, photos_of("jihgfedcba")) == folder
+    assert surroundings.part_of(tried.cfg, photos_of("abcdefghi")) is None
+    assert surroundings.part_around(tried.cfg, photos_of("abc")) is None
+    joined = tried.run("abcx", joined=True)
+    assert surroundings.part_around(tried.cfg, photos_of("abc")) == joined
+
+
+def test_the_oldest_parts_make_room(tried, monkeypatch):
+    monkeypatch.setattr(surroundings, "MOST_PARTS", 2)
+    folders = [tried.run(names, joined=True) for names in ("ab", "cd")]
+    for age, folder in enumerate(reversed(folders)):
+        os.utime(folder, (1000.0 - age, 1000.0 - age))
+    newest = tried.run("ef", joined=True)
+    assert sorted(newest.parent.iterdir()) == sorted([folders[1], newest])
 
 
 def only_two_photos(reconstruct_all):

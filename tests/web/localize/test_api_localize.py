@@ -15,9 +15,8 @@ from webapp.files.localize.calibration import FORMAT
 from webapp.store import queries as stored
 from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
-from webapp.tasks.landmarks import on_demand
 from webapp.tasks.landmarks.on_demand import NOT_YET
-from webapp.tasks.localize import upload
+from webapp.tasks.localize import readiness, upload
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.maps import adopt_map
 from webapp.web.localize import api_localize
@@ -340,7 +339,7 @@ def test_on_a_full_disk_the_answer_comes_without_that_job(client, library, sampl
     def full(*_args, **_options):
         raise StorageError("no space left")
 
-    monkeypatch.setattr(on_demand, "photos_around", full)
+    monkeypatch.setattr(readiness.jobs, "enqueue", full)
     answer = ask(client, queries / "query_01.jpg", method="landmarks")
     assert answer.status_code == 200
     assert answer.get_json()["note"] == NOT_YET

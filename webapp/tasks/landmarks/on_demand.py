@@ -20,7 +20,7 @@ from webapp.errors import IndexDamaged, ProcessLost, StorageError
 from webapp.extras import is_installed
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.surroundings import part_around, reconstruct_part
+from webapp.tasks.landmarks.surroundings import part_around, part_of, reconstruct_part
 from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.landmarks import has_landmarks, lay_landmarks
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
@@ -116,13 +116,17 @@ class LandmarksAround:
 
     def _folder(self, opened: OpenMap, place: Hypothesis) -> Path | None:
         there = part_around(opened.cfg, _experiences(opened, place.experiences))
-        if there is not None or not self.build:
+        if there is not None:
             return there
-        photos = photos_around(opened, place.experiences, count=self.settings.landmarks.around_photos)
+        ids = photos_around(opened, place.experiences, count=self.settings.landmarks.around_photos)
+        photos = _experiences(opened, ids)
+        tried = part_of(opened.cfg, photos)
+        if tried is not None or not self.build:
+            return tried
         return reconstruct_part(
             opened.cfg,
             opened.map,
-            photos=_experiences(opened, photos),
+            photos=photos,
             settings=self.settings,
             progress=self.progress,
         )

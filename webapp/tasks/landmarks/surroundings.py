@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Cancelled, StorageError
@@ -21,7 +23,10 @@ from webapp.tasks.localize.index_location import landmarks_folder
 _FILE = "photos.json"
 """The photos that were tried, written once all else of the part is there."""
 
-_FORMAT = 1
+_FORMAT = 2
+
+MOST_PARTS = 50
+"""Of a map; the oldest go first."""
 
 _MOST = 0.6
 """Share of the photos of a place with which a part serves it."""
@@ -50,14 +55,21 @@ class _Deadline(Progress):
 def part_around(cfg: Path, photos: Sequence[Experience]) -> Path | None:
     """Find the folder of a reconstruction that has the first of some photos, and most of them.
 
-    Of several it is the one with the most; None where there is none.
+    Of several it is the one with the most; None where there is none. One whose photos could not be joined
+    says nothing of other photos.
     """
     names = {photo.photo for photo in photos}
-    serving = {folder: len(names & has) for folder, has in _parts(cfg) if photos[0].photo in has}
+    serving = {folder: len(names & has) for folder, has in _joined_parts(cfg) if photos[0].photo in has}
     if not serving:
         return None
     folder = max(serving, key=lambda folder: (serving[folder], folder.name))
     return folder if serving[folder] >= _MOST * len(names) else None
+
+
+def part_of(cfg: Path, photos: Sequence[Experience]) -> Path | None:
+    """Find the folder in which exactly these photos were tried, joined or not; None where they were not."""
+    folder = _folder(cfg, photos)
+    return None if _read(folder / _FILE) is None else folder
 
 
 def reconstruct_part(
@@ -82,7 +94,7 @@ def reconstruct_part(
     """
     budget_s = settings.landmarks.around_s
     until_s = time.monotonic() + budget_s
-    folder = landmarks_folder(cfg) / SURROUNDINGS / _name(photos)
+    folder = _folder(cfg, photos)
     some = replace(the_map, experiences=tuple(photos), unplaced=())
     within = _Deadline(progress, until_s)
     try:
@@ -98,22 +110,45 @@ def reconstruct_part(
         ) from None
     except OSError as error:
         raise storage_error(error, where=str(folder)) from error
-    form = {"format": _FORMAT, "photos": [photo.photo for photo in photos]}
+    names = [photo.photo for photo in photos]
+    form = {"format": _FORMAT, "photos": names, "joined": bool(found.pieces)}
     write_text(folder / _FILE, json.dumps(form))
+    _remove_oldest(folder.parent)
     return folder
 
 
-def _name(photos: Sequence[Experience]) -> str:
+def _folder(cfg: Path, photos: Sequence[Experience]) -> Path:
     names = sorted(photo.photo for photo in photos)
-    return hashlib.sha256(json.dumps(names).encode()).hexdigest()[:16]
+    name = hashlib.sha256(json.dumps(names).encode()).hexdigest()[:16]
+    return landmarks_folder(cfg) / SURROUNDINGS / name
 
 
-def _parts(cfg: Path) -> Iterator[tuple[Path, frozenset[str]]]:
-    """Read which photos the parts of a map have."""
+def _joined_parts(cfg: Path) -> Iterator[tuple[Path, frozenset[str]]]:
+    """Read which photos the parts of a map have, of those with points."""
     for file in (landmarks_folder(cfg) / SURROUNDINGS).glob(f"*/{_FILE}"):
-        try:
-            form = json.loads(file.read_bytes())
-            if form["format"] == _FORMAT:
-                yield file.parent, frozenset(form["photos"])
-        except (OSError, ValueError, KeyError):
-            continue  # it is made again
+        form = _read(file)
+        if form is not None and form["joined"]:
+            yield file.parent, frozenset(form["photos"])
+
+
+def _read(file: Path) -> dict[str, Any] | None:
+    """Read what was tried; None where nothing was, or it has to be tried again."""
+    try:
+        form: dict[str, Any] = json.loads(file.read_bytes())
+        return form if form["format"] == _FORMAT else None
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _remove_oldest(parts: Path) -> None:
+    """Keep the newest parts, also of those that are not finished."""
+    for folder in sorted(parts.glob("*"), key=_changed_at)[:-MOST_PARTS]:
+        (folder / _FILE).unlink(missing_ok=True)  # first: what is left by a killed process serves nobody
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _changed_at(folder: Path) -> int:
+    try:
+        return folder.stat().st_mtime_ns
+    except FileNotFoundError:  # another process has removed it just now
+        return 0
