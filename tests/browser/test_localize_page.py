@@ -3,6 +3,7 @@
 import base64
 import csv
 import math
+import re
 import time
 
 import pytest
@@ -147,6 +148,10 @@ def test_list_and_colours_agree(page, sample_map, api, queries):
     shown = entries(page).evaluate_all(
         f"all => all.map((one) => [Number(one.dataset.probability), {colour_of}])"
     )
+    shown = [
+        (probability, colour) for probability, colour in shown if probability >= 0.05
+    ]  # the others are hollow
+    assert shown
     for probability, colour in shown:
         assert [int(part) for part in colour[4:-1].split(",")] == scale[round(100 * probability)]
 
@@ -157,6 +162,11 @@ def test_a_photo_from_elsewhere_is_not_on_the_map(page, sample_map, api, queries
     off = page.get_by_test_id("off-map")
     expect(off).to_be_visible()
     expect(page.locator(".lo-place--off.is-likely")).to_be_visible()
+    expect(page.locator("#verdict")).to_have_text(re.compile("not on this map"))
+    assert (
+        page.locator("#hypotheses .lo-number").count()
+        == page.locator("#hypotheses .lo-number--faint, .lo-number--off").count()
+    )
     first = page.get_by_test_id("hypothesis").first
     assert float(off.get_attribute("data-probability")) > float(first.get_attribute("data-probability"))
     expect(page.locator("[data-testid=hypothesis] [aria-pressed=true]")).to_have_count(0)

@@ -109,17 +109,16 @@ def test_text_for_several_photos(expmap, cfg, photos):
 
 
 @pytest.mark.parametrize(
-    ("probability", "off_map", "verdict"),
-    [
-        (0.8, 0.1, "at x 20, y 30"),
-        (0.8, None, "at x 20, y 30"),
-        (0.3, None, "at x 20, y 30"),
-        (0.4, 0.2, "uncertain, perhaps at x 20, y 30"),
-        (0.2, 0.4, "uncertain, perhaps not on this map"),
-        (0.2, 0.7, "probably not on this map"),
-    ],
+    "case", json.loads((Path(__file__).parents[1] / "verdicts.json").read_text(encoding="utf-8")), ids=str
 )
-def test_an_uncertain_answer_is_called_uncertain(probability, off_map, verdict):
+def test_an_uncertain_answer_is_called_uncertain(case):
+    verdict = {
+        "place": "at x 20, y 30",
+        "perhaps_place": "uncertain, perhaps at x 20, y 30",
+        "perhaps_off_map": "uncertain, perhaps not on this map",
+        "off_map": "probably not on this map",
+    }[case["verdict"]]
+    probability, off_map = case["probability"], case["off_map"]
     place = Hypothesis(1, "position", MapPixel(20, 30), probability, 5.0, None, (1,), 20, 40)
     statistics = MatchStatistics(100, 80, 50, 0.1, 0.9, 0.4, 32.0)
     text = answer_text(Answer((place,), off_map, 0.0, None, statistics), query="q.jpg", georeference=None)

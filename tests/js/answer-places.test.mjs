@@ -1,8 +1,13 @@
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
+
+import "./page.mjs";
 
 import { placesOf } from "../../static/js/shared/answer/answer-places.js";
 import { isOffMap, QuerySession, ranking } from "../../static/js/shared/answer/query-session.js";
+
+const { isFaint, isMinor, verdictOf } = await import("../../static/js/shared/answer/verdict.js");
 
 const hypothesis = (rank, probability, fields = {}) => ({ rank, probability, x_px: rank, y_px: rank, radius_px: 5, heading_deg: null, experiences: [rank], ...fields });
 const exact = { placement: null, position: () => null };
@@ -56,4 +61,20 @@ test("not on this map is listed by its probability, never above other places tha
   assert.equal(order([0.2], 0.7, 0.1), "off place other");
   assert.equal(order([0.6, 0.3], 0.1, 0), "place place off");
   assert.equal(order([0.6], null, 0.4), "place other");
+});
+
+test("pages and terminal call the same answers uncertain", () => {
+  for (const { probability, off_map: off, verdict } of JSON.parse(readFileSync("tests/verdicts.json", "utf8"))) {
+    assert.equal(verdictOf({ hypotheses: [hypothesis(1, probability)], off_map_probability: off }), verdict);
+  }
+  assert.equal(verdictOf({ hypotheses: [], off_map_probability: 1 }), "off_map");
+});
+
+test("places are hollow where something else leads, or where they are improbable; shares of votes never are", () => {
+  const answer = (first, off, other = 0) => ({ hypotheses: [hypothesis(1, first)], off_map_probability: off, other_probability: other });
+  assert.equal(isFaint(answer(0.6, 0.1), 0.6), false);
+  assert.equal(isFaint(answer(0.6, 0.1), 0.04), true);
+  assert.equal(isFaint(answer(0.2, 0.4), 0.2), true);
+  assert.equal(isFaint(answer(0.2, 0.1, 0.5), 0.2), true);
+  assert.deepEqual([isFaint(answer(0.01, null, 0.9), 0.01), isMinor(answer(0.01, null), 0.01)], [false, false]);
 });

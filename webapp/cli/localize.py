@@ -30,12 +30,11 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.files.localize.models import second_look_features
 from webapp.render.answer_pictures import map_picture, match_picture
+from webapp.render.verdict import verdict_of
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 from webapp.tasks.localize.sequence import by_time as by_time_of_capture
-
-_SURE = 0.5
 
 _HEAD = ("", "probability", "x", "y", "radius", "heading", "latitude", "longitude", "inliers", "photos")
 
@@ -66,10 +65,11 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
 
 
 def _verdict(answer: Answer) -> str:
-    best, off_map = answer.hypotheses[0], answer.off_map_probability
-    if answer.abstained:
-        certain = off_map is None or off_map >= _SURE
-        return "probably not on this map" if certain else "uncertain, perhaps not on this map"
+    best, verdict = answer.hypotheses[0], verdict_of(answer)
+    if verdict == "off_map":
+        return "probably not on this map"
+    if verdict == "perhaps_off_map":
+        return "uncertain, perhaps not on this map"
     where = f"x {best.position.x:.0f}, y {best.position.y:.0f}"
     match best.kind:
         case "area":
@@ -78,8 +78,7 @@ def _verdict(answer: Answer) -> str:
             place = f"near the photo with id {best.experiences[0]} at {where}"
         case _:
             place = f"at {where}"
-    # The shares of `vote`, which knows no "not on this map", are no probabilities.
-    return place if off_map is None or best.probability >= _SURE else f"uncertain, perhaps {place}"
+    return place if verdict == "place" else f"uncertain, perhaps {place}"
 
 
 def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str, ...]:
@@ -197,7 +196,7 @@ def localize(
             forms.append(failure_to_json(query=str(photo), error=str(error)))
             continue
         forms.append(output.form(photo, answer))
-        unsure |= not answer.hypotheses or answer.hypotheses[0].probability < _SURE
+        unsure |= verdict_of(answer) != "place"
         if not as_json:
             output.show(photo, answer, last=number == len(photos))
         try:

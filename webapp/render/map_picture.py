@@ -15,6 +15,7 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.core.mapmodel.model import Map
 from webapp.render.canvas import Canvas, Point, text_width
 from webapp.render.colours import EXPERIENCE, INK, PAPER, QUIET, RGB, TRUTH, probability_colour, text_on
+from webapp.render.verdict import verdict_of
 
 MAX_SCALE = 8.0
 ZOOM = 3.0
@@ -167,7 +168,8 @@ def headline(answer: Answer) -> str:
         named = (f"{h.rank}: {_percent(h.probability)}" for h in answer.hypotheses[:_NAMED])
         parts.append("Place " + ",  ".join(named))
         if answer.abstained:
-            parts.insert(0, "Probably not on this map")
+            likely = verdict_of(answer) == "off_map"
+            parts.insert(0, f"{'Probably' if likely else 'Perhaps'} not on this map")
     elif answer.no_pose is not None:
         parts.append(f"No place found: {answer.no_pose.reason}")
     if answer.other_probability > 0:

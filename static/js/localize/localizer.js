@@ -1,6 +1,6 @@
 /** Sends photos, waits for an index that is still being built, and shows what comes back. */
 
-import { isOffMap } from "../shared/answer/query-session.js";
+import { verdictText } from "../shared/answer/verdict.js";
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
@@ -133,7 +133,7 @@ export class Localizer extends EventTarget {
     this.session.setAnswer(answer);
     history.replaceState(null, "", `?query=${query.id}`);
     this._notes(answer);
-    this.say(isOffMap(answer) ? t("The photo is probably not from this map.") : tn("{n} place found.", "{n} places found.", answer.hypotheses.length));
+    this.say(verdictText(answer));
   }
 
   /** What limits the answer. */
@@ -160,7 +160,7 @@ export class Localizer extends EventTarget {
       }));
     }
     if (isSure(answer) || !buttons.length) return;
-    const text = t("Not certain yet. More photos from the same spot, in other directions, make the answer more certain.");
+    const text = t("More photos from the same spot, in other directions, make the answer more certain.");
     byId("further").replaceChildren(note("info", text), h("div", { class: "lo-more" }, ...buttons));
   }
 

@@ -3,9 +3,10 @@
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
+import { verdictText } from "../shared/answer/verdict.js";
 import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
-import { t, tn } from "../shared/i18n.js";
+import { tn } from "../shared/i18n.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -49,8 +50,7 @@ function show(answer) {
   dots.remove();
   marks.addTo(view.map);
   session.setAnswer(answer);
-  const found = answer.hypotheses.length;
-  byId("announcer").textContent = found ? tn("{n} place found.", "{n} places found.", found) : t("The photo is probably not from this map.");
+  byId("announcer").textContent = verdictText(answer);
 }
 
 function listen() {

@@ -5,19 +5,19 @@ from PIL import Image
 
 from webapp.errors import NotFound
 from webapp.settings import PhotoLimits
-from webapp.tasks.maps.examples import names_of, path_of, thumb_of
+from webapp.tasks.maps.examples import Example, examples_of, path_of, thumb_of
 
 
 def test_only_photos_of_the_folder_are_examples(tmp_path):
     cfg = tmp_path / "map.cfg"
-    assert names_of(cfg) == []
+    assert examples_of(cfg) == []
     folder = tmp_path / "queries"
     folder.mkdir()
     for name in ("b.jpg", "a.PNG", "notes.txt"):
         (folder / name).touch()
     (tmp_path / "secret.jpg").touch()
     (folder / "link.jpg").symlink_to(tmp_path / "secret.jpg")
-    assert names_of(cfg) == ["a.PNG", "b.jpg"]
+    assert examples_of(cfg) == [Example("a.PNG", False), Example("b.jpg", False)]
     assert path_of(cfg, "b.jpg") == folder / "b.jpg"
     for name in ("link.jpg", "../secret.jpg", "notes.txt"):
         with pytest.raises(NotFound):
@@ -28,7 +28,19 @@ def test_a_folder_that_is_a_link_is_left_alone(tmp_path):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "a.jpg").touch()
     (tmp_path / "queries").symlink_to(tmp_path / "elsewhere")
-    assert names_of(tmp_path / "map.cfg") == []
+    assert examples_of(tmp_path / "map.cfg") == []
+
+
+def test_photos_without_a_position_in_the_list_come_last(tmp_path):
+    (tmp_path / "queries").mkdir()
+    for name in ("a.jpg", "b.jpg", "c.jpg"):
+        (tmp_path / "queries" / name).touch()
+    (tmp_path / "queries.csv").write_text("path;x;y\nqueries/b.jpg;1;2\nqueries/c.jpg;3;4\n")
+    assert [(example.name, example.elsewhere) for example in examples_of(tmp_path / "map.cfg")] == [
+        ("b.jpg", False),
+        ("c.jpg", False),
+        ("a.jpg", True),
+    ]
 
 
 def test_a_small_picture_is_made_once(tmp_path, save_photo):

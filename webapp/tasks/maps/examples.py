@@ -1,26 +1,50 @@
-"""Photos that come with a map to try it on, as with the sample: those in `queries` next to its `.cfg`."""
+"""Photos that come with a map to try it on, as with the sample: those in `queries` next to its `.cfg`.
+
+Where `queries.csv` lists the positions of some, the others were taken elsewhere.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.errors import NotFound
+from webapp.errors import NotFound, TableError
+from webapp.files.localize import queries_csv
 from webapp.files.photos.preview import make_previews, preview_path, write_previews
 from webapp.settings import PhotoLimits
 
 FOLDER = "queries"
+LIST = "queries.csv"
 
 _ENDINGS = (".jpg", ".jpeg", ".png", ".webp")
 _MOST = 12
 
 
-def names_of(cfg: Path) -> list[str]:
-    """List the file names of a map's example photos."""
+@dataclass(frozen=True, slots=True)
+class Example:
+    """An example photo, by its file name, and whether it was taken elsewhere than on the map."""
+
+    name: str
+    elsewhere: bool
+
+
+def examples_of(cfg: Path) -> list[Example]:
+    """List a map's example photos, those from elsewhere last."""
     folder = cfg.parent / FOLDER
     if not folder.is_dir() or folder.is_symlink():
         return []
     files = (path for path in folder.iterdir() if path.suffix.lower() in _ENDINGS)
-    return sorted(path.name for path in files if path.is_file() and not path.is_symlink())[:_MOST]
+    names = sorted(path.name for path in files if path.is_file() and not path.is_symlink())
+    listed = _listed(cfg.parent / LIST)
+    examples = [Example(name, bool(listed) and f"{FOLDER}/{name}" not in listed) for name in names]
+    return sorted(examples, key=lambda example: example.elsewhere)[:_MOST]
+
+
+def _listed(path: Path) -> set[str]:
+    try:
+        return {query.name for query in queries_csv.read(path)}
+    except TableError:  # there is none, or it is not such a list: nothing is known of the photos
+        return set()
 
 
 def path_of(cfg: Path, name: str) -> Path:
@@ -31,7 +55,7 @@ def path_of(cfg: Path, name: str) -> Path:
     NotFound
         The map has none of that name.
     """
-    if name not in names_of(cfg):
+    if name not in (example.name for example in examples_of(cfg)):
         raise NotFound("the map has no such example photo", hint="reload the page")
     return cfg.parent / FOLDER / name
 

@@ -50,7 +50,7 @@ def localize(slug: str) -> str:
         methods=usable_methods(settings().models),
         colours=answer_colours(),
         has_landmarks=has_landmarks(library().cfg(slug)) or can_reconstruct(settings()),
-        examples=examples.names_of(library().cfg(slug)),
+        examples=examples.examples_of(library().cfg(slug)),
     )
 
 

@@ -7,10 +7,12 @@ import { CanvasLayer } from "../map/canvas-layer.js";
 import { latLngOf } from "../map/coords.js";
 import { colours, probabilityColours } from "./answer-format.js";
 import { placesOf } from "./answer-places.js";
+import { isFaint, isMinor } from "./verdict.js";
 
 const DOT = 4;
 const SMALL_ZOOM = 0.5;
 const MARKER = 12;
+const MINOR_MARKER = 9;
 const WEDGE = 42;
 const GUESSED_FOV = 60;
 const NEAR = { mouse: 16, touch: 26 };
@@ -98,15 +100,17 @@ export class AnswerLayer extends CanvasLayer {
 
   /** Where the truth is in 68 of 100 cases, and where the camera looked. */
   _reach({ x, y, radius, heading, position, probability }, chosen) {
+    if (!chosen && isMinor(this.session.answer, probability)) return;
     const pen = this._pen;
+    const faint = isFaint(this.session.answer, probability);
     const { fill } = probabilityColours(probability);
     if (radius) {
       pen.beginPath();
       pen.arc(x, y, Math.max(radius * this._zoom, MARKER), 0, 2 * Math.PI);
       pen.globalAlpha = chosen ? 0.28 : 0.16;
       pen.fillStyle = fill;
-      pen.fill();
-      pen.globalAlpha = chosen ? 1 : 0.6;
+      if (!faint) pen.fill();
+      pen.globalAlpha = chosen ? 1 : faint ? 0.4 : 0.6;
       this._stroke(fill, chosen ? 2 : 1.25);
       pen.globalAlpha = 1;
     }
@@ -126,15 +130,21 @@ export class AnswerLayer extends CanvasLayer {
   _marker({ x, y, probability, ranks }, chosen) {
     const pen = this._pen;
     const { fill, text } = probabilityColours(probability);
-    const radius = chosen ? MARKER + 3 : MARKER;
-    for (const [rim, colour] of [[radius + 3, colours.ink], [radius + 1.5, "#fff"], [radius - 0.5, fill]]) {
+    const { answer } = this.session;
+    const plain = isMinor(answer, probability) ? MINOR_MARKER : MARKER;
+    const radius = chosen ? MARKER + 3 : plain;
+    const faint = isFaint(answer, probability);
+    const rims = faint
+      ? [[radius + 1.5, colours.ink], [radius, "#fff"]]
+      : [[radius + 3, colours.ink], [radius + 1.5, "#fff"], [radius - 0.5, fill]];
+    for (const [rim, colour] of rims) {
       pen.beginPath();
       pen.arc(x, y, rim, 0, 2 * Math.PI);
       pen.fillStyle = colour;
       pen.fill();
     }
-    pen.fillStyle = text;
-    pen.font = `700 ${chosen ? 15 : 13}px system-ui, sans-serif`;
+    pen.fillStyle = faint ? colours.ink : text;
+    pen.font = `${faint ? 500 : 700} ${chosen ? 15 : plain + 1}px system-ui, sans-serif`;
     pen.textAlign = "center";
     pen.textBaseline = "middle";
     pen.fillText(String(ranks[0]), x, y + 0.5);

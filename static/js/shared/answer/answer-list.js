@@ -4,6 +4,10 @@ import { byId, h, icon } from "../dom.js";
 import { t, tn } from "../i18n.js";
 import { headingText, lengthText, percentText, probabilityColours } from "./answer-format.js";
 import { isOffMap, ranking } from "./query-session.js";
+import { isFaint, isMinor, verdictText } from "./verdict.js";
+
+/** Photos of other places seldom reach as many. */
+const STRONG_INLIERS = 30;
 
 /**
  * @param {import("./query-session.js").QuerySession} session
@@ -14,6 +18,7 @@ export function answerList(session, look) {
   session.on("answer", () => {
     const { answer } = session;
     byId("answer").hidden = !answer;
+    byId("verdict").textContent = answer ? verdictText(answer) : "";
     list.replaceChildren(...(answer ? entries(answer, (rank) => (session.choose(rank), look())) : []));
     mark(list, session);
   });
@@ -21,7 +26,7 @@ export function answerList(session, look) {
   list.addEventListener("keydown", (event) => {
     const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (!by) return;
-    const buttons = [...list.querySelectorAll("button")];
+    const buttons = [...list.querySelectorAll("li:not([hidden]) button")];
     buttons[buttons.findIndex((button) => button === document.activeElement) + by]?.focus();
     event.preventDefault();
   });
@@ -31,6 +36,7 @@ function mark(list, session) {
   for (const item of list.querySelectorAll("[data-rank]")) {
     const chosen = Number(item.dataset.rank) === session.chosen;
     item.firstElementChild.setAttribute("aria-pressed", String(chosen));
+    if (chosen && item.hidden) unfold(list);
   }
 }
 
@@ -38,25 +44,46 @@ function entries(answer, choose) {
   const { hypotheses, off_map_probability: off } = answer;
   if (off === null && !hypotheses.length) return [offMap(null, true)];
   const made = {
-    place: (at) => entry(hypotheses[at], choose),
+    place: (at) => entry(hypotheses[at], { choose, faint: isFaint(answer, hypotheses[at].probability) }),
     off: () => offMap(off, isOffMap(answer)),
     other: () => others(answer.other_probability),
   };
-  return ranking(answer).map(({ kind, at }) => made[kind](at));
+  const items = ranking(answer).map(({ kind, at }) => made[kind](at));
+  const minor = items.filter(({ dataset }) => dataset.rank && isMinor(answer, Number(dataset.probability)));
+  if (minor.length > 1) fold(minor, items);
+  return items;
 }
 
-function entry(hypothesis, choose) {
+/** Several improbable places take one line until somebody wants to see them. */
+function fold(minor, items) {
+  const text = tn("{n} more, less than 5 %", "{n} more, each less than 5 %", minor.length);
+  const button = h("button", { class: "lo-place lo-place--rest small soft", type: "button", onclick: () => {
+    unfold(item.parentElement);
+    minor[0].querySelector("button").focus();
+  } }, text);
+  const item = h("li", { "data-testid": "folded", dataset: { folded: "" } }, button);
+  items.splice(items.indexOf(minor[0]), 0, item);
+  for (const place of minor) place.hidden = true;
+}
+
+function unfold(list) {
+  list.querySelector("[data-folded]")?.remove();
+  for (const item of list.children) item.hidden = false;
+}
+
+function entry(hypothesis, { choose, faint }) {
   const { rank, probability, x_px, y_px } = hypothesis;
   const { fill, text } = probabilityColours(probability);
   const number = h("span", { class: "lo-number", "aria-hidden": "true" }, String(rank));
-  Object.assign(number.style, { backgroundColor: fill, color: text });
+  if (faint) number.classList.add("lo-number--faint");
+  else Object.assign(number.style, { backgroundColor: fill, color: text });
   const button = h(
     "button",
     { class: "lo-place", type: "button", "aria-pressed": "false", onclick: () => choose(rank) },
     number,
     h("span", { class: "lo-place__text" },
       h("span", { class: "lo-place__what" }, whatIs(hypothesis)),
-      h("span", { class: "small soft" }, details(hypothesis))),
+      h("span", { class: "small soft" }, ...details(hypothesis))),
     h("span", { class: "lo-place__share" }, percentText(probability), bar(probability, fill)),
   );
   const data = { rank, x: x_px, y: y_px, probability };
@@ -74,10 +101,14 @@ function details({ kind, experiences, heading_deg, inliers, matches }) {
     area: () => tn("like {n} photo of the area", "like {n} photos of the area", experiences.length),
     photo: () => t("near one photo"),
   };
-  const parts = [(what[kind] || what.photo)()];
-  parts.push(inliers === null ? tn("{n} match", "{n} matches", matches) : tn("{n} inlier", "{n} inliers", inliers));
-  if (heading_deg !== null) parts.push(t("facing {heading}", { heading: headingText(heading_deg) }));
-  return parts.join(" · ");
+  const parts = [(what[kind] || what.photo)(), " · ", inliers === null ? tn("{n} match", "{n} matches", matches) : strength(inliers)];
+  if (heading_deg !== null) parts.push(" · ", t("facing {heading}", { heading: headingText(heading_deg) }));
+  return parts;
+}
+
+function strength(inliers) {
+  const text = inliers >= STRONG_INLIERS ? t("strong match") : t("weak match");
+  return h("span", { title: tn("{n} inlier", "{n} inliers", inliers) }, text);
 }
 
 function offMap(probability, likely) {

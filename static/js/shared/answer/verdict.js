@@ -1,0 +1,36 @@
+/** The answer in one sentence, by the rule of the terminal (`webapp/render/verdict.py`), and which places count little. */
+
+import { t } from "../i18n.js";
+import { isOffMap } from "./query-session.js";
+
+const LIKELY = 0.5;
+const LITTLE = 0.05;
+
+/** @returns {"off_map"|"perhaps_off_map"|"perhaps_place"|"place"} */
+export function verdictOf(answer) {
+  const { hypotheses: [first], off_map_probability: off } = answer;
+  if (isOffMap(answer)) return off === null || off >= LIKELY ? "off_map" : "perhaps_off_map";
+  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` has shares, no probabilities
+}
+
+/** The sentence that stands above the list. */
+export function verdictText(answer) {
+  const area = answer.hypotheses[0]?.kind === "area";
+  return {
+    off_map: () => t("Probably not on this map."),
+    perhaps_off_map: () => t("Uncertain, perhaps not on this map."),
+    perhaps_place: () => (area ? t("Uncertain, perhaps in area 1.") : t("Uncertain, perhaps at place 1.")),
+    place: () => (area ? t("In area 1.") : t("At place 1.")),
+  }[verdictOf(answer)]();
+}
+
+/** Whether a place is so improbable that the others are shown first. */
+export function isMinor({ off_map_probability: off }, probability) {
+  return off !== null && probability < LITTLE;
+}
+
+/** Whether a place is drawn hollow: something else leads, or it is improbable itself. */
+export function isFaint(answer, probability) {
+  const { hypotheses: [first], off_map_probability: off, other_probability: other } = answer;
+  return isMinor(answer, probability) || (off !== null && Math.max(off, other) > first.probability);
+}
