@@ -43,6 +43,8 @@ def test_pages_fit_and_have_a_way_out(phone, api):
         expect(phone.page.locator(".tabs__home")).to_be_in_viewport(ratio=1)
         assert phone.page.evaluate(width) == 390
         phone.page.set_viewport_size(PHONE["viewport"])
+    expect(phone.page.locator("label[for=shot-input]").first).to_be_visible()
+    expect(phone.page.locator("#welcome")).not_to_contain_text("paste", use_inner_text=True)
 
 
 def test_undo_and_export_are_in_reach(phone):

@@ -43,6 +43,10 @@ def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
     count = suggested.count()
     assert count >= LEAST_SUGGESTED
     assert len(api.positions(slug)) == 6, "so far it is only suggested"
+    edit.open()  # who closed the page is led back to the result
+    page.get_by_test_id("rest-look").click()
+    expect(suggested).to_have_count(count)
+    expect(page.locator("#rest-bar")).to_be_hidden()
     suggested.first.get_by_role("button", name="Place ").click()
     expect(suggested).to_have_count(count - 1)
     expect(edit.unplaced).to_have_text("53")

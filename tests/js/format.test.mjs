@@ -4,7 +4,7 @@ import { test } from "node:test";
 import "./page.mjs";
 
 const { duration, t, tn } = await import("../../static/js/shared/i18n.js");
-const { leftText, metresText, sizeText } = await import("../../static/js/shared/format.js");
+const { isLoopback, leftText, metresText, sizeText } = await import("../../static/js/shared/format.js");
 const { headingText, lengthText, numberText, percentText, probabilityColours } = await import("../../static/js/shared/answer/answer-format.js");
 const missions = await import("../../static/js/missions/format.js");
 
@@ -29,6 +29,11 @@ test("sizes and lengths carry sensible digits", () => {
   assert.equal(lengthText(3.14159, 99), "3.1 m");
   assert.equal(lengthText(31.4, 99), "31 m");
   assert.equal(numberText(1234.5), "1,235");
+});
+
+test("addresses of the computer itself are known", () => {
+  const hosts = ["127.0.0.1:8000", "localhost", "map.localhost:80", "[::1]:8000", "192.168.1.5", "127.example.org", "localhost.org"];
+  assert.deepEqual(hosts.map((host) => isLoopback(`http://${host}/s/x`)), [true, true, true, true, false, false, false]);
 });
 
 test("a probability that is neither 0 nor 1 is never written as 0 % or 100 %", () => {

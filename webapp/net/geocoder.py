@@ -84,7 +84,7 @@ def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
                 if len(data) > _MAX_BYTES:
                     raise InputError("it sent far too much", where=_WHERE)
     except requests.RequestException as error:
-        message = f"it cannot be reached ({type(error).__name__})"
+        message = "it cannot be reached"
         raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates") from error
     return bytes(data)
 

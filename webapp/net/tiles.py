@@ -136,7 +136,7 @@ class TileFetcher:
                     if len(data) > _MAX_BYTES:
                         break
         except requests.RequestException as error:
-            message = f"{self._service.name} cannot be reached ({type(error).__name__})"
+            message = f"{self._service.name} cannot be reached"
             raise InputError(message, where="tile service", hint=hint) from error
         if len(data) > _MAX_BYTES or not bytes(data[:8]).startswith(_IMAGES):
             message = f"{self._service.name} sent something else than a tile"

@@ -7,10 +7,12 @@ from markupsafe import Markup
 from werkzeug.wrappers import Response
 
 from webapp.render import manual
+from webapp.web.accounts import sessions
 
 blueprint = Blueprint("manual_pages", __name__, url_prefix="/help")
 
 _FIRST = "make-a-map"
+_AFTER_START = "1-a-new-map-and-its-image"
 _OF_PAGES = {
     "map_pages.editor": "make-a-map#3-place",
     "map_pages.settings": "sharing",
@@ -28,8 +30,8 @@ _OF_PAGES = {
 
 @blueprint.get("")
 def index() -> Response:
-    """Lead to the first chapter."""
-    return redirect(url_for(".show", name=_FIRST))
+    """Lead to the first chapter; who is signed in has installed the program, or need not."""
+    return redirect(_first())
 
 
 @blueprint.get("/<name>")
@@ -49,5 +51,9 @@ def picture(name: str) -> Response:
 
 def address() -> str:
     """Return the address of the chapter that explains the page."""
-    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or _FIRST
-    return f"/help/{chapter}"
+    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or None
+    return _first() if chapter is None else f"/help/{chapter}"
+
+
+def _first() -> str:
+    return url_for("manual_pages.show", name=_FIRST, _anchor=_AFTER_START if sessions.signed_in() else None)

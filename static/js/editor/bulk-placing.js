@@ -7,7 +7,7 @@ import { toast, toastError } from "../shared/toast.js";
 import { listDialog } from "./list-dialog.js";
 import { nameList } from "./name-list.js";
 import { planDialog } from "./plan-dialog.js";
-import { restDialog } from "./rest-dialog.js";
+import { restBar, restDialog } from "./rest-dialog.js";
 import { streetDialog } from "./street-dialog.js";
 import { trackDialog } from "./track-dialog.js";
 
@@ -32,6 +32,7 @@ export function bulkPlacing(page) {
   byId("place-by-file").addEventListener("click", () => positions());
   byId("place-by-track").addEventListener("click", () => track());
   byId("place-the-rest").addEventListener("click", () => restDialog(page));
+  restBar(page);
   byId("plan-button").addEventListener("click", () => planDialog(page));
   byId("street-button").addEventListener("click", () => streetDialog(page));
   byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {

@@ -1,10 +1,10 @@
 /** The dialog for the photos in the tray: where they were taken, judged by the photos that are placed. */
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
-import { h } from "../shared/dom.js";
-import { accuracyText, offText } from "../shared/format.js";
+import { byId, h, icon } from "../shared/dom.js";
+import { accuracyText, leftText, offText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
-import { toast } from "../shared/toast.js";
+import { toast, toastError } from "../shared/toast.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
 
@@ -16,6 +16,7 @@ const UNCERTAIN = 4;
 /**
  * Open the dialog.
  * @param {Object} page store, server, refresh, dots and view
+ * @returns {HTMLDialogElement}
  */
 export function restDialog({ store, server, refresh, dots, view }) {
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "rest-outcome" });
@@ -31,6 +32,8 @@ export function restDialog({ store, server, refresh, dots, view }) {
     error,
   ], { actions: [find, place], modeless: true });
 
+  const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Suggest places") });
+  const left = h("span", { class: "soft" });
   let job = null;
   let suggested = [];
   let ids = [];
@@ -48,7 +51,8 @@ export function restDialog({ store, server, refresh, dots, view }) {
     choose();
     dots.setSuggestions([...rest.suggested, ...rest.corrected]);
     outcome.replaceChildren(...[
-      job !== null && h("p", {}, t("This is being computed; it takes a few minutes.")),
+      job !== null && h("p", {}, t("This is being computed; it takes a few minutes."), " ", left),
+      job !== null && bar,
       job === null && rest.revision !== null && (suggested.length > 0 || !rest.corrected.length) && summary(rest),
       suggested.length > 0 && h("ul", { class: "small ed-rest" }, ...suggested.slice(0, SHOWN).map(row)),
       nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
@@ -103,7 +107,11 @@ export function restDialog({ store, server, refresh, dots, view }) {
   };
   const watch = () => {
     const known = store.jobs.find(({ id }) => id === job);
-    if (!known || known.state === "queued" || known.state === "running") return;
+    if (!known || known.state === "queued" || known.state === "running") {
+      if (known?.total) bar.value = known.done / known.total;
+      left.textContent = known && known.seconds_left !== null ? leftText(known.seconds_left) : "";
+      return;
+    }
     job = null;
     look(server.rest).then(() => {
       if (known.state === "failed") error.show(known.error);
@@ -128,6 +136,46 @@ export function restDialog({ store, server, refresh, dots, view }) {
     dots.setSuggestions([]);
   });
   look(server.rest);
+  return dialog;
+}
+
+/**
+ * The bar above the tray that leads to suggestions, also to those of a job that ended while nobody looked.
+ * @param {Object} page store, server, refresh, dots and view
+ */
+export function restBar(page) {
+  const { store, server } = page;
+  const bar = byId("rest-bar");
+  const text = h("span", { class: "grow" });
+  let suggested = [];
+  let seen = null;
+  let dialog = null;
+  const show = () => {
+    const left = suggested.filter(({ id }) => store.photos.has(id) && !store.isPlaced(id)).length;
+    bar.hidden = dialog !== null || !left;
+    text.textContent = tn("{n} photo has a suggested place.", "{n} photos have a suggested place.", left);
+  };
+  const ask = async () => {
+    ({ suggested } = await server.rest());
+    show();
+  };
+  const open = () => {
+    dialog = restDialog(page);
+    dialog.addEventListener("close", () => {
+      dialog = null;
+      ask().catch(toastError);
+    });
+    show();
+  };
+  bar.append(icon("pin"), text, h("button", { class: "button", type: "button", "data-testid": "rest-look", onclick: open }, t("Look at them")));
+  store.on("photos", show);
+  store.on("jobs", () => {
+    const done = store.jobs.findLast(({ kind, state }) => kind === "place-rest" && state === "done");
+    if (!done || done.id === seen) return;
+    seen = done.id;
+    ask().catch(toastError);
+  });
+  if (store.unplaced().length) ask().catch(toastError);
 }
 
 /** Metres of a pixel; 1 on a map without a georeference. */

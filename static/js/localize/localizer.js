@@ -4,6 +4,7 @@ import { verdictText } from "../shared/answer/verdict.js";
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
+import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 import { sentence, toast } from "../shared/toast.js";
 
@@ -180,16 +181,26 @@ export class Localizer extends EventTarget {
   }
 
   _building() {
-    const job = this.store.jobs.find(({ kind, state }) => kind === "index" && (state === "running" || state === "queued"));
-    const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Indexing progress") });
-    if (job?.total) bar.value = job.done / job.total;
-    byId("notes").replaceChildren(
-      note("info", t("The map is being indexed; the photo is localized as soon as that is done."), null, bar),
-    );
+    const text = t("The map is being indexed; the photo is localized as soon as that is done.");
+    byId("notes").replaceChildren(note("info", text, null, indexBar(this._indexJob())));
+  }
+
+  _indexJob() {
+    return this.store.jobs.find(({ kind, state }) => kind === "index" && (state === "running" || state === "queued"));
+  }
+
+  /** Before the first question the page says how far the index is. */
+  _indexing() {
+    const job = this._indexJob();
+    byId("soon").hidden = Boolean(job);
+    byId("indexing").hidden = !job;
+    const left = job && job.seconds_left !== null ? leftText(job.seconds_left) : "";
+    byId("indexing").replaceChildren(...(job ? [h("div", {}, t("The map is being indexed."), " ", left), indexBar(job)] : []));
   }
 
   /** The index that a question waits for may be there now. */
   _jobs() {
+    this._indexing();
     if (!this.waiting) return;
     const jobs = this.store.jobs.filter(({ kind }) => kind === "index");
     const failed = jobs.at(-1)?.state === "failed" && jobs.at(-1);
@@ -220,6 +231,12 @@ export class Localizer extends EventTarget {
       dialog.addEventListener("close", () => resolve(answer));
     });
   }
+}
+
+function indexBar(job) {
+  const bar = h("progress", { class: "progress", max: 1, "aria-label": t("Indexing progress") });
+  if (job?.total) bar.value = job.done / job.total;
+  return bar;
 }
 
 /** Whether nothing more needs to be known; `vote` has no probabilities to decide by. */

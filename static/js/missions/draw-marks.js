@@ -6,6 +6,8 @@ import { lengthText, percentText } from "./format.js";
 
 const ROBOT = 11;
 const SMALL_GAP_PX = 14;
+/** Corner of the map that the arrow to the north takes. */
+const NORTH = { width: 56, height: 100 };
 /** Sources of single places: the robot is elsewhere by now. */
 const SPARSE = new Set(["visual", "manual"]);
 
@@ -91,7 +93,8 @@ function words(pen, { ink, size }, text, [x, y]) {
   pen.font = "600 13px system-ui, sans-serif";
   pen.textAlign = "start";
   pen.textBaseline = "middle";
-  const left = Math.min(x, size.x - pen.measureText(text).width - 8);
+  const edge = y > size.y - NORTH.height ? NORTH.width : 8;
+  const left = Math.min(x, size.x - pen.measureText(text).width - edge);
   pen.lineWidth = 4;
   pen.strokeStyle = ink.halo;
   pen.strokeText(text, left, y);

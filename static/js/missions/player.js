@@ -75,8 +75,9 @@ export class Player {
     button.classList.toggle("is-on", this.playing);
     button.querySelector(".mi-play").toggleAttribute("hidden", this.playing);
     button.querySelector(".mi-pause").toggleAttribute("hidden", !this.playing);
-    this.now.setAttribute("aria-pressed", String(moment === null));
+    this.now.setAttribute("aria-pressed", String(moment === null && !this.store.mission?.ended_at));
     if (!clock) return;
+    byId("time").classList.toggle("is-instant", clock.span < SHORTEST_S); // one pose has no course
     slider.max = String(clock.span);
     slider.step = "any";
     slider.value = String(moment ?? clock.span);

@@ -2,6 +2,7 @@
 
 import { byId } from "../shared/dom.js";
 import { georeferenceSection } from "./georeference.js";
+import { latLngOf } from "../shared/map/coords.js";
 import { imageMap } from "../shared/map/image-map.js";
 import { page, panels, showKeptNotes } from "./page.js";
 import { TilesPanel } from "./tile-download.js";
@@ -10,14 +11,15 @@ import { blankForm, uploadForm } from "./upload-forms.js";
 showKeptNotes();
 if (page.satellite) {
   const still = { zoomControl: false, dragging: false, scrollWheelZoom: false, doubleClickZoom: false, touchZoom: false };
-  imageMap(byId("present-map"), page.satellite, { ...still, boxZoom: false, keyboard: false });
+  const map = imageMap(byId("present-map"), page.satellite, { ...still, boxZoom: false, keyboard: false });
+  for (const place of page.placed) L.circleMarker(latLngOf(place), { radius: 3, className: "sat-photo", interactive: false }).addTo(map);
 }
 if (page.canEdit) {
   uploadForm();
   blankForm();
   const wanted = location.hash === "#map-service";
   const proposed = Boolean(page.photos) && !page.satellite; // an area, without asking a service for anything
-  const tiles = new TilesPanel({ asked: wanted || !proposed });
+  const tiles = new TilesPanel({ asked: wanted || !proposed, blank: () => choose("blank") });
   const choose = panels("way", (way) => way === "tiles" && tiles.open());
   if (wanted || proposed) choose("tiles");
   if (page.satellite) georeferenceSection();

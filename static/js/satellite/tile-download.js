@@ -2,7 +2,7 @@
 
 import { get, post } from "../shared/api.js";
 import { busy } from "../shared/dialogs.js";
-import { byId, queryAll } from "../shared/dom.js";
+import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { duration, locale, t, tn } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { cut } from "./mercator.js";
@@ -19,9 +19,13 @@ const DOT = { radius: 4, className: "sat-photo", interactive: false };
 
 /** The panel; its map is made when it is first shown. */
 export class TilesPanel {
-  /** @param {{asked: boolean}} options whether the service may be asked for tiles as soon as the panel opens */
-  constructor({ asked }) {
+  /**
+   * @param {{asked: boolean, blank: function(): void}} options whether the service may be asked for tiles as soon as
+   *   the panel opens; shows the panel of a blank plan instead
+   */
+  constructor({ asked, blank }) {
     this.asked = asked;
+    this.blank = blank;
     this.form = byId("way-tiles");
     this.zoom = byId("tile-zoom", HTMLInputElement);
     this.slippy = null;
@@ -134,8 +138,16 @@ export class TilesPanel {
     } else if (ended.state === "failed") {
       const choice = await outsideChoices(ended.error);
       if (choice) await this._queue({ ...wish, ...choice });
-      else byId("tile-progress").after(note("danger", ended.error.message, ended.error.hint));
+      else byId("tile-progress").after(this._problem(ended.error));
     }
+  }
+
+  /** Without a network there is still a way to an image. */
+  _problem({ message, hint }) {
+    const shown = note("danger", message, hint);
+    const button = h("button", { class: "button", type: "button", onclick: this.blank }, icon("image"), t("Blank plan"));
+    shown.lastElementChild.append(h("div", { class: "row" }, t("A blank plan needs no network:"), button));
+    return shown;
   }
 
   /** Tiles that are being fetched for this map already, since before the page was loaded. */

@@ -36,3 +36,9 @@ export function offText(pixels, metresPerPixel) {
 export function metresText(value) {
   return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });
 }
+
+/** Whether an address leads to the computer itself, whoever opens it. @param {string} address of a page */
+export function isLoopback(address) {
+  const { hostname } = new URL(address);
+  return hostname === "[::1]" || /^(127(\.\d+){3}|(.*\.)?localhost)$/.test(hostname);
+}

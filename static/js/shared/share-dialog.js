@@ -3,6 +3,7 @@
 import { post } from "./api.js";
 import { busy, errorLine, openDialog } from "./dialogs.js";
 import { h, icon, queryAll } from "./dom.js";
+import { isLoopback } from "./format.js";
 import { t } from "./i18n.js";
 
 /**
@@ -41,11 +42,18 @@ export function shareDialog({ slug, query = null, made = () => {} }) {
 export function showAddress(share) {
   const once = h("p", { class: "soft" }, t("This address is shown only once: copy it now."));
   openDialog(t("Link"), [
+    isLoopback(share.url) && onlyHere(),
     !share.public && once,
     secret(t("Address"), share.url, "share-url"),
     secret(t("HTML code that embeds it in another page"), share.embed, "share-embed"),
     share.kml && secret(t("Live link for Google Earth and similar programs"), share.kml, "share-kml"),
   ].filter(Boolean));
+}
+
+function onlyHere() {
+  const chapter = h("a", { href: "/help/operating#behind-nginx-with-tls", target: "_blank" }, t("Operating a server"));
+  return h("div", { class: "note note--warning" }, icon("warning"),
+    h("div", {}, t("This address works only on this computer. To share it with others:"), " ", chapter));
 }
 
 /**

@@ -196,6 +196,16 @@ class TestRefused:
         with pytest.raises(NotFound, match="unknown tile service"):
             fetch(service="http://127.0.0.1/")
 
+    def test_a_service_that_cannot_be_reached(self, library, map_id, settings, tmp_path):
+        services = json.loads(settings.tile_services.read_text())
+        settings.tile_services.write_text(
+            json.dumps([{**services[0], "url": "http://127.0.0.1:1/{z}/{x}/{y}.png"}])
+        )
+        wish = TileRequest("Local", BOX, 17)
+        with pytest.raises(InputError) as failed:
+            satellite_tiles.fetch_tiles(library, map_id, request=wish, settings=settings, progress=Progress())
+        assert failed.value.message == "Local cannot be reached"
+
     def test_no_area(self, fetch):
         with pytest.raises(GeoreferenceError, match="empty"):
             fetch(box=GeoBox(north=50.0, south=50.1, west=14.0, east=14.3))

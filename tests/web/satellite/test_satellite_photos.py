@@ -51,6 +51,16 @@ class TestPhotosOnANewImage:
         put(png(400, 200), corners=CORNERS)
         assert "1 photo in the tray was taken outside this image" in client.get(address).text
 
+    def test_the_page_leads_on_to_a_query_when_all_are_placed(self, put, add_photos, client, record):
+        put(png(400, 200))
+        add_photos({"x_px": 390.0, "y_px": 190.0}, {"x_px": 10.0, "y_px": 10.0})
+        address = f"/maps/{record().slug}/image"
+        text = client.get(address).text
+        assert "All 2 photos are placed." in text and "Try a photo" in text and "Place photos" not in text
+        assert '"placed": [[390.0, 190.0], [10.0, 10.0]]' in text
+        add_photos({})
+        assert "Place photos" in client.get(address).text
+
     def test_control_points_go_with_them(self, put, client, base, record):
         put(png(400, 200))
         points = f"{base}/landmarks/control-points"

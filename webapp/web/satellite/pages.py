@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 from flask import Blueprint, render_template
 
@@ -21,6 +21,8 @@ from webapp.web.satellite.api_satellite import service_json
 
 blueprint = Blueprint("satellite", __name__)
 
+T = TypeVar("T")
+
 _MOST_DRAWN = 1000
 """Positions of photos that a page gets; of more, some are left out evenly."""
 
@@ -37,6 +39,7 @@ def show(slug: str) -> str:
         photos = [photo for photo in maps.photos(session, row) if not photo.removed]
     if can_edit:
         allow_images(*sorted({service.origin for service in services}))
+    placed = [photo for photo in photos if photo.x_px is not None]
     page = {
         "slug": record.slug,
         "revision": record.revision,
@@ -45,6 +48,7 @@ def show(slug: str) -> str:
         "earth": _earth(record),
         "services": [service_json(service) for service in services],
         "photos": _where(photos),
+        "placed": [(photo.x_px, photo.y_px) for photo in _thinned(placed)],
         "geocoder": None if geocoder.address is None else geocoder.attribution,
     }
     return render_template(
@@ -53,6 +57,8 @@ def show(slug: str) -> str:
         tab="image",
         page=page,
         can_edit=can_edit,
+        placed=len(placed),
+        photos=len(photos),
         with_gps=sum(photo.gps_lat is not None for photo in photos),
         outside=_count_outside(record, photos),
     )
@@ -82,11 +88,15 @@ def _where(photos: list[Photo]) -> dict[str, Any] | None:
     if not known:
         return None
     area = area_around(known)
-    drawn = known[:: -(-len(known) // _MOST_DRAWN)]
     return {
         **area.box._asdict(),
         "all": len(photos),
         "gps": len(known),
         "far": area.outside,
-        "positions": drawn,
+        "positions": _thinned(known),
     }
+
+
+def _thinned(items: list[T]) -> list[T]:
+    """Leave out some evenly where there are more than are drawn."""
+    return items[:: max(1, -(-len(items) // _MOST_DRAWN))]

@@ -135,7 +135,7 @@ export class CurrentPhoto {
   }
 
   _gps({ gps, gps_problem: problem }) {
-    if (!gps) return problem || t("none in this file");
+    if (!gps) return h("span", { title: problem }, t("none")); // why, is above the tray
     const accuracy = gps.accuracy_m ? ` ± ${accuracyText(gps.accuracy_m)}` : "";
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);

@@ -45,6 +45,7 @@ export class PhotoGrid {
     }
     this.grid.show(this.order.shown());
     this._empty(counts);
+    this._withoutGps();
   }
 
   _listen() {
@@ -178,6 +179,22 @@ export class PhotoGrid {
     const empty = byId("tray-empty");
     empty.hidden = this.grid.ids.length > 0;
     if (!empty.hidden) empty.replaceChildren(...this._emptyWords(counts));
+  }
+
+  /** Why photos of the tray have no GPS position: each reason once. */
+  _withoutGps() {
+    const { store } = this;
+    const reasons = new Map();
+    for (const id of store.unplaced()) {
+      const { gps, gps_problem: problem } = store.photos.get(id);
+      if (!gps && problem) reasons.set(problem, (reasons.get(problem) ?? 0) + 1);
+    }
+    const box = byId("tray-gps", HTMLDetailsElement);
+    const count = [...reasons.values()].reduce((sum, n) => sum + n, 0);
+    box.hidden = !count || this.order.place === "placed";
+    byId("tray-gps-count").textContent = tn("{n} photo has no GPS position", "{n} photos have no GPS position", count);
+    byId("tray-gps-why").replaceChildren(...[...reasons].map(([reason, n]) =>
+      h("li", {}, tn("{n} photo", "{n} photos", n), ": ", reason)));
   }
 
   _emptyWords({ all, placed, unplaced }) {

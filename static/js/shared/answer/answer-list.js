@@ -1,6 +1,6 @@
 /** The answer as a list: each place with its probability, and "not on this map" as an entry of its own. */
 
-import { byId, h, icon } from "../dom.js";
+import { byId, h, icon, queryAll } from "../dom.js";
 import { t, tn } from "../i18n.js";
 import { headingText, lengthText, percentText, probabilityColours } from "./answer-format.js";
 import { isOffMap, ranking } from "./query-session.js";
@@ -26,7 +26,7 @@ export function answerList(session, look) {
   list.addEventListener("keydown", (event) => {
     const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
     if (!by) return;
-    const buttons = [...list.querySelectorAll("li:not([hidden]) button")];
+    const buttons = queryAll("li:not([hidden]) button", HTMLElement, list);
     buttons[buttons.findIndex((button) => button === document.activeElement) + by]?.focus();
     event.preventDefault();
   });
