@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from flask import Blueprint, redirect, render_template, request, send_from_directory, url_for
+from flask import Blueprint, redirect, render_template, request, send_from_directory
 from markupsafe import Markup
 from werkzeug.wrappers import Response
 
 from webapp.render import manual
-from webapp.web.accounts import sessions
 
 blueprint = Blueprint("manual_pages", __name__, url_prefix="/help")
 
-_FIRST = "make-a-map"
-_AFTER_START = "1-a-new-map-and-its-image"
+_FIRST = "make-a-map#1-a-new-map-and-its-image"
+"""After the installation: who sees the manual has signed in."""
 _OF_PAGES = {
     "map_pages.editor": "make-a-map#3-place",
     "map_pages.settings": "sharing",
@@ -30,8 +29,8 @@ _OF_PAGES = {
 
 @blueprint.get("")
 def index() -> Response:
-    """Lead to the first chapter; who is signed in has installed the program, or need not."""
-    return redirect(_first())
+    """Lead to the first chapter."""
+    return redirect(f"/help/{_FIRST}")
 
 
 @blueprint.get("/<name>")
@@ -51,9 +50,5 @@ def picture(name: str) -> Response:
 
 def address() -> str:
     """Return the address of the chapter that explains the page."""
-    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or None
-    return _first() if chapter is None else f"/help/{chapter}"
-
-
-def _first() -> str:
-    return url_for("manual_pages.show", name=_FIRST, _anchor=_AFTER_START if sessions.signed_in() else None)
+    chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or _FIRST
+    return f"/help/{chapter}"
