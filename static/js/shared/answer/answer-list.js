@@ -15,10 +15,12 @@ const STRONG_INLIERS = 30;
  */
 export function answerList(session, look) {
   const list = byId("hypotheses");
+  const verdict = h("p", { class: "lo-verdict", id: "verdict" });
+  list.before(verdict);
   session.on("answer", () => {
     const { answer } = session;
     byId("answer").hidden = !answer;
-    byId("verdict").textContent = answer ? verdictText(answer) : "";
+    verdict.textContent = answer ? verdictText(answer) : "";
     list.replaceChildren(...(answer ? entries(answer, (rank) => (session.choose(rank), look())) : []));
     mark(list, session);
   });
