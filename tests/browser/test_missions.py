@@ -114,6 +114,7 @@ def test_a_robot_under_way_is_seen_live(page, mission, send):
     expect(by_id(page, "object")).to_have_count(2)
     send({"type": "end"})
     expect(by_id(page, "live-state")).to_have_text("Ended")
+    expect(page.get_by_role("button", name="Follow latest")).to_have_attribute("aria-pressed", "false")
 
 
 def test_the_server_away_and_back(page, context, mission, send):
