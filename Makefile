@@ -12,6 +12,10 @@ SITE   := build/docs
 # Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
 QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
+# Run on PostgreSQL, too: stores, jobs and workers with their kills, missions and their intake, edits by the API.
+RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py tests/missions/tasks/test_query_mission.py \
+           tests/missions/tasks/test_mission_import.py tests/missions/tasks/test_thin_tracks.py \
+           tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py
 REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
 # The tests of a file share what they need, so they run in one process.
@@ -21,7 +25,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 
-.PHONY: help install run lint quick test ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint quick postgresql test ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -55,9 +59,13 @@ lint: $(VENV)/.tested ## check style and types
 quick: $(VENV)/.tested ## run the tests that need no server, no browser and no other process, in less than a minute
 	$(PYTEST) -q $(QUICK)
 
+postgresql: $(VENV)/.tested ## run the tests of records on PostgreSQL, which they start themselves
+	$(PYTEST) -q --database postgresql $(RECORDS)
+
 test: lint       ## run everything that must pass; installs chromium through apt where there is no browser
 	$(BIN)/python tests/browser/ensure_browser.py
 	$(PYTEST) -q $(QUICK)
+	$(PYTEST) -q --database postgresql $(RECORDS)
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	$(PYTEST) -q tests/browser

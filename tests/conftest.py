@@ -1,10 +1,12 @@
 """Fixtures that many tests share."""
 
 import os
+import shutil
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command does, before OpenMP is loaded
 
@@ -18,6 +20,10 @@ from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
 from webapp.settings import Settings
+from webapp.store.library import INNER, SERVER, Library, open_library
+
+if TYPE_CHECKING:
+    from tests.postgresql_server import PostgresqlServer
 
 # A shell starts what runs in the background without the interrupt, and commands that are tested inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -33,6 +39,76 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.register_profile("fuzz", max_examples=1000, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("suite")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let the tests of records run on the other database, too."""
+    parser.addoption(
+        "--database",
+        choices=("sqlite", "postgresql"),
+        default=os.environ.get("EXPMAP_TEST_DATABASE", "sqlite"),
+        help="What libraries of tests keep their records in.",
+    )
+
+
+@pytest.fixture(scope="session")
+def postgresql() -> Iterator["PostgresqlServer"]:
+    """A PostgreSQL server."""
+    from tests.postgresql_server import PostgresqlServer  # loads a driver that most tests do without
+
+    server = PostgresqlServer()
+    yield server
+    server.remove()
+
+
+@pytest.fixture
+def database_url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str | None]:
+    """The address of a database of the test's own, with all tables; None for SQLite.
+
+    Commands and servers that the test starts find it in their environment.
+    """
+    if request.config.getoption("--database") == "sqlite":
+        yield None
+        return
+    server = request.getfixturevalue("postgresql")
+    url = server.new_database()
+    monkeypatch.setenv("EXPMAP_DATABASE", url)
+    yield url
+    server.drop(url)
+
+
+@pytest.fixture
+def sqlite_only(database_url: str | None) -> None:
+    """Skip a test of what only SQLite has."""
+    if database_url is not None:
+        pytest.skip("about SQLite")
+
+
+@pytest.fixture
+def new_library(database_url: str | None, library_folder: Path) -> Iterator[Callable[[Path], Library]]:
+    """Make and open the library of a test in a folder that is not there yet: its tables are made already."""
+    opened = []
+
+    def make(folder: Path) -> Library:
+        if database_url is None:
+            shutil.copytree(library_folder, folder)
+        else:
+            (folder / INNER).mkdir(parents=True)
+            (folder / INNER / SERVER).write_text("a server for tests\n", "utf-8")
+        opened.append(open_library(folder, url=database_url))
+        return opened[-1]
+
+    yield make
+    for library in opened:
+        library.database.close()
+
+
+@pytest.fixture(scope="session")
+def library_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a library as it is made, for copies: its tables take a while."""
+    folder = tmp_path_factory.mktemp("new") / "library"
+    open_library(folder).database.close()
+    return folder
 
 
 @pytest.fixture(scope="session")

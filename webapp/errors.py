@@ -9,7 +9,8 @@
     ├── NotAllowed               the caller may see it, but not do this
     ├── RetryLater               the same request can succeed later
     │   ├── TooMany              too often in a short time: wait
-    │   └── Busy                 others are being served: try again
+    │   ├── Busy                 others are being served: try again
+    │   └── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
     ├── Conflict                 somebody else has changed it in the meantime
     ├── NotReady                 it is still being made: later it works
     ├── MapError                 the map cannot be read as a map
@@ -169,6 +170,10 @@ class TrackError(InputError):
 
 class StorageError(ExpMapError):
     """The disk refused: full, read-only, or another process is writing."""
+
+
+class DatabaseUnavailable(StorageError, RetryLater):
+    """The database server cannot be reached, or is busy; nothing was changed, or nobody was assured of it."""
 
 
 class DiskFull(StorageError):

@@ -21,6 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
+        "cluster": ("psycopg",),
     }
 )
 """Packages of each extra, as they are imported."""
@@ -31,6 +32,7 @@ _PURPOSE = {
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
+    "cluster": "libraries in PostgreSQL",
 }
 
 

@@ -312,6 +312,9 @@ class Settings:
     library: Path = Path("maps")
     """Folder of the maps."""
 
+    database: str | None = None
+    """Address of a PostgreSQL database for the records, instead of a SQLite file in the library's folder."""
+
     models: Path | None = None
     """Folder with the weights of learned features, instead of one in the user's cache."""
 

@@ -89,8 +89,8 @@ PERMISSIVE = frozenset(
 
 _AND = r" AND | OR | WITH "
 
-FOR_TESTS = PERMISSIVE | {"GNU Library or Lesser General Public License (LGPL)"}
-"""Of what is not part of an installation."""
+FOR_TESTS = PERMISSIVE | {"GNU Library or Lesser General Public License (LGPL)", "LGPL-3.0-only"}
+"""Of what is not part of an installation with the extra `all`."""
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """A library, and kinds of jobs made for the tests."""
 
+import os
 import subprocess
 import sys
 import time
@@ -12,7 +13,6 @@ from webapp.app.wings import DUTIES
 from webapp.jobs.kinds import Duties
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
-from webapp.store.library import open_library
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
 
@@ -24,17 +24,15 @@ KINDS = {
 
 
 @pytest.fixture
-def library(tmp_path):
-    library = open_library(tmp_path / "library")
-    yield library
-    library.database.close()
+def library(tmp_path, new_library):
+    return new_library(tmp_path / "library")
 
 
 @pytest.fixture
-def settings(library):
+def settings(library, database_url):
     """Settings with short times."""
     limits = JobSettings(lease_s=60.0, stop_s=0.5, export_s=0.2)
-    return replace(Settings(), library=library.folder, jobs=limits)
+    return replace(Settings(), library=library.folder, database=database_url, jobs=limits)
 
 
 @pytest.fixture
@@ -80,9 +78,11 @@ def start(settings):
     started = []
 
     def run(*, lease_s=60.0):
+        kept = ("PYTHONPATH", "EXPMAP_DATABASE")
+        environ = {"PYTHONPATH": str(ROOT)} | {name: os.environ[name] for name in kept if name in os.environ}
         program = Path(__file__).with_name("kinds_for_tests.py")
         command = [sys.executable, program, settings.library, str(lease_s)]
-        process = subprocess.Popen(command, cwd=ROOT, env={"PYTHONPATH": str(ROOT)})
+        process = subprocess.Popen(command, cwd=ROOT, env=environ)
         started.append(process)
         return process
 

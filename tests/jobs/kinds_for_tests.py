@@ -1,6 +1,7 @@
 """Kinds of jobs for tests; as a program, a worker that knows them."""
 
 import logging
+import os
 import sys
 import time
 from dataclasses import replace
@@ -89,6 +90,6 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     limits = JobSettings(lease_s=float(sys.argv[2]), stop_s=0.5, export_s=0.2)
     settings = replace(Settings(), library=folder, jobs=limits)
-    working = Worker(open_library(folder), settings, duties=duties)
+    working = Worker(open_library(folder, url=os.environ.get("EXPMAP_DATABASE")), settings, duties=duties)
     working.stop_on_signals()
     working.run()

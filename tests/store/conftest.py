@@ -2,16 +2,13 @@
 
 import pytest
 
-from webapp.store.library import open_library
 from webapp.store.maps import maps
 from webapp.store.schema import Account, Photo
 
 
 @pytest.fixture
-def library(tmp_path):
-    library = open_library(tmp_path / "library")
-    yield library
-    library.database.close()
+def library(tmp_path, new_library):
+    return new_library(tmp_path / "library")
 
 
 @pytest.fixture

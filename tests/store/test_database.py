@@ -43,6 +43,7 @@ def test_a_writer_waits_for_the_others_and_sees_what_they_wrote(library, new_acc
     assert seen == [ana.epoch, ana.epoch + 1]
 
 
+@pytest.mark.usefixtures("sqlite_only")
 def test_it_is_written_through_to_the_disk(library):
     with library.database.engine.connect() as connection:
         modes = [
@@ -57,6 +58,7 @@ def test_a_database_that_cannot_be_opened_is_an_error_in_words(tmp_path):
         session.get(Account, 1)
 
 
+@pytest.mark.usefixtures("sqlite_only")
 def test_a_full_disk_is_an_error_in_words(library):
     def full():
         raise sqlite3.OperationalError("database or disk is full")
@@ -95,6 +97,7 @@ def test_what_breaks_a_rule_of_the_database_stays_a_bug(library, new_account):
         session.add(Account(id=1, name="bob"))
 
 
+@pytest.mark.usefixtures("sqlite_only")
 def test_a_database_that_turns_read_only_while_it_is_open_is_an_error_in_words(library, new_account):
     """As a disk does after an error; what is there can still be read, and later written again."""
 

@@ -24,9 +24,9 @@ def test_the_migrations_make_the_tables(library):
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
 
 
-def test_opening_again_changes_nothing(library, new_account):
+def test_opening_again_changes_nothing(library, database_url, new_account):
     new_account("ana")
-    again = open_library(library.folder)
+    again = open_library(library.folder, url=database_url)
     with again.database.read() as session:
         assert session.connection().exec_driver_sql("SELECT name FROM account").scalars().all() == ["ana"]
     again.database.close()

@@ -1,6 +1,5 @@
 """The application on a library in a temporary folder, and browsers that are signed in."""
 
-import shutil
 from uuid import uuid4
 
 import pytest
@@ -10,7 +9,6 @@ from itsdangerous import URLSafeTimedSerializer
 from webapp.app.web import create_app
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
-from webapp.store.library import open_library
 from webapp.store.maps import maps
 
 CSRF = "0" * 40
@@ -32,24 +30,13 @@ class Browser(FlaskClient):
 
 
 @pytest.fixture
-def settings(tmp_path):
-    return Settings(library=tmp_path / "library")
-
-
-@pytest.fixture(scope="session")
-def new_library(tmp_path_factory):
-    """The folder of a library as it is made, for copies: its tables take a while."""
-    folder = tmp_path_factory.mktemp("new") / "library"
-    open_library(folder).database.close()
-    return folder
+def settings(tmp_path, database_url):
+    return Settings(library=tmp_path / "library", database=database_url)
 
 
 @pytest.fixture
 def library(settings, new_library):
-    shutil.copytree(new_library, settings.library)
-    library = open_library(settings.library)
-    yield library
-    library.database.close()
+    return new_library(settings.library)
 
 
 @pytest.fixture

@@ -88,7 +88,8 @@ def list_accounts(library: Path | None) -> None:
 
 @contextmanager
 def _writing(folder: Path | None) -> Iterator[Session]:
-    library = open_library(library_settings(folder).library)
+    settings = library_settings(folder)
+    library = open_library(settings.library, url=settings.database)
     try:
         with library.database.write() as session:
             yield session

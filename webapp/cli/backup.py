@@ -10,6 +10,7 @@ import click
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.library import Composition, existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
+from webapp.errors import UsageError
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
 
@@ -25,7 +26,7 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
     read it.
     """
     with (
-        existing_library(library_settings(library).library) as opened,
+        existing_library(library_settings(library)) as opened,
         terminal_progress("copying") as progress,
     ):
         report = backup_library.back_up(opened, file, parts=composition.library_parts(), progress=progress)
@@ -50,7 +51,14 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
 
     All of it is checked first. Indexes are built again, by the first server or worker.
     """
-    folder = library_settings(library).library
+    settings = library_settings(library)
+    if settings.database is not None:
+        raise UsageError(
+            "backups are restored into libraries in SQLite only",
+            where="EXPMAP_DATABASE",
+            hint="unset it; of PostgreSQL see docs/cluster.md",
+        )
+    folder = settings.library
     with terminal_progress("unpacking") as progress:
         report = restore_library.restore(
             file, folder, parts=composition.library_parts(), force=force, progress=progress

@@ -44,7 +44,7 @@ def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None
     keep_freed_memory()
     forms: list[dict[str, Any]] = []
     failed = False
-    with existing_library(settings.library) as opened:
+    with existing_library(settings) as opened:
         with opened.database.read() as session:
             there = (
                 select(MapRecord).where(MapRecord.binned_at.is_(None)).order_by(MapRecord.changed_at.desc())

@@ -13,7 +13,7 @@ import click
 from webapp.configuration import load_settings
 from webapp.errors import NotFound
 from webapp.settings import Settings
-from webapp.store.library import DATABASE, INNER, Library, open_library
+from webapp.store.library import Library, has_library, open_library
 
 if TYPE_CHECKING:
     from webapp.jobs.kinds import Duties
@@ -56,7 +56,7 @@ def library_settings(folder: Path | None) -> Settings:
 
 
 @contextmanager
-def existing_library(folder: Path) -> Iterator[Library]:
+def existing_library(settings: Settings) -> Iterator[Library]:
     """Open the library of a command that has no use for a new one.
 
     Raises
@@ -65,11 +65,13 @@ def existing_library(folder: Path) -> Iterator[Library]:
         There is none in the folder.
     StorageError
     """
-    if not (folder / INNER / DATABASE).is_file():
+    if not has_library(settings.library):
         raise NotFound(
-            "there is no library in this folder", where=str(folder), hint="set it: --library FOLDER"
+            "there is no library in this folder",
+            where=str(settings.library),
+            hint="set it: --library FOLDER",
         )
-    library = open_library(folder)
+    library = open_library(settings.library, url=settings.database)
     try:
         yield library
     finally:

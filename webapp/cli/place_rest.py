@@ -53,9 +53,10 @@ def place_rest(
     if within is not None and not accept:
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
-    with library_of(cfg) as there:
+    settings = load_settings()
+    with library_of(cfg, url=settings.database) as there:
         with terminal_progress("photos") as progress:
-            report = suggest_rest(cfg, settings=load_settings(), progress=progress, check=check)
+            report = suggest_rest(cfg, settings=settings, progress=progress, check=check)
         chosen = [one for one in report.suggested if within is None or one.radius_px <= within]
         if accept and chosen:
             if there is None:

@@ -74,7 +74,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     settings = library_settings(library)
     if parent is not None and hasattr(os, "nice"):
         os.nice(_POLITENESS)
-    opened = open_library(settings.library)
+    opened = open_library(settings.library, url=settings.database)
     working = Worker(opened, settings, duties=composition.duties(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)

@@ -94,7 +94,7 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
             "the server does not run natively on Windows", hint="run it in WSL: wsl --install, then make run"
         )
     with _listen(site.host, site.port) as listener:
-        library = open_library(settings.library)
+        library = open_library(settings.library, url=settings.database)
         try:
             start = _Start(library, listener, settings=settings)
             web, worker = _web(site, library, listener=listener), _worker(site, library)

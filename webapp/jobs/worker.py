@@ -24,7 +24,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 from sqlalchemy import select
 
-from webapp.errors import Cancelled, ExpMapError, ProcessLost, StorageError
+from webapp.errors import Cancelled, DatabaseUnavailable, ExpMapError, ProcessLost, StorageError
 from webapp.files.atomic import is_full, storage_error
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import Duties, Sweep
@@ -45,6 +45,7 @@ _TICK_S = 0.25
 
 _IDLE_S = 0.5
 _CLEAN_S = 3600.0
+_DATABASE_PAUSE_S = 1.0
 _EXPORT_PAUSE_S = 5.0
 """After a disk has refused a map's files, they are tried again so much later."""
 
@@ -86,21 +87,37 @@ class Worker:
             exporter.start()
         try:
             while not self._stops():
-                self._clean()
-                if once:
-                    export_late_maps(self._library)
-                job = self._next()
-                if job is not None:
-                    self._do(job)
-                elif once:
+                try:
+                    worked = self._turn(once=once)
+                except DatabaseUnavailable as error:
+                    if once:
+                        raise
+                    self._wait_for_database(error)
+                    continue
+                if not worked and once:
                     break
-                else:
+                if not worked:
                     self._stopping.wait(_IDLE_S)
         finally:
             self._ended.set()
             if not once:
                 exporter.join(self._settings.jobs.stop_s)
             self._lock.release()
+
+    def _turn(self, *, once: bool) -> bool:
+        """Do what is due and the next job; returns whether there was one."""
+        self._clean()
+        if once:
+            export_late_maps(self._library)
+        job = self._next()
+        if job is not None:
+            self._do(job)
+        return job is not None
+
+    def _wait_for_database(self, error: DatabaseUnavailable) -> bool:
+        """Wait a little; returns whether to stop."""
+        _log.warning("%s", error)
+        return self._stopping.wait(_DATABASE_PAUSE_S)
 
     def stop_on_signals(self) -> None:
         """On Ctrl-C and SIGTERM, return the current job to the queue and end the worker."""
@@ -142,7 +159,7 @@ class Worker:
             if not jobs.anything_to_do(session):
                 return None
         limits = Limits(self._settings.jobs.lease_s, self._settings.jobs.attempts)
-        with self._library.database.write() as session:
+        with self._library.database.write(locks_rows=True) as session:
             return jobs.lease(session, self._lock.name, limits=limits, is_gone=self._lock.is_gone)
 
     def _do(self, job: Job) -> None:
@@ -181,6 +198,15 @@ class Worker:
         os._exit(0)
 
     def _end(self, job: Job, context: Context, work: Work) -> str:
+        """Record how a job ended, however long the database is away; returns the outcome in a word."""
+        while True:
+            try:
+                return self._record(job, context, work)
+            except DatabaseUnavailable as error:
+                if self._wait_for_database(error):
+                    raise
+
+    def _record(self, job: Job, context: Context, work: Work) -> str:
         """Record how a job ended, unless its lease is lost; returns the outcome in a word."""
         error, lease = work.exception(), context.lease
         with self._library.database.write() as session:
@@ -190,7 +216,7 @@ class Worker:
                 ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
-            elif isinstance(error, ProcessLost):
+            elif isinstance(error, ProcessLost | DatabaseUnavailable):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.let_go(session, lease)
             else:
@@ -227,7 +253,7 @@ class _Heartbeat:
         if not always and progress == self._written and time.monotonic() < self._beat_at:
             return
         try:
-            with self._context.library.database.write() as session:
+            with self._context.library.database.write(locks_rows=True) as session:
                 job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
         except StorageError as error:
             # Work continues: either the next beat comes in time, or the lease is lost and nothing is written.

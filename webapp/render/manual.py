@@ -31,7 +31,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     ),
     "Localization": ("localization", "features", "large-maps", "measurements", "notation"),
     "Robots": ("missions", "robots", "ros", "foxglove", "fusion", "mission-exports"),
-    "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating"),
+    "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating", "cluster"),
 }
 """Of the manual, by part: names of the files of `docs/`, without their ending, in their order."""
 

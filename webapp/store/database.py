@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import sqlite3
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Any
+from contextlib import AbstractContextManager, contextmanager
+from datetime import datetime
 
-from sqlalchemy import Connection, Engine, create_engine, event, make_url
-from sqlalchemy.exc import DatabaseError, DataError, NoResultFound, OperationalError
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, NoResultFound
+from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
-from webapp.errors import DiskFull, NotFound, StorageError
+from webapp.errors import DatabaseUnavailable, NotFound, UsageError
+from webapp.store.backends.backend import ALONE, TOGETHER, TURN, Backend
+from webapp.store.backends.postgresql import Postgresql
+from webapp.store.backends.sqlite import Sqlite
 
 Writes = Callable[[], AbstractContextManager[Session]]
 """Opens a session that writes: `Database.write`, or that of a job that holds its lease."""
 
-_WAIT_S = 30
-"""How long a writer waits for the others."""
+_BACKENDS: dict[str, Backend] = {"sqlite": Sqlite(), "postgresql": Postgresql()}
+_DRIVERS = ("sqlite", "postgresql+psycopg")
+
+THREADS = 8
+"""That use a database at once, where nobody says how many."""
 
 
 class Database:
@@ -28,15 +33,31 @@ class Database:
     ----------
     url : str
         As SQLAlchemy takes it: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
+    threads : int
+        Of this process that use it at once.
+
+    Raises
+    ------
+    UsageError
+        It is no such address.
+    MissingPart
+        The driver of PostgreSQL is not installed.
     """
 
-    def __init__(self, url: str) -> None:
-        self.url = url
-        self.engine = _engine(url)
-        self._writing = self.engine.execution_options(writes=True)
-        self._turn: AbstractContextManager[object] = (
-            threading.RLock() if self.engine.dialect.name == "sqlite" else nullcontext()
-        )
+    def __init__(self, url: str, *, threads: int = THREADS) -> None:
+        try:
+            made = make_url(url)
+        except ArgumentError as error:
+            raise UsageError("this is no address of a database", hint=_url_hint()) from error
+        if made.drivername not in _DRIVERS:
+            raise UsageError(f"{made.drivername!r} is no database that can be used", hint=_url_hint())
+        self.name = made.render_as_string(hide_password=True)
+        self.backend = _BACKENDS[made.get_backend_name()]
+        self.engine = self.backend.make_engine(made, threads=threads)
+        self._reading = self.engine.execution_options(**self.backend.reading)
+        self._alone = self.engine.execution_options(**{TURN: ALONE})
+        self._together = self.engine.execution_options(**{TURN: TOGETHER})
+        self._turn = self.backend.turn()
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -49,15 +70,21 @@ class Database:
         StorageError
             The database cannot be read.
         """
-        with translated_errors(self.url), Session(self.engine) as session:
+        with self.translated_errors(), Session(self._reading) as session:
             yield session
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
+    def write(self, *, locks_rows: bool = False) -> Iterator[Session]:
         """Return a session whose changes are on disk, all together, when the block ends without an error.
 
-        Writers take turns: a SQLite database is locked from the first statement on, so that what the
-        session reads stays true until it has written.
+        Writers take turns: the database is locked from the first statement on, so that what the session
+        reads stays true until it has written.
+
+        Parameters
+        ----------
+        locks_rows : bool
+            The block locks the rows on which its changes depend (`with_for_update`) before it reads them.
+            Where the database can, it does not wait for others that do so too.
 
         Raises
         ------
@@ -66,12 +93,8 @@ class Database:
         StorageError
             The database cannot be written.
         """
-        # One thread at a time asks SQLite, which would have all that wait ask again and again.
-        with (
-            self._turn,
-            translated_errors(self.url),
-            Session(self._writing, expire_on_commit=False) as session,
-        ):
+        engine = self._together if locks_rows else self._alone
+        with self._turn, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
             session.commit()
 
@@ -79,58 +102,47 @@ class Database:
         """Let go of all connections."""
         self.engine.dispose()
 
+    @contextmanager
+    def translated_errors(self) -> Iterator[None]:
+        """Raise errors of the database in the block as those of the program.
 
-def _engine(url: str) -> Engine:
-    sqlite = make_url(url).get_backend_name() == "sqlite"
-    engine = create_engine(url, connect_args={"timeout": _WAIT_S} if sqlite else {}, pool_pre_ping=not sqlite)
-    if sqlite:
-        event.listen(engine, "connect", _prepare_sqlite)
-        event.listen(engine, "begin", _begin_sqlite)
-    return engine
-
-
-def _prepare_sqlite(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # the driver's own way of beginning would come too late
-    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
-        connection.execute(f"PRAGMA {pragma}")
-
-
-def _begin_sqlite(connection: Connection) -> None:
-    writes = connection.get_execution_options().get("writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-
-
-@contextmanager
-def translated_errors(url: str) -> Iterator[None]:
-    """Raise errors of the database in the block as those of the program.
-
-    Raises
-    ------
-    NotFound
-        The record does not exist, or was deleted.
-    StorageError
-        The database is damaged, or cannot be read or written.
-    """
-    try:
-        yield
-    except (OverflowError, DataError) as error:
-        # Clients send ids of any size; one that no column can hold is one that nothing has.
-        raise NotFound("the number is too large", hint="check the address") from error
-    except NoResultFound as error:
-        # What an earlier session has found: its map was deleted, or its account, before this one began.
-        raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
-    except DatabaseError as error:
-        if type(error) not in (DatabaseError, OperationalError):
-            raise
-        where = make_url(url).render_as_string(hide_password=True)
-        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
-            raise DiskFull(
-                "the database is full: nothing was changed", where=where, hint="free some space on the disk"
+        Raises
+        ------
+        NotFound
+            The record does not exist, or was deleted.
+        StorageError
+            The database is damaged, or cannot be read or written.
+        """
+        try:
+            yield
+        except (OverflowError, DataError) as error:
+            if "NUL" in str(getattr(error, "orig", "")):
+                raise UsageError("a text has a character that cannot be stored", hint="remove it") from error
+            # Clients send ids of any size; one that no column can hold is one that nothing has.
+            raise NotFound("the number is too large", hint="check the address") from error
+        except NoResultFound as error:
+            # What an earlier session has found: its map was deleted, or its account, before this one began.
+            raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
+        except PoolTimeout as error:
+            raise DatabaseUnavailable(
+                "all connections to the database are in use", wait_s=1, hint="try again in a moment"
             ) from error
-        if type(error) is DatabaseError:
-            raise StorageError(
-                f"the database is damaged: {error.orig}", where=where, hint="restore a backup: expmap restore"
-            ) from error
-        raise StorageError(
-            f"the database refused: {error.orig}", where=where, hint="is the disk full or read-only?"
-        ) from error
+        except DBAPIError as error:
+            known = self.backend.error(error, where=self.name)
+            if known is None:
+                raise
+            raise known from error
+
+
+def backend_of(session: Session) -> Backend:
+    """Return what is special about the database of a session."""
+    return _BACKENDS[session.get_bind().dialect.name]
+
+
+def moment(session: Session) -> datetime:
+    """Return the time by the one clock that all who use the database share."""
+    return backend_of(session).moment(session)
+
+
+def _url_hint() -> str:
+    return "write postgresql+psycopg://user:password@host/database"

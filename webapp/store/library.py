@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +13,8 @@ from alembic.migration import MigrationContext
 from alembic.util.exc import CommandError
 from filelock import FileLock, Timeout
 
-from webapp.errors import StorageError
-from webapp.store.database import Database, translated_errors
+from webapp.errors import DatabaseUnavailable, StorageError
+from webapp.store.database import THREADS, Database
 from webapp.store.maps.changing import MapChange, change_map
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
@@ -24,7 +24,10 @@ INNER = ".library"
 """Folder of everything that is not a map."""
 
 DATABASE = "library.db"
-"""Its file in there."""
+"""Its file in there, where the records are not in a database server."""
+
+SERVER = "database-server"
+"""Marks the folder of a library whose records are in one."""
 
 _WAIT_S = 120
 
@@ -76,38 +79,66 @@ class Library:
         StorageError
             The database cannot be written; nothing has changed.
         """
-        with self.database.write() as session, change_map(session, map_id) as change:
+        with self.database.write(locks_rows=True) as session, change_map(session, map_id) as change:
             yield change
 
 
-def open_library(folder: Path, *, url: str | None = None) -> Library:
+def has_library(folder: Path) -> bool:
+    """Return whether a folder has a library."""
+    return any((folder / INNER / name).is_file() for name in (DATABASE, SERVER))
+
+
+def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS) -> Library:
     """Open a library, making folder and database where there are none, and bringing an older one up to date.
 
     Parameters
     ----------
     url : str or None
         Of the database, instead of a SQLite file in the folder.
+    threads : int
+        Of this process that use it at once.
 
     Raises
     ------
     StorageError
-        The folder cannot be written, or the database is damaged or was emptied.
+        The folder cannot be written, the database is damaged, was emptied or cannot be reached, or the folder
+        and the database are not of one library.
+    UsageError, MissingPart
+        As for `Database`.
     """
     folder = folder.resolve()
-    library = Library(folder, Database(url or f"sqlite:///{folder / INNER / DATABASE}"))
+    there = Database(url or f"sqlite:///{folder / INNER / DATABASE}", threads=threads)
+    library = Library(folder, there)
+    with ExitStack() as on_failure:
+        on_failure.callback(there.close)
+        _open(library, is_on_server=url is not None)
+        on_failure.pop_all()
+    return library
+
+
+def _open(library: Library, *, is_on_server: bool) -> None:
+    """Make or check folder and database; errors as `open_library`."""
+    there = library.database
     try:
         library.uploads.mkdir(parents=True, exist_ok=True)
         with FileLock(library.inner / "migrate.lock", timeout=_WAIT_S):
-            if url is None:
+            if is_on_server:
+                _open_on_server(library)
+            else:
+                _check_not_elsewhere(library)
                 _check_not_emptied(library)
-            migrate(library.database)
+                migrate(there)
+    except DatabaseUnavailable as error:
+        reason = str(error.__cause__ or "").strip().splitlines()[:1]
+        raise StorageError(
+            ": ".join([error.message, *reason]), where=there.name, hint="is it running? See EXPMAP_DATABASE"
+        ) from error
     except (OSError, Timeout) as error:
         raise StorageError(
             f"the library cannot be opened: {error}",
-            where=str(folder),
+            where=str(library.folder),
             hint="check the permissions of the folder",
         ) from error
-    return library
 
 
 def _check_not_emptied(library: Library) -> None:
@@ -122,6 +153,46 @@ def _check_not_emptied(library: Library) -> None:
         )
 
 
+def _check_not_elsewhere(library: Library) -> None:
+    """Refuse to begin a second set of records next to the files of a library on a server."""
+    marker = library.inner / SERVER
+    if marker.is_file():
+        raise StorageError(
+            "the records of this library are in a database server",
+            where=str(library.folder),
+            hint=f"set EXPMAP_DATABASE: {marker.read_text('utf-8').strip()}",
+        )
+
+
+def _open_on_server(library: Library) -> None:
+    """Migrate the database of a server, if the folder has the files of the library in it, or both are new."""
+    marker = library.inner / SERVER
+    if (library.inner / DATABASE).exists():
+        raise StorageError(
+            "this folder has a library of its own, in SQLite",
+            where=str(library.folder),
+            hint="begin in another folder, or unset EXPMAP_DATABASE",
+        )
+    is_new = not marker.is_file()
+    others = [path.name for path in library.folder.iterdir() if path.is_dir() and path.name != INNER]
+    if is_new and (others or has_tables(library.database)):
+        raise StorageError(
+            "this folder is not that of the library in the database",
+            where=str(library.folder),
+            hint="is it mounted? All machines need the same one; a new library needs an empty folder and an "
+            "empty database",
+        )
+    migrate(library.database)
+    if is_new:
+        marker.write_text(f"{library.database.name}\n", "utf-8")
+
+
+def has_tables(database: Database) -> bool:
+    """Return whether a library was begun in a database."""
+    with database.translated_errors(), database.engine.connect() as connection:
+        return MigrationContext.configure(connection).get_current_revision() is not None
+
+
 def migrate(database: Database) -> None:
     """Bring a database of version 0.7.0 or later to the newest schema; make all tables in an empty one.
 
@@ -132,7 +203,11 @@ def migrate(database: Database) -> None:
     """
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
-    with translated_errors(database.url), database.engine.connect() as connection:
+    with (
+        database.translated_errors(),
+        database.engine.connect() as connection,
+        database.backend.migration(connection),
+    ):
         there = MigrationContext.configure(connection).get_current_revision()
         connection.rollback()
         if there in _BEFORE_0_7:

@@ -54,7 +54,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
     StorageError
         The library cannot be opened.
     """
-    library = library or open_library(settings.library)
+    library = library or open_library(settings.library, url=settings.database, threads=settings.serve.threads)
     app = openapi.Application(
         __name__,
         title="Experience Map",

@@ -1,14 +1,11 @@
 """A library with missions."""
 
-import shutil
-
 import numpy as np
 import pytest
 
 from webapp.core.trajectory.records import make_poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionObject, ObjectSighting
-from webapp.store.library import open_library
 from webapp.store.schema import Account
 
 BEGIN = 1_777_629_600.0
@@ -28,20 +25,9 @@ def some_poses():
     return make
 
 
-@pytest.fixture(scope="session")
-def empty_library(tmp_path_factory):
-    """The folder of a library as it is made, for copies: its tables take a while."""
-    folder = tmp_path_factory.mktemp("empty") / "library"
-    open_library(folder).database.close()
-    return folder
-
-
 @pytest.fixture
-def library(tmp_path, empty_library):
-    shutil.copytree(empty_library, tmp_path / "library")
-    library = open_library(tmp_path / "library")
-    yield library
-    library.database.close()
+def library(tmp_path, new_library):
+    return new_library(tmp_path / "library")
 
 
 @pytest.fixture

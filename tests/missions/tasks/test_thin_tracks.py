@@ -162,6 +162,7 @@ def test_where_nothing_goes_no_pose_is_written(library, old_mission):
     assert (track.thinned_m, track.thinned_poses, len(left)) == (1.0, 100, 100)
 
 
+@pytest.mark.usefixtures("sqlite_only")
 def test_long_tracks_are_written_in_blocks(library, old_mission, monkeypatch):
     monkeypatch.setattr(tracks, "_BLOCK", 300)
     with statements(library) as seen:

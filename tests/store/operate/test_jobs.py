@@ -20,6 +20,7 @@ def at(monkeypatch):
     """Set the clock of the jobs; gives a function that lets seconds pass."""
     time = [clock.now()]
     monkeypatch.setattr(jobs, "now", lambda: time[0])
+    monkeypatch.setattr(jobs, "moment", lambda _: time[0])
 
     def later(seconds):
         time[0] += timedelta(seconds=seconds)

@@ -20,7 +20,7 @@ from webapp.files.photos.exif_write import with_position
 from webapp.files.photos.geotags import Geotag
 from webapp.files.photos.photo import read_facts
 from webapp.settings import PhotoLimits
-from webapp.store.library import DATABASE
+from webapp.store.library import DATABASE, INNER
 from webapp.tasks.exchange.export_source import of_folder
 from webapp.tasks.exchange.write_exif import (
     BACKUP,
@@ -252,6 +252,8 @@ def test_in_place_keeps_the_first_original(source):
 
 
 def test_photos_of_a_library_are_not_changed(source):
-    (source.cfg.parent.parent / DATABASE).touch()
+    library = source.cfg.parent.parent
+    (library / INNER).mkdir()
+    (library / INNER / DATABASE).touch()
     with pytest.raises(UsageError, match="library"):
         write_exif(source, None, limits=LIMITS)

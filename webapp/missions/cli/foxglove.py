@@ -34,7 +34,7 @@ _LINE_POSES = 2000
 def mission(mission: int, out: Path | None, host: str, port: int, library: Path | None) -> None:
     """Show tracks and objects of MISSION, a number, in Foxglove, as they come in."""
     require("foxglove")
-    with existing_library(library_settings(library).library) as place:
+    with existing_library(library_settings(library)) as place:
         find_revision(place.database, mission)
         with FoxgloveSink(out=out, address=(host, port)) as sink:
             if out is None:

@@ -192,7 +192,8 @@ def _print_import(path: Path, done: TrackImport) -> None:
 
 @contextmanager
 def _opened(folder: Path | None) -> Iterator[Library]:
-    library = open_library(library_settings(folder).library)
+    settings = library_settings(folder)
+    library = open_library(settings.library, url=settings.database)
     try:
         yield library
     finally:

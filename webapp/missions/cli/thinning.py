@@ -75,7 +75,7 @@ def prune(numbers: tuple[int, ...], days: float | None, dry_run: bool, library: 
 @library_option
 def keep(numbers: tuple[int, ...], off: bool, library: Path | None) -> None:
     """Mark missions to be kept as they are, whatever the settings say of old ones."""
-    with existing_library(library_settings(library).library) as place, place.database.write() as session:
+    with existing_library(library_settings(library)) as place, place.database.write() as session:
         for number in numbers:
             found = session.get(Mission, number)
             if found is None:
@@ -100,7 +100,7 @@ def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: 
             hint="give their numbers, or --older-than DAYS; the settings keep all",
         )
     failed = tracks = removed = 0
-    with existing_library(settings.library) as place, terminal_progress("thinning") as progress:
+    with existing_library(settings) as place, terminal_progress("thinning") as progress:
         with place.database.read() as session:
             young = thin_tracks.young(session, numbers, rule=rule)
             ids = [id for id in numbers if id not in young] if numbers else thin_tracks.due(session, rule)

@@ -6,16 +6,13 @@ the database.
 
 from __future__ import annotations
 
-import sqlite3
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import eq, ge, gt, le, lt, ne
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Select, and_, not_, or_, select, text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import ColumnElement, Select, and_, not_, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.core.filters.nodes import (
@@ -33,6 +30,7 @@ from webapp.core.filters.nodes import (
 from webapp.core.filters.parser import parse_columns, parse_condition, parse_order
 from webapp.errors import UsageError
 from webapp.missions.store.schema import MissionObject, ObjectChange, ObjectSighting, Pose, Track
+from webapp.store.database import backend_of
 
 Table = Literal["poses", "objects", "sightings", "changes"]
 TABLES: tuple[Table, ...] = get_args(Table)
@@ -40,9 +38,6 @@ TABLES: tuple[Table, ...] = get_args(Table)
 MAX_ROWS = 100_000
 MAX_SECONDS = 5.0
 """That the database may work on one question."""
-
-_STEPS = 20_000
-"""Of SQLite's machine between two looks at the clock: some milliseconds."""
 
 _COMPARE = {"=": eq, "!=": ne, "<": lt, "<=": le, ">": gt, ">=": ge}
 
@@ -161,12 +156,15 @@ def understand(mission_id: int, question: Question) -> ParsedQuery:
     if order:
         by = (table[one.column][1] for one in order)
         rows = rows.order_by(
-            *(column.desc() if one.descending else column for one, column in zip(order, by, strict=True))
+            *(
+                column.desc().nulls_last() if one.descending else column.asc().nulls_first()
+                for one, column in zip(order, by, strict=True)
+            )
         )
     return ParsedQuery(tuple(chosen), rows.limit(question.limit + 1))
 
 
-def answer(session: Session, asked: ParsedQuery) -> Iterator[tuple[Any, ...]]:
+def answer(session: Session, asked: ParsedQuery) -> Generator[tuple[Any, ...], None, None]:
     """Yield the rows, one after the other.
 
     Raises
@@ -174,9 +172,22 @@ def answer(session: Session, asked: ParsedQuery) -> Iterator[tuple[Any, ...]]:
     UsageError
         It takes too long.
     """
-    with _limited(session):
-        for row in session.execute(asked.rows, execution_options={"yield_per": 500}):
-            yield tuple(row)
+    until = time.monotonic() + MAX_SECONDS
+    try:
+        with (
+            backend_of(session).time_limit(session, MAX_SECONDS),
+            session.execute(asked.rows, execution_options={"yield_per": 500}) as rows,
+        ):
+            for row in rows:
+                yield tuple(row)
+                if time.monotonic() > until:
+                    raise TimeoutError
+    except TimeoutError as error:
+        raise UsageError(
+            f"the query takes more than {MAX_SECONDS:g} seconds",
+            where="where",
+            hint="select fewer rows: numbers or times between two values, and no order",
+        ) from error
 
 
 def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
@@ -214,29 +225,3 @@ def _expression(condition: Condition, table: Mapping[str, tuple[Kind, Any]]) -> 
             made = table[column][1].is_(None)
     expression: ColumnElement[bool] = made
     return expression
-
-
-@contextmanager
-def _limited(session: Session) -> Iterator[None]:
-    """Make the database stop after `MAX_SECONDS`."""
-    until = time.monotonic() + MAX_SECONDS
-    connection = session.connection()
-    driver = connection.connection.driver_connection
-    lite = isinstance(driver, sqlite3.Connection)
-    if isinstance(driver, sqlite3.Connection):
-        driver.set_progress_handler(lambda: time.monotonic() > until, _STEPS)
-    else:
-        session.execute(text(f"SET LOCAL statement_timeout = {int(MAX_SECONDS * 1000)}"))
-    try:
-        yield
-    except OperationalError as error:
-        if time.monotonic() < until and lite:
-            raise
-        raise UsageError(
-            f"the query takes more than {MAX_SECONDS:g} seconds",
-            where="where",
-            hint="select fewer rows: numbers or times between two values, and no order",
-        ) from error
-    finally:
-        if isinstance(driver, sqlite3.Connection):
-            driver.set_progress_handler(None, 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import IO, Any, Literal
 
 from webapp.missions.files.csv_writer import csv_lines
@@ -41,8 +41,7 @@ def query_mission(library: Library, mission_id: int, *, question: Question, form
     asked = understand(mission_id, question)
     with ExitStack() as stack:
         file = stack.enter_context(tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY))
-        with library.database.read() as session:
-            rows = answer(session, asked)
+        with library.database.read() as session, closing(answer(session, asked)) as rows:
             if form == "json":
                 _write_json(file, asked, rows, limit=question.limit)
             else:

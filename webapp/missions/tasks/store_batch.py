@@ -58,7 +58,8 @@ def store_batch(
         The disk refused.
     """
     batch = parse(records)
-    with library.database.write() as session, session.no_autoflush:  # one flush, at the end
+    # One flush, at the end.
+    with library.database.write(locks_rows=True) as session, session.no_autoflush:
         mission = batches.locked(session, mission_id)
         first, count = place.first, len(records)
         already, next_seq = batches.advance(session, mission_id, place.sender, first=first, count=count)
@@ -99,7 +100,7 @@ def store_keyed_batch(
         As for `store_batch`.
     """
     batch, digest = parse(records), _digest(records)
-    with library.database.write() as session:
+    with library.database.write(locks_rows=True) as session:
         mission = batches.locked(session, mission_id)
         before = batches.answered(session, mission_id, key)
         if before is not None and before["digest"] != digest:

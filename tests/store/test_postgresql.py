@@ -1,0 +1,213 @@
+"""What only PostgreSQL has: a server that can be away, several machines, and writers that do not wait."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from webapp.errors import DatabaseUnavailable, MissingPart, StorageError, UsageError
+from webapp.store.database import Database
+from webapp.store.library import DATABASE, INNER, open_library
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import Limits
+from webapp.store.schema import Account, Job, MapRecord
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMITS = Limits(seconds=10.0, attempts=3)
+
+
+@pytest.fixture(autouse=True)
+def _on_postgresql(database_url):
+    if database_url is None:
+        pytest.skip("about PostgreSQL: --database postgresql")
+
+
+@pytest.fixture
+def hasty(database_url):
+    """The database of the test, for sessions that hardly wait for others."""
+    database = Database(f"{database_url}&options=-clock_timeout%3D300ms")
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def parks(new_account, new_map):
+    """Ids of two maps with two photos each."""
+    ana = new_account("ana", is_owner=True)
+    return [new_map(ana, photos=2, name=name) for name in ("Park", "Yard")]
+
+
+def test_edits_of_two_maps_do_not_wait_and_those_of_one_do(library, hasty, parks):
+    first, second = parks
+    with library.changing(first) as change:
+        change.record.name = "Forest"
+        with library.changing(second) as other:
+            other.record.name = "Court"
+        with pytest.raises(DatabaseUnavailable, match="busy"), hasty.write(locks_rows=True) as session:
+            session.get_one(MapRecord, first, with_for_update=True)
+    with library.database.read() as session:
+        assert [session.get_one(MapRecord, id).name for id in parks] == ["Forest", "Court"]
+
+
+def test_what_a_writer_reads_stays_true(library, hasty, parks):
+    """A writer that locks no row excludes all others."""
+    with library.database.write() as session:
+        owners = session.query(Account).filter_by(is_owner=True).count()
+        for locks_rows in (False, True):
+            with (
+                pytest.raises(DatabaseUnavailable, match="busy"),
+                hasty.write(locks_rows=locks_rows) as who,
+            ):
+                who.get(Account, 1)
+        assert session.query(Account).filter_by(is_owner=True).count() == owners
+    with hasty.write() as session:
+        assert session.get_one(MapRecord, parks[0]).name == "Park"
+
+
+def test_numbers_that_many_edits_count_up_are_counted_once_each(library, parks):
+    def reserve(_):
+        with library.changing(parks[0]) as change:
+            return maps.reserve_id(change.record)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert sorted(pool.map(reserve, range(40))) == list(range(2, 42))
+
+
+def test_two_workers_that_look_at_once_take_jobs_of_two_maps(library, parks):
+    with library.database.write() as session:
+        for kind in ("index", "export"):
+            for id in parks:
+                jobs.enqueue(session, kind, map_id=id)
+    with library.database.write(locks_rows=True) as one:
+        mine = jobs.lease(one, "a", limits=LIMITS)
+        one.flush()
+        with library.database.write(locks_rows=True) as two:
+            other = jobs.lease(two, "b", limits=LIMITS)
+            two.flush()
+            with library.database.write(locks_rows=True) as three:
+                assert jobs.lease(three, "c", limits=LIMITS) is None, "the other jobs wait for their turn"
+        assert [mine.map_id, other.map_id] == parks
+    with library.database.write(locks_rows=True) as session:
+        assert jobs.lease(session, "c", limits=LIMITS) is None
+
+
+def test_a_waiting_job_does_not_begin_before_the_edit_that_needs_it_is_there(library, parks):
+    with library.database.write() as session:
+        waiting = jobs.enqueue(session, "index", map_id=parks[0]).id
+    with library.changing(parks[0]) as change:
+        assert jobs.enqueue(change.session, "index", map_id=parks[0]).id == waiting
+        with library.database.write(locks_rows=True) as session:
+            assert jobs.lease(session, "a", limits=LIMITS) is None
+    with library.database.write(locks_rows=True) as session:
+        assert jobs.lease(session, "a", limits=LIMITS).id == waiting
+
+
+def test_leases_go_by_the_clock_of_the_server(library, parks, monkeypatch):
+    monkeypatch.setattr(jobs, "now", lambda: pytest.fail("machines' clocks differ"))
+    with library.database.write() as session:
+        jobs.enqueue(session, "index", map_id=parks[0])
+        job = jobs.lease(session, "a", limits=LIMITS)
+        left = session.execute(text("SELECT leased_until - clock_timestamp() AT TIME ZONE 'UTC' FROM job"))
+        assert 5 < left.scalar_one().total_seconds() <= 10
+        assert jobs.beat(session, jobs.Lease(job.id, job.fence), seconds=60, progress=(1, 2, "")) is not None
+
+
+def test_a_server_that_is_killed_loses_nothing_acknowledged_and_is_found_again(library, parks, postgresql):
+    with (
+        pytest.raises(DatabaseUnavailable, match="cannot be reached") as refused,
+        library.changing(parks[0]) as change,
+    ):
+        change.record.name = "Lost"
+        change.session.flush()
+        postgresql.stop()
+    assert refused.value.wait_s > 0 and "expmap" in refused.value.where
+    with pytest.raises(DatabaseUnavailable), library.database.read() as session:
+        session.get(MapRecord, parks[0])
+    with pytest.raises(StorageError, match="cannot be reached") as caught:
+        open_library(library.folder, url=library.database.engine.url.render_as_string(hide_password=False))
+    assert "EXPMAP_DATABASE" in caught.value.hint
+    postgresql.start()
+    with library.database.read() as session:
+        assert [session.get_one(MapRecord, id).name for id in parks] == ["Park", "Yard"]
+
+
+def test_a_connection_that_is_cut_is_refused_once(library, parks):
+    cut = text("SELECT pg_terminate_backend(pg_backend_pid())")
+    with pytest.raises(DatabaseUnavailable, match="cannot be reached"), library.changing(parks[0]) as change:
+        change.session.execute(cut)
+    with library.changing(parks[0]) as change:
+        assert change.record.name == "Park"
+
+
+def test_a_read_only_server_says_so(library, database_url):
+    standby = Database(f"{database_url}&options=-cdefault_transaction_read_only%3Don")
+    with pytest.raises(DatabaseUnavailable, match="read-only"), standby.write() as session:
+        session.add(Account(name="Eva", is_owner=False))
+    with standby.read() as session:
+        assert session.query(Account).count() == 0
+    standby.close()
+
+
+def test_folder_and_database_must_be_of_one_library(library, database_url, postgresql, tmp_path):
+    with pytest.raises(StorageError, match="in a database server"):
+        open_library(library.folder)
+    with pytest.raises(StorageError, match="not that of the library in the database"):
+        open_library(tmp_path / "not-mounted", url=database_url)
+    empty = postgresql.new_database(empty=True)
+    (tmp_path / "maps" / "park").mkdir(parents=True)
+    with pytest.raises(StorageError, match="not that of the library in the database"):
+        open_library(tmp_path / "maps", url=empty)
+    (tmp_path / "lite" / INNER).mkdir(parents=True)
+    (tmp_path / "lite" / INNER / DATABASE).touch()
+    with pytest.raises(StorageError, match="in SQLite"):
+        open_library(tmp_path / "lite", url=empty)
+    for _ in range(2):
+        open_library(tmp_path / "new", url=empty).database.close()
+    postgresql.drop(empty)
+
+
+def test_a_database_of_another_encoding_is_refused(postgresql, tmp_path):
+    url = postgresql.new_database(empty=True, encoding="SQL_ASCII")
+    with pytest.raises(StorageError, match="encoding") as refused:
+        open_library(tmp_path / "library", url=url)
+    assert "LOCALE 'C'" in refused.value.hint
+    postgresql.drop(url)
+
+
+def test_a_text_that_it_cannot_keep_is_refused(library):
+    with pytest.raises(UsageError, match="character"), library.database.write() as session:
+        session.add(Account(name="a\0b"))
+
+
+def test_without_its_driver_it_says_what_to_install(absent):
+    absent("cluster")
+    with pytest.raises(MissingPart, match="psycopg"):
+        Database("postgresql+psycopg://localhost/expmap")
+
+
+def test_a_command_without_the_server_ends_with_one_line(tmp_path):
+    environ = {**os.environ, "EXPMAP_DATABASE": f"postgresql+psycopg://me:secret@/x?host={tmp_path}"}
+    command = [sys.executable, "-m", "webapp", "account", "list", "--library", tmp_path / "library"]
+    ended = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert ended.stderr.count("\n") == 1 and "the database server cannot be reached" in ended.stderr
+    assert "secret" not in ended.stderr
+
+
+def test_a_job_outlives_the_database(library, parks, postgresql):
+    """What has been acknowledged as leased is known after a restart."""
+    with library.database.write() as session:
+        jobs.enqueue(session, "index", map_id=parks[0])
+    with library.database.write(locks_rows=True) as session:
+        held = jobs.lease(session, "a", limits=LIMITS)
+    postgresql.stop()
+    postgresql.start()
+    with library.database.write() as session:
+        assert jobs.finish(session, jobs.Lease(held.id, held.fence), result={"fine": True})
+    with library.database.read() as session:
+        assert session.get_one(Job, held.id).state == "done"

@@ -1,0 +1,1 @@
+"""What differs between SQLite and PostgreSQL; all else of the program is the same on both."""

@@ -1,0 +1,83 @@
+"""What the program needs of a database, besides SQL that all of them understand."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime
+from typing import Any, ClassVar
+
+from sqlalchemy import URL, Connection, Engine
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.orm import Session
+
+from webapp.errors import ExpMapError
+
+WAIT_S = 30
+"""How long a writer waits for the others."""
+
+TURN = "turn"
+"""Option of connections that write: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
+
+ALONE, TOGETHER = "alone", "together"
+
+
+class Backend(ABC):
+    """A kind of database."""
+
+    reading: ClassVar[Mapping[str, Any]] = {}
+    """Options of connections that only read, so that they see one state of the database."""
+
+    @abstractmethod
+    def make_engine(self, url: URL, *, threads: int) -> Engine:
+        """Make the engine; nothing is connected yet.
+
+        Parameters
+        ----------
+        threads : int
+            That use it at once.
+
+        Raises
+        ------
+        MissingPart
+            The driver is not installed.
+        """
+
+    @abstractmethod
+    def turn(self) -> AbstractContextManager[object]:
+        """Make what the threads of a process that write take turns by."""
+
+    @abstractmethod
+    def migration(self, connection: Connection) -> AbstractContextManager[None]:
+        """Check the database, and keep others from migrating it at the same time.
+
+        Raises
+        ------
+        StorageError
+            The database cannot hold a library.
+        """
+
+    @abstractmethod
+    def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
+        """Say in words what the database refused; None for a bug of the program."""
+
+    @abstractmethod
+    def moment(self, session: Session) -> datetime:
+        """Return the time by the one clock that all who use the database share."""
+
+    @abstractmethod
+    def time_limit(self, session: Session, seconds: float) -> AbstractContextManager[None]:
+        """Make the database stop its work on the statements of the block.
+
+        Raises
+        ------
+        TimeoutError
+            It took longer.
+        """
+
+    @abstractmethod
+    def insert(
+        self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+    ) -> None:
+        """Insert many rows of plain numbers, in the driver's own way."""

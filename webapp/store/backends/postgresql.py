@@ -1,0 +1,213 @@
+"""PostgreSQL: a server that several machines share."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from copy import copy
+from datetime import UTC, datetime
+from typing import Any, ClassVar
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event, text
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.orm import Session
+
+from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError
+from webapp.extras import extra
+from webapp.store.backends.backend import ALONE, TURN, WAIT_S, Backend
+
+_log = logging.getLogger(__name__)
+
+_OLDEST = 15
+"""Version of the server, at least."""
+
+_LOCK, _MIGRATION_LOCK = 0x657870_6D6170, 0x657870_6D6171
+"""Numbers of advisory locks of the database: that of writers, and that of who migrates."""
+
+_LIMITS = {
+    "statement_timeout": "60s",
+    "lock_timeout": f"{WAIT_S}s",
+    # Of a machine that is cut off, the server lets go after half a minute; of a process that hangs, later.
+    "idle_in_transaction_session_timeout": "600s",
+    "tcp_keepalives_idle": "10",
+    "tcp_keepalives_interval": "5",
+    "tcp_keepalives_count": "3",
+}
+_KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+
+_CONNECT_S = 10
+_POOL_S = 10
+"""A thread waits so long for a connection."""
+
+_RECYCLE_S = 1800
+_SPARE = 4
+"""Connections besides those of threads that answer requests, which may need two each."""
+
+_AGAIN_S = 2
+
+_AWAY = DatabaseUnavailable(
+    "the database server cannot be reached", wait_s=_AGAIN_S, hint="try again in a moment"
+)
+_BUSY = DatabaseUnavailable(
+    "the database is busy: others have been writing for long", wait_s=_AGAIN_S, hint="try again in a moment"
+)
+_READ_ONLY = DatabaseUnavailable(
+    "the database is read-only", wait_s=_AGAIN_S, hint="ask who looks after the server"
+)
+_TOO_SLOW = DatabaseUnavailable(
+    "the database took too long, and was stopped", wait_s=_AGAIN_S, hint="try again in a moment"
+)
+_TOO_MANY = DatabaseUnavailable(
+    "the database has too many connections", wait_s=_AGAIN_S, hint="ask who looks after the server"
+)
+_SQLSTATES: Mapping[str, DatabaseUnavailable] = {
+    "25006": _READ_ONLY,
+    "40001": _BUSY,
+    "40P01": _BUSY,
+    "53300": _TOO_MANY,
+    "55P03": _BUSY,
+    "57014": _TOO_SLOW,
+}
+"""What passes, by its code in PostgreSQL."""
+
+_DAMAGED = ("XX001", "XX002")
+_FULL = "53100"
+_PASSING = ("08", "53", "57")
+"""Classes of codes: no connection, too few resources, an operator's intervention."""
+
+
+class Postgresql(Backend):
+    """Writers hold a lock of the whole database, or share it and lock the rows that they change."""
+
+    reading: ClassVar[Mapping[str, Any]] = {"isolation_level": "REPEATABLE READ"}
+
+    def make_engine(self, url: URL, *, threads: int) -> Engine:
+        """Make the engine, with a pool for as many threads."""
+        with extra("cluster"):
+            import psycopg  # noqa: F401 - the driver, which SQLAlchemy imports
+        options = " ".join(f"-c {name}={value}" for name, value in _LIMITS.items())
+        given = url.query.get("options", "")
+        engine = create_engine(
+            url,
+            connect_args={
+                "connect_timeout": _CONNECT_S,
+                "application_name": "expmap",
+                "client_encoding": "utf8",
+                **_KEEPALIVE,
+                "options": f"{options} {given}".strip(),
+            },
+            pool_pre_ping=True,
+            pool_size=threads,
+            max_overflow=threads + _SPARE,
+            pool_timeout=_POOL_S,
+            pool_recycle=_RECYCLE_S,
+        )
+        event.listen(engine, "begin", _begin)
+        return engine
+
+    def turn(self) -> AbstractContextManager[object]:
+        """Let all threads ask: the server has them wait."""
+        return nullcontext()
+
+    @contextmanager
+    def migration(self, connection: Connection) -> Iterator[None]:
+        """Hold a lock of the database."""
+        _check(connection)
+        connection.exec_driver_sql("SET statement_timeout = 0")
+        connection.exec_driver_sql(f"SELECT pg_advisory_lock({_MIGRATION_LOCK})")
+        connection.commit()
+        try:
+            yield
+        finally:
+            connection.rollback()
+            connection.exec_driver_sql(f"SELECT pg_advisory_unlock({_MIGRATION_LOCK})")
+            connection.exec_driver_sql("RESET statement_timeout")
+            connection.commit()
+
+    def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
+        """Say in words what the server refused, or that it is not there."""
+        code = getattr(error.orig, "sqlstate", None) or ""
+        if code == _FULL:
+            return DiskFull(
+                "the database is full: nothing was changed", where=where, hint="free some space on the disk"
+            )
+        if code in _DAMAGED:
+            return StorageError(
+                f"the database is damaged: {error.orig}", where=where, hint="restore a backup of the server"
+            )
+        if code in _SQLSTATES:
+            return _at(_SQLSTATES[code], where)
+        lost = not code and (error.connection_invalidated or _is_of_connection(error))
+        if lost or code[:2] in _PASSING:
+            _log.info("the database server cannot be reached: %s", _first_line(error))
+            return _at(_AWAY, where)
+        if code[:2] in ("28", "3D", "42") and error.statement is None:  # it refused to connect
+            return StorageError(f"the database refused: {_first_line(error)}", where=where)
+        return None
+
+    def moment(self, session: Session) -> datetime:
+        """Return the time of the server: the clocks of machines may differ."""
+        found: datetime = session.execute(text("SELECT clock_timestamp()")).scalar_one()
+        return found.astimezone(UTC)
+
+    @contextmanager
+    def time_limit(self, session: Session, seconds: float) -> Iterator[None]:
+        """Have the server stop each statement, and whoever fetches rows slowly, when the time is over."""
+        until = time.monotonic() + seconds
+        session.execute(text(f"SET LOCAL statement_timeout = {max(int(seconds * 1000), 1)}"))
+        try:
+            yield
+        except DBAPIError as error:
+            if time.monotonic() < until:
+                raise
+            raise TimeoutError from error
+
+    def insert(
+        self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+    ) -> None:
+        """Copy rows, the fastest way in."""
+        driver: Any = connection.connection.driver_connection
+        statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN"
+        with driver.cursor() as cursor, cursor.copy(statement) as copy:
+            for row in rows:
+                copy.write_row(row)
+
+
+def _begin(connection: Connection) -> None:
+    turn = connection.get_execution_options().get(TURN)
+    if turn is not None:
+        kind = "" if turn == ALONE else "_shared"
+        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock{kind}({_LOCK})")
+
+
+def _check(connection: Connection) -> None:
+    """Refuse a server that is too old, and a database whose texts have another order than Python's."""
+    version = int((connection.dialect.server_version_info or (0,))[0])
+    if version < _OLDEST:
+        raise StorageError(
+            f"the database server is PostgreSQL {version}", hint=f"version {_OLDEST} or newer is needed"
+        )
+    query = "SELECT current_setting('server_encoding'), 'B' < 'a' AND 'a-b' < 'ab'"
+    encoding, ordered = connection.exec_driver_sql(query).one()
+    if encoding != "UTF8" or not ordered:
+        raise StorageError(
+            "the database has another encoding or another order of texts than the program needs",
+            hint="make it by: CREATE DATABASE expmap TEMPLATE template0 ENCODING 'UTF8' LOCALE 'C'",
+        )
+
+
+def _is_of_connection(error: DBAPIError) -> bool:
+    """Return whether the driver itself says that there is no connection, or no longer."""
+    return type(error.orig).__name__ in ("OperationalError", "InterfaceError", "ConnectionTimeout")
+
+
+def _first_line(error: DBAPIError) -> str:
+    return next(iter(str(error.orig).splitlines()), "")
+
+
+def _at(kind: DatabaseUnavailable, where: str) -> DatabaseUnavailable:
+    made = copy(kind)
+    made.where = where
+    return made

@@ -1,0 +1,99 @@
+"""SQLite: a file in the library's folder."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event
+from sqlalchemy.exc import DatabaseError, DBAPIError, OperationalError
+from sqlalchemy.orm import Session
+
+from webapp.errors import DiskFull, ExpMapError, StorageError
+from webapp.store.backends.backend import TURN, WAIT_S, Backend
+from webapp.store.clock import now
+
+_STEPS = 20_000
+"""Of SQLite's machine between two looks at the clock: some milliseconds."""
+
+
+class Sqlite(Backend):
+    """One writer at a time: the database is locked from the first statement on."""
+
+    def make_engine(self, url: URL, *, threads: int) -> Engine:
+        """Make the engine; SQLite has no limit of connections."""
+        engine = create_engine(url, connect_args={"timeout": WAIT_S})
+        event.listen(engine, "connect", _prepare)
+        event.listen(engine, "begin", _begin)
+        return engine
+
+    def turn(self) -> AbstractContextManager[object]:
+        """Let one thread at a time ask SQLite, which would have all that wait ask again and again."""
+        return threading.RLock()
+
+    @contextmanager
+    def migration(self, connection: Connection) -> Iterator[None]:
+        """Do nothing: who opens a library holds a lock in its folder."""
+        yield
+
+    def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
+        """Say in words what SQLite refused."""
+        if type(error) not in (DatabaseError, OperationalError):
+            return None
+        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+            return DiskFull(
+                "the database is full: nothing was changed", where=where, hint="free some space on the disk"
+            )
+        if type(error) is DatabaseError:
+            return StorageError(
+                f"the database is damaged: {error.orig}",
+                where=where,
+                hint="restore a backup: expmap restore",
+            )
+        return StorageError(
+            f"the database refused: {error.orig}", where=where, hint="is the disk full or read-only?"
+        )
+
+    def moment(self, session: Session) -> datetime:
+        """Return the time of this machine, the only one."""
+        return now()
+
+    @contextmanager
+    def time_limit(self, session: Session, seconds: float) -> Iterator[None]:
+        """Interrupt SQLite when the time is over."""
+        until = time.monotonic() + seconds
+        driver = session.connection().connection.driver_connection
+        assert isinstance(driver, sqlite3.Connection)
+        driver.set_progress_handler(lambda: time.monotonic() > until, _STEPS)
+        try:
+            yield
+        except OperationalError as error:
+            if time.monotonic() < until:
+                raise
+            raise TimeoutError from error
+        finally:
+            driver.set_progress_handler(None, 0)
+
+    def insert(
+        self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
+    ) -> None:
+        """Insert rows; SQLAlchemy takes three times as long to prepare as many."""
+        marks = ", ".join("?" * len(columns))
+        statement = f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})"
+        connection.exec_driver_sql(statement, [tuple(row) for row in rows])
+
+
+def _prepare(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # the driver's own way of beginning would come too late
+    for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+        connection.execute(f"PRAGMA {pragma}")
+
+
+def _begin(connection: Connection) -> None:
+    writes = TURN in connection.get_execution_options()
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
