@@ -61,7 +61,9 @@ def packages_of(imported):
 def guard_of(block):
     """The extra whose import a `with` block guards."""
     match block:
-        case ast.With(items=[ast.withitem(context_expr=ast.Call(ast.Name("extra"), [ast.Constant(name)]))]):
+        case ast.With(
+            items=[ast.withitem(context_expr=ast.Call(ast.Name("extra"), [ast.Constant(name)])), *_]
+        ):
             return name
         case ast.If(test=ast.Name("TYPE_CHECKING")):
             return "types"
