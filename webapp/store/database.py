@@ -54,7 +54,8 @@ class Database:
         self.name = made.render_as_string(hide_password=True)
         self.backend = _BACKENDS[made.get_backend_name()]
         self.engine = self.backend.make_engine(made, threads=threads)
-        self._reading = self.engine.execution_options(**self.backend.reading)
+        reading = self.backend.reading  # options cost a little on each connection
+        self._reading = self.engine.execution_options(**reading) if reading else self.engine
         self._alone = self.engine.execution_options(**{TURN: ALONE})
         self._together = self.engine.execution_options(**{TURN: TOGETHER})
         self._turn = self.backend.turn()
