@@ -87,8 +87,11 @@ def test_a_phone_is_led_to_the_spots_and_ticks_them_off_without_a_network(
     assert axe.findings(page) == []
     page.get_by_test_id("plan-lead").click()
     expect(page.get_by_test_id("plan-distance")).to_have_text(re.compile(r"^3[34] m to the north$"))
-    phone.set_geolocation({"latitude": first["lat"], "longitude": first["lon"]})
+    phone.set_geolocation({"latitude": first["lat"], "longitude": first["lon"], "accuracy": 8})
     expect(page.get_by_test_id("plan-distance")).to_have_text("You are there.")
+    page.get_by_test_id("locate").click()
+    expect(page.get_by_test_id("here")).to_have_text("You are here, within 8 m")
+    assert axe.findings(page) == []
     for count, shot in enumerate(small_photos[10 : 10 + len(first["headings_deg"])], start=1):
         page.get_by_test_id("spot-input").set_input_files(shot)
         waiting(page, count)

@@ -5,7 +5,7 @@ import "./page.mjs";
 
 const { Georeference } = await import("../../static/js/shared/map/coords.js");
 const { inkOn, SCALE, stepOf, STEPS } = await import("../../static/js/missions/colour-scales.js");
-const { PixelFromLatLon } = await import("../../static/js/missions/latlon-to-pixel.js");
+const { PixelFromLatLon } = await import("../../static/js/shared/map/latlon-to-pixel.js");
 const { metresBetween, TrackPoints } = await import("../../static/js/missions/track-points.js");
 const { cut } = await import("../../static/js/satellite/mercator.js");
 const { usable } = await import("../../static/js/shared/drop-files.js");

@@ -78,7 +78,7 @@ def _text(search: MapSearch, *, query: str) -> str:
         where = f"x {places[0]['x_px']:.0f}, y {places[0]['y_px']:.0f}" if places else "nowhere"
         lines.append(f"  {percent(found.probability)}  {found.slug}: {where}")
     lines.append(f"  {percent(search.no_map_probability)}  on none of them")
-    lines += [f"  not searched: {one.slug}: {one.reason}" for one in search.not_searched]
+    lines += [f"  not searched: {one.slug}: {one.reason.message}" for one in search.not_searched]
     return "\n".join(lines)
 
 

@@ -36,7 +36,11 @@ export function planDialog({ store, server, view }) {
     error,
   ], { actions: [make], modeless: true });
 
-  const show = ({ plan, current }) => {
+  const show = ({ plan, current, replaced }) => {
+    if (replaced) {
+      outcome.replaceChildren(h("p", {}, t("The image was replaced after the last plan: plan again.")));
+      return;
+    }
     layer.show(plan);
     overlay.hidden = !plan;
     outcome.replaceChildren(...(plan ? [...summary(store.slug, plan, current), spotList(plan, view), ...ways(store, plan)] : []));

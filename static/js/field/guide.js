@@ -7,7 +7,6 @@ import { t } from "../shared/i18n.js";
 import { bearingDeg, groundMetres } from "../shared/map/coords.js";
 import { PlanLayer } from "../shared/map/plan-layer.js";
 import { directionName, lookText, reasonText } from "../shared/plan-words.js";
-import { PhonePose } from "./pose.js";
 
 const KEY = "expmap-plan-";
 
@@ -18,22 +17,24 @@ export class Guide {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
    * @param {{slug: string}} state of the map
+   * @param {import("./pose.js").PhonePose} pose
    */
-  constructor(view, { slug }) {
+  constructor(view, { slug }, pose) {
     this.view = view;
     this.slug = slug;
     this.plan = null;
     this.layer = new PlanLayer(view.store).addTo(view.map);
-    this.pose = new PhonePose();
-    this.pose.addEventListener("change", () => this._lead());
+    this.pose = pose;
+    pose.addEventListener("change", () => this._lead());
     byId("plan-lead").addEventListener("click", () => this._start());
     byId("plan-done").addEventListener("click", () => this._tick(this.current, true));
   }
 
   /** Show the plan that the server has, or had when it was asked last. */
   async load() {
-    const { plan } = await get(`/maps/${encodeURIComponent(this.slug)}/photo-plan`, { patient: false });
-    if (!plan?.spots.length) return;
+    const { plan, replaced } = await get(`/maps/${encodeURIComponent(this.slug)}/photo-plan`, { patient: false });
+    byId("plan-replaced").hidden = !replaced;
+    if (replaced || !plan?.spots.length) return;
     this.plan = plan;
     const kept = JSON.parse(localStorage.getItem(KEY + this.slug) || "{}");
     /** @type {Object<number, number>} photos taken, by the number of the spot; those with all are done */

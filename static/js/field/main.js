@@ -13,6 +13,8 @@ import { toastError } from "../shared/toast.js";
 import { Guide } from "./guide.js";
 import { Outbox } from "./outbox.js";
 import { PhotoList } from "./photo-list.js";
+import { PhonePose } from "./pose.js";
+import { PositionLayer } from "./position-layer.js";
 import { Sender } from "./sender.js";
 
 const LAST = "expmap-field-map";
@@ -148,13 +150,16 @@ function showMap(state) {
   byId("zoom-out").addEventListener("click", () => view.zoom(-1));
   byId("zoom-fit").addEventListener("click", () => view.fit());
   byId("map-canvas").dataset.ready = state.slug;
-  if (state.can_edit && satellite) leadThrough(view, state);
+  const pose = new PhonePose();
+  if (satellite) new PositionLayer(view, pose);
+  if (state.can_edit && satellite) leadThrough(view, state, pose);
   if (!satellite) nothing(t("This map has no image yet."));
 }
 
 /** Who may add photos is led through the plan, where the map has one. */
-function leadThrough(view, state) {
-  shown.guide = new Guide(view, state);
+function leadThrough(view, state, pose) {
+  byId("plan-editor", HTMLAnchorElement).href = `/maps/${encodeURIComponent(state.slug)}/edit`;
+  shown.guide = new Guide(view, state, pose);
   shown.guide.load().catch((error) => error.code === "offline" || toastError(error));
 }
 

@@ -85,7 +85,7 @@ function notSearched({ not_searched: skipped }) {
   if (!skipped.length) return [];
   return [h("details", { class: "small" },
     h("summary", {}, tn("{n} map was not searched", "{n} maps were not searched", skipped.length)),
-    h("ul", {}, ...skipped.map(({ name, reason }) => h("li", {}, `${name}: ${reason}`))))];
+    h("ul", {}, ...skipped.map(({ name, reason, hint }) => h("li", {}, `${name}: ${[reason, hint].filter(Boolean).join("; ")}`))))];
 }
 
 /** Ask that map, which keeps the photo in its history, and go there. */

@@ -7,7 +7,7 @@
 
 import { Georeference, imageBounds, latLngOf, pixelOf } from "../shared/map/coords.js";
 import { tileLayer } from "../shared/map/map-view.js";
-import { PixelFromLatLon } from "./latlon-to-pixel.js";
+import { PixelFromLatLon } from "../shared/map/latlon-to-pixel.js";
 
 const EQUATOR_M = 6378137;
 const ECCENTRICITY_2 = 0.00669437999014;

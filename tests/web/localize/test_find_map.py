@@ -37,6 +37,14 @@ def test_the_map_is_found_and_others_are_named(client, sample, empty, queries):
     assert skipped["slug"] == empty and "image" in skipped["reason"]
 
 
+def test_why_a_map_was_not_searched_is_in_the_language_of_the_page(client, empty, queries):
+    photo = (queries / "query_02.jpg").read_bytes()
+    form = {"file": (io.BytesIO(photo), "query_02.jpg")}
+    answer = client.post("/api/v1/find", data=form, headers={"Accept-Language": "cs"})
+    (skipped,) = answer.json["not_searched"]
+    assert skipped["reason"] == "mapa ještě nemá satelitní snímek"
+
+
 def test_maps_of_others_are_not_searched(sign_in, new_account, sample, queries):
     found = ask(sign_in(new_account("eva")), queries / "query_02.jpg").json
     assert found["maps"] == [] and found["not_searched"] == []
@@ -54,7 +62,7 @@ def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queri
     photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
     cache = MapCache(library, settings)
     found = find_map.find_map(cache, [record()], photo=photo, settings=settings)
-    assert found.maps == () and "ended after" in found.not_searched[0].reason
+    assert found.maps == () and "was over" in found.not_searched[0].reason.message
 
 
 def test_the_command_says_the_same(sample, library, queries, tmp_path):

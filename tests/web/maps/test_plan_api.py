@@ -51,7 +51,7 @@ def photo_at(client, url, **fields):
 
 
 def test_a_plan_is_made_and_kept(client, url):
-    assert client.get(f"{url}/photo-plan").json == {"plan": None, "current": False}
+    assert client.get(f"{url}/photo-plan").json == {"plan": None, "current": False, "replaced": False}
     assert client.get(f"{url}/photo-plan/walk.gpx").status_code == 404
     made = client.post(f"{url}/photo-plan", json={"spots": 3}).json
     assert made["current"]
@@ -128,7 +128,9 @@ def test_a_spot_of_another_image_is_not_suggested(client, url):
     revision = client.post(f"{url}/photo-plan", json={}).json["plan"]["revision"]
     id = photo_at(client, url, revision=revision).json["id"]
     assert [one["id"] for one in client.get(f"{url}/place-rest").json["suggested"]] == [id]
+    assert not client.get(f"{url}/photo-plan").json["replaced"]
     put_satellite(client, url, "blue")
+    assert client.get(f"{url}/photo-plan").json["replaced"]
     assert client.get(f"{url}/place-rest").json["suggested"] == []
     assert client.post(f"{url}/place-rest/accept", json={"ids": [id]}).status_code == 404
     assert not photo_at(client, url, revision=revision).json["suggested"], "it waited on the phone"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from webapp.core.hypotheses.across_maps import probabilities_over_maps
-from webapp.errors import Busy, IndexDamaged, MapError, NotFound, NotReady
+from webapp.errors import Busy, ExpMapError, IndexDamaged, MapError, NotFound, NotReady
 from webapp.files.part_file import show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -21,8 +21,10 @@ from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 BUDGET_S = 30.0
 """After so long no further map is begun; those that are left are named."""
 
-_NO_TIME = f"the search ended after {BUDGET_S:.0f} seconds"
-_NO_INDEX = "it has no index yet: open its page Localize, or run expmap build"
+_NO_TIME = ExpMapError(
+    "the time of the search was over before this map", hint="look for the photo on its page Localize"
+)
+_NO_INDEX = NotReady("it has no index yet", hint="open its page Localize, or run expmap build")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +47,11 @@ class FoundMap:
 
 @dataclass(frozen=True, slots=True)
 class SkippedMap:
-    """A map that was not searched, and why, for people."""
+    """A map that was not searched, and why."""
 
     slug: str
     name: str
-    reason: str
+    reason: ExpMapError
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +123,9 @@ def find_map(
         except Busy as error:
             if not answers:
                 raise
-            skipped.append(SkippedMap(record.slug, record.name, error.message))
+            skipped.append(SkippedMap(record.slug, record.name, error))
         except (MapError, NotFound, IndexDamaged) as error:
-            skipped.append(SkippedMap(record.slug, record.name, error.message))
+            skipped.append(SkippedMap(record.slug, record.name, error))
         progress.advance(1)
     each, none = probabilities_over_maps([_on_map(form) for _, form in answers])
     found_maps = [FoundMap(r.slug, r.name, p, form) for (r, form), p in zip(answers, each, strict=True)]
@@ -131,8 +133,14 @@ def find_map(
     return MapSearch(tuple(found_maps), none, tuple(skipped), time.perf_counter() - begun)
 
 
-def search_json(search: MapSearch, *, query: str) -> dict[str, Any]:
-    """Return a search as the API and `expmap find --json` give it."""
+def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
+    """Return a search as the API and `expmap find --json` give it.
+
+    Parameters
+    ----------
+    translate : callable, optional
+        Puts messages and hints into the reader's language.
+    """
     return {
         "query": query,
         "maps": [
@@ -141,7 +149,13 @@ def search_json(search: MapSearch, *, query: str) -> dict[str, Any]:
         ],
         "no_map_probability": search.no_map_probability,
         "not_searched": [
-            {"slug": one.slug, "name": one.name, "reason": one.reason} for one in search.not_searched
+            {
+                "slug": one.slug,
+                "name": one.name,
+                "reason": translate(one.reason.message),
+                "hint": None if one.reason.hint is None else translate(one.reason.hint),
+            }
+            for one in search.not_searched
         ],
         "seconds": search.seconds,
     }

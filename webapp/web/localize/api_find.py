@@ -16,6 +16,7 @@ from webapp.tasks.localize.find_map import BUDGET_S, find_map, search_json
 from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.context import account, library, settings
+from webapp.web.language import translate
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache
 
@@ -46,7 +47,8 @@ class SkippedMapOut(Schema):
 
     slug = String()
     name = String()
-    reason = String()
+    reason = String(metadata={"description": "In the caller's language."})
+    hint = String(allow_none=True, metadata={"description": "What to do."})
 
 
 class SearchOut(Schema):
@@ -87,4 +89,4 @@ def find(given: dict[str, Any]) -> dict[str, Any]:
         )
     finally:
         discard(part)
-    return search_json(found, query=name)
+    return search_json(found, query=name, translate=translate)

@@ -99,6 +99,7 @@ class PlanOut(Schema):
 
     plan = Nested(PhotoPlanOut, allow_none=True, metadata={"description": "Null: none was made yet."})
     current = Boolean(metadata={"description": "Whether nothing was changed since."})
+    replaced = Boolean(metadata={"description": "Whether its spots are on an image that was replaced since."})
 
 
 class SpotPhotoIn(Schema):
@@ -182,7 +183,12 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 def _plan(record: MapRecord) -> dict[str, Any]:
     found = planning.read(library().cfg(record.slug))
-    return {"plan": found, "current": found is not None and found["revision"] == record.revision}
+    revision = record.revision if found is None else found["revision"]
+    return {
+        "plan": found,
+        "current": found is not None and revision == record.revision,
+        "replaced": revision < record.satellite_revision,
+    }
 
 
 def _words() -> PlanWords:

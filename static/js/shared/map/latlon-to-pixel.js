@@ -7,7 +7,7 @@ const OUTSIDE = 1;
 
 /** Finds map pixels: an affine guess, made exact by the grid where there is one. */
 export class PixelFromLatLon {
-  /** @param {import("../shared/map/coords.js").Georeference} georeference */
+  /** @param {import("./coords.js").Georeference} georeference */
   constructor(georeference) {
     this.georeference = georeference;
     this.size = georeference.size;
