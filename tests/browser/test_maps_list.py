@@ -42,8 +42,8 @@ def test_a_map_goes_to_the_bin_and_comes_back(page, api, sample_folder):
     slug = api.make_map("Goes and comes", satellite=sample_folder / "satellite.png")
     page.goto("/")
     choose(page, "Goes and comes", "Move to the bin")
-    page.get_by_role("dialog").get_by_role("button", name="Move to the bin").click()
     expect(card(page, "Goes and comes")).to_have_count(0)
+    expect(page.get_by_text("1 map is in the bin.")).to_be_visible()
     page.goto("/bin")
     card(page, "Goes and comes").get_by_role("button", name="Restore").click()
     expect(card(page, "Goes and comes")).to_have_count(0)
@@ -92,7 +92,9 @@ def test_which_map_is_this(page, api, sample_map, sample_folder):
     expect(page.get_by_test_id("hypothesis").first).to_be_visible()
 
 
-def test_maps_are_searched_sorted_and_put_into_the_bin_together(page, api, small_photos, sample_folder):
+def test_maps_are_searched_sorted_downloaded_and_put_into_the_bin_together(
+    page, api, small_photos, sample_folder
+):
     satellite = sample_folder / "satellite.png"
     slug = api.make_map("Zoo Žižkov 2", satellite=satellite, photos=small_photos[:2])
     ids = [photo["id"] for photo in api.state(slug)["photos"]]
@@ -101,11 +103,11 @@ def test_maps_are_searched_sorted_and_put_into_the_bin_together(page, api, small
     api.make_map("Zoo Žižkov 10", satellite=None)
     page.goto("/")
     expect(card(page, "Zoo Žižkov 2").locator(".map-card__dots")).to_have_count(1)
-    search = page.get_by_test_id("maps-search")
+    search = page.get_by_test_id("list-search")
     search.fill("zizkov")
     shown = page.locator(".map-card:not([hidden]) h2")
     expect(shown).to_have_text(["Zoo Žižkov 10", "Zoo Žižkov 2"])
-    page.locator("#maps-sort").select_option("name")
+    page.locator("#list-sort").select_option("name")
     expect(shown).to_have_text(["Zoo Žižkov 2", "Zoo Žižkov 10"])
     page.reload()
     search.fill("zoo")
@@ -113,12 +115,19 @@ def test_maps_are_searched_sorted_and_put_into_the_bin_together(page, api, small
     page.get_by_role("button", name="Select", exact=True).click()
     for name in ("Zoo Žižkov 2", "Zoo Žižkov 10"):
         page.get_by_role("checkbox", name=f"Select {name}", exact=True).check()
-    expect(page.get_by_test_id("maps-bar")).to_contain_text("2 selected")
+    bar = page.get_by_test_id("list-bar")
+    expect(bar).to_contain_text("2 selected")
     assert axe.findings(page) == []
-    page.get_by_test_id("maps-bar").get_by_role("button", name="Move to the bin").click()
-    page.get_by_role("dialog").get_by_role("button", name="Move to the bin").click()
+    with page.expect_download() as download:
+        bar.get_by_role("button", name="Download").click()
+    assert download.value.suggested_filename == "zoo-zizkov-2.zip", "the other one has no image"
+    bar.get_by_role("button", name="Move to the bin").click()
     expect(card(page, "Zoo Žižkov")).to_have_count(0)
     binned = {one["name"] for one in api.ask("GET", "/maps?bin=1")["maps"]}
     assert {"Zoo Žižkov 2", "Zoo Žižkov 10"} <= binned
+    page.get_by_role("button", name="Undo").click()
+    expect(shown).to_have_text(["Zoo Žižkov 2", "Zoo Žižkov 10"])
+    expect(page.get_by_role("button", name="Undo")).to_have_count(0)
+    assert not any(one["name"].startswith("Zoo") for one in api.ask("GET", "/maps?bin=1")["maps"])
     search.fill("no such map")
     expect(page.get_by_text("No map is called that.")).to_be_visible()

@@ -1,11 +1,10 @@
 /** Two photos and the lines between what was recognised in both; zoomed by wheel, pinch, drag and double-click. */
 
 import { colours } from "../shared/answer/answer-format.js";
-import { h } from "../shared/dom.js";
+import { h, svg as element } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { PhotoZoom } from "../shared/photo-zoom.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const GAP = 0.012;
 const SURE = 0.75;
 const FAINT = 0.35;
@@ -43,7 +42,7 @@ export function matchView({ query, photo, lines }, { all, shape }) {
   const box = h("div", { class: "lo-pair-frame" });
   box.style.aspectRatio = `${frame.width} / ${frame.height}`;
   box.append(svg);
-  new PhotoZoom(box, svg);
+  new PhotoZoom(box, /** @type {*} */ (svg));
   return box;
 }
 
@@ -80,10 +79,4 @@ function line([x1, y1], [x2, y2], { colour, opacity }) {
   const common = { stroke: colour, "stroke-opacity": opacity, "vector-effect": "non-scaling-stroke" };
   const dot = (cx, cy) => element("circle", { cx, cy, r: 5, fill: "none", "stroke-width": 1.25, ...common });
   return [element("line", { x1, y1, x2, y2, "stroke-width": 1.25, ...common }), dot(x1, y1), dot(x2, y2)];
-}
-
-function element(name, attributes) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  return made;
 }

@@ -1,13 +1,20 @@
 /** What people do with whole maps: in the list, in the bin, and on the settings page. */
 
-import { queryAll } from "../shared/dom.js";
+import { byId, queryAll } from "../shared/dom.js";
 import { del, patch, post, upload } from "../shared/api.js";
 import { askDialog, confirmDialog } from "../shared/dialogs.js";
-import { t } from "../shared/i18n.js";
+import { t, tn } from "../shared/i18n.js";
+import { byName, largest, ListTools } from "../shared/list-tools.js";
 import { toastError } from "../shared/toast.js";
 import { findPhoto } from "./find-photo.js";
-import { connectTools } from "./list-tools.js";
 
+const tools = document.getElementById("list-tools") && new ListTools(byId("maps"), {
+  kept: "expmap.maps-sort",
+  orders: { name: byName, photos: largest("photos") },
+  bin: (slug) => del(`/maps/${slug}`),
+  restore: (slug) => post(`/maps/${slug}/restore`, {}),
+  binned: (n) => tn("{n} map is in the bin.", "{n} maps are in the bin.", n),
+});
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
 for (const button of queryAll("[data-action]", HTMLButtonElement)) {
@@ -18,7 +25,6 @@ for (const button of queryAll("[data-action]", HTMLButtonElement)) {
   });
   button.disabled = false; // until now a click would have been lost
 }
-connectTools();
 const finder = document.getElementById("find");
 if (finder instanceof HTMLButtonElement) {
   finder.addEventListener("click", findPhoto);
@@ -37,12 +43,14 @@ async function duplicate(slug) {
   goTo(await post(`/maps/${slug}/duplicate`, {}));
 }
 
+/** In the list it can be undone at once; the settings of a map are left with it. */
 async function bin(slug, name) {
+  if (tools) return tools.toBin(tools.cards.filter(({ dataset }) => dataset.slug === slug));
   const title = t("Move {name} to the bin?", { name });
   const text = t("It can be restored from there.");
   if (!(await confirmDialog({ title, text, action: t("Move to the bin") }))) return;
   await del(`/maps/${slug}`);
-  location.assign("/");
+  return location.assign("/");
 }
 
 async function restore(slug) {

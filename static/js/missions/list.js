@@ -1,9 +1,10 @@
-/** The list of missions: make one, import a file, rename, delete. */
+/** The list of missions: look for one, make one, import a file, rename, delete. */
 
 import { askDialog, busy, confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
-import { byId, h, icon, queryAll, targetOf } from "../shared/dom.js";
+import { byId, h, icon, queryAll, svg, targetOf } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
 import { moment, t, tn } from "../shared/i18n.js";
+import { byName, largest, ListTools } from "../shared/list-tools.js";
 import { sentence, toastError } from "../shared/toast.js";
 import { endpointsOf, makeMission, mapImage, missionList } from "./endpoints.js";
 import { lengthText, spanText } from "./format.js";
@@ -15,6 +16,14 @@ const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 const PAGE = 50;
 let follow = null; // where the list continues
+const tools = binned ? null : new ListTools(list, {
+  kept: "expmap.missions-sort",
+  orders: { name: byName, length: largest("length") },
+  bin: (id) => endpointsOf(Number(id)).bin(),
+  restore: (id) => endpointsOf(Number(id)).restore(),
+  binned: (n) => tn("{n} mission is in the bin.", "{n} missions are in the bin.", n),
+  whole: () => load({ limit: null }),
+});
 
 for (const button of queryAll("[data-opens=create]", HTMLButtonElement)) ready(button, create);
 for (const button of queryAll("[data-opens=import]", HTMLButtonElement)) ready(button, () => importFiles([]));
@@ -32,10 +41,7 @@ async function show() {
   byId("failed").hidden = true;
   byId("loading").hidden = false;
   try {
-    const { missions, next } = await missionList({ binned, limit: Math.max(PAGE, list.children.length) });
-    list.replaceChildren(...missions.map(card));
-    byId("empty").hidden = missions.length > 0;
-    goOnAt(next);
+    await load({ limit: Math.max(PAGE, list.children.length) });
   } catch (error) {
     byId("failed").hidden = false;
     byId("failed-text").textContent = [error.message, error.hint].filter(Boolean).map(sentence).join(". ");
@@ -43,8 +49,16 @@ async function show() {
   byId("loading").hidden = true;
 }
 
+async function load({ limit }) {
+  const { missions, next } = await missionList({ binned, limit, previews: true });
+  list.replaceChildren(...missions.map(card));
+  byId("empty").hidden = missions.length > 0;
+  if (tools) byId("list-tools").hidden = missions.length < 2;
+  goOnAt(next);
+}
+
 async function showMore() {
-  const { missions, next } = await missionList({ binned, after: follow, limit: PAGE });
+  const { missions, next } = await missionList({ binned, after: follow, limit: PAGE, previews: true });
   const cards = missions.map(card);
   list.append(...cards);
   goOnAt(next);
@@ -54,6 +68,7 @@ async function showMore() {
 function goOnAt(next) {
   follow = next;
   byId("more").hidden = next === null;
+  tools?.refresh({ whole: next === null });
 }
 
 function card(mission) {
@@ -66,15 +81,31 @@ function card(mission) {
     photos ? tn("{n} photo", "{n} photos", photos) : null,
   ].filter(Boolean);
   const onMap = maps.find(({ slug }) => slug === map)?.name;
-  const title = binned ? h("span", {}, name) : h("a", { class: "mi-entry__link", href: `/missions/${id}` }, name);
-  return h("li", { class: "card mi-entry", "data-testid": "mission" },
-    h("span", { class: "mi-entry__sign" }, icon("route")),
-    h("div", { class: "mi-entry__text" },
-      h("h2", {}, title),
-      h("span", { class: "small number" }, facts.join(" · ")),
-      h("span", { class: "small soft" }, [moment(changed), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "))),
-    !binned && ended && h("span", { class: "badge" }, t("Ended")),
-    mission.role === "owner" && (binned ? binButtons(mission) : menu(mission)));
+  const title = binned ? h("span", {}, name) : h("a", { class: "map-card__link", href: `/missions/${id}` }, name);
+  const owned = mission.role === "owner";
+  const data = { key: id, name, search: `${name} ${onMap ?? ""}`, length: way, file: endpointsOf(id).file("export.kmz") };
+  return h("li", { class: "card map-card", "data-testid": "mission", dataset: data },
+    !binned && owned && h("label", { class: "map-card__pick" }, h("input", { type: "checkbox", "data-pick": true, "aria-label": t("Select {name}", { name }) })),
+    picture(mission),
+    h("div", { class: "map-card__text" },
+      h("div", { class: "map-card__title" },
+        h("h2", {}, title),
+        h("span", { class: "small soft number" }, facts.join(" · ")),
+        h("span", { class: "small soft" }, [moment(changed), onMap && t("on {map}", { map: onMap })].filter(Boolean).join(" · "),
+          !binned && ended && h("span", { class: "badge mi-ended" }, t("Ended"))),
+        owned && binned && binButtons(mission)),
+      owned && !binned && menu(mission)));
+}
+
+/** The track and the objects, on the image of the map where they are on it. */
+function picture({ preview }) {
+  if (!preview) return h("div", { class: "map-card__picture" }, icon("route"));
+  const twice = (name, path) => (path ? [svg("path", { class: name, d: path }), svg("path", { class: name, d: path })] : []);
+  const fit = preview.image ? "slice" : "meet";
+  const drawn = svg("svg", { class: "map-card__dots", "aria-hidden": "true", viewBox: `0 0 ${preview.width} ${preview.height}`, preserveAspectRatio: `xMidYMid ${fit}` },
+    ...twice("map-card__line", preview.line), ...twice("map-card__found", preview.dots));
+  const image = preview.image && h("img", { src: preview.image, alt: "", loading: "lazy", width: 480, height: 300 });
+  return h("div", { class: "map-card__picture" }, image, drawn);
 }
 
 function binButtons({ id, name }) {
@@ -101,12 +132,7 @@ function menu({ id, name }) {
     await server.change({ name: wanted });
     await show();
   });
-  const bin = async () => {
-    const title = t("Move {name} to the bin?", { name });
-    if (!(await confirmDialog({ title, text: t("It can be restored from there."), action: t("Move to the bin") }))) return;
-    await server.bin();
-    location.reload();
-  };
+  const bin = () => tools.toBin(tools.cards.filter(({ dataset }) => dataset.key === String(id)));
   return h("details", { class: "menu" },
     h("summary", { class: "icon-button", "aria-label": t("Actions for {name}", { name }) }, icon("more")),
     h("div", { class: "menu__list" },

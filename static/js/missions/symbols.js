@@ -1,8 +1,8 @@
 /** Symbols of detected objects by their class; a class without a symbol is a disc with its first letter. */
 
+import { svg as make } from "../shared/dom.js";
 import { inkOn, nthColour } from "./colour-scales.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const INK = "#14181a";
 const DISC = "M3 16a13 13 0 1 0 26 0a13 13 0 1 0-26 0Z";
 
@@ -52,10 +52,4 @@ export class Symbols {
     }
     return svg;
   }
-}
-
-function make(tag, attributes) {
-  const made = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  return made;
 }

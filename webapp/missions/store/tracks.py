@@ -29,12 +29,18 @@ PIECE = 4096
 POINT = 5
 """Numbers of a point: number, time_s, lat, lon, heading_deg."""
 
+_BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 _FLOAT64 = np.dtype("<f8")
 
 
 def list_tracks(session: Session, mission_id: int) -> list[Track]:
     """List the tracks of a mission, the first made first."""
     return list(session.scalars(select(Track).where(Track.mission_id == mission_id).order_by(Track.id)))
+
+
+def best(found: Sequence[Track]) -> Track | None:
+    """Return the track that knows best where its mission was; None of no tracks."""
+    return min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
 
 
 def find(session: Session, mission_id: int, track_id: int) -> Track:

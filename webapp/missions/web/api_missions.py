@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Range, Regexp
@@ -12,10 +13,12 @@ from webapp.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
+from webapp.missions.tasks.preview import MissionPreview, preview_mission
 from webapp.missions.web import state
 from webapp.missions.web.context import open_mission
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
+from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps.schemas import SatelliteOut
@@ -23,6 +26,9 @@ from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
 _MOST = 10_000
+_FINE = 500
+"""Below this size of a preview its lines are not whole numbers."""
+
 _ID = "<int(max=2147483647):mission_id>"
 
 
@@ -100,10 +106,30 @@ class MissionSummary(Schema):
     photos = Integer()
 
 
+class PreviewOut(Schema):
+    """A mission as a small picture, in units of its own, for SVG."""
+
+    image = String(allow_none=True, metadata={"description": "Of the map, to be laid below it."})
+    width = Float()
+    height = Float()
+    line = String(metadata={"description": "Path of the best track."})
+    dots = String(metadata={"description": "Path with a point for each object."})
+
+
+class MissionEntry(MissionSummary):
+    """A mission of the list."""
+
+    preview = Nested(
+        PreviewOut,
+        allow_none=True,
+        metadata={"description": "null: it has no positions, or `previews` was not sent."},
+    )
+
+
 class MissionList(Schema):
     """Missions, the last changed first."""
 
-    missions = List(Nested(MissionSummary))
+    missions = List(Nested(MissionEntry))
     next = String(allow_none=True, metadata={"description": "`after` for those that follow; null: none do."})
 
 
@@ -138,6 +164,7 @@ class ListQuery(Schema):
         validate=Range(1, _MOST),
         metadata={"description": "Maximum number; by default all."},
     )
+    previews = Boolean(load_default=False, metadata={"description": "Whether small pictures come with them."})
 
 
 class MissionDeleteQuery(Schema):
@@ -190,7 +217,12 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         found = missions.list_missions(session, who, **wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
-        return {"missions": [state.entry_json(entry) for entry in shown], "next": follow}
+        drawn = [preview_mission(session, entry) if query["previews"] else None for entry in shown]
+        listed = [
+            {**state.entry_json(entry), "preview": None if preview is None else _preview_json(preview)}
+            for entry, preview in zip(shown, drawn, strict=True)
+        ]
+        return {"missions": listed, "next": follow}
 
 
 @blueprint.post("")
@@ -270,6 +302,24 @@ def _binned(mission_id: int, *, into: bool) -> dict[str, Any]:
         row = missions.find(session, mission.id, account=who, role="owner")
         (missions.put_into_bin if into else missions.take_from_bin)(row)
         return state.summary(session, row, account=who)
+
+
+def _preview_json(preview: MissionPreview) -> dict[str, Any]:
+    digits = 0 if max(preview.size) > _FINE else 2
+    line, dots = np.round(preview.line, digits).tolist(), np.round(preview.dots, digits).tolist()
+    return {
+        "image": _thumbnail(preview.map),
+        "width": preview.size[0],
+        "height": preview.size[1],
+        "line": "M" + "L".join(f"{x:g} {y:g}" for x, y in line) if line else "",
+        "dots": "".join(f"M{x:g} {y:g}h0" for x, y in dots),
+    }
+
+
+def _thumbnail(record: MapRecord | None) -> str | None:
+    if record is None:
+        return None
+    return f"/api/v1/maps/{record.slug}/thumbnail?v={record.satellite_revision}"
 
 
 def _map_id(slug: str | None) -> int | None:

@@ -25,7 +25,6 @@ SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
 """What a place in a list looks like: microseconds since 1970, and the id of a mission."""
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 """Of a georeference: how it was found is left out."""
@@ -146,7 +145,7 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 
 def _way(found: list[Track]) -> dict[str, float]:
     """Return the length and duration of a mission, by its best track."""
-    best = min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
+    best = tracks.best(found)
     if best is None:
         return {"distance_m": 0.0, "duration_s": 0.0}
     return {"distance_m": best.distance_m, "duration_s": _duration_s(best)}

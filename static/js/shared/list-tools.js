@@ -1,0 +1,168 @@
+/** Search, sort and bulk actions in a list of cards; the controls are those of the macro `list_tools`. */
+
+import { busy } from "./dialogs.js";
+import { byId, h, queryAll } from "./dom.js";
+import { locale, t, tn } from "./i18n.js";
+import { toast, toastError } from "./toast.js";
+
+const names = new Intl.Collator(locale, { numeric: true });
+
+/** Compares cards by their names. @param {HTMLElement} a @param {HTMLElement} b */
+export const byName = (a, b) => names.compare(a.dataset.name, b.dataset.name);
+
+/** Compares cards by a number of theirs, the largest first. @param {string} field of their data */
+export const largest = (field) => (a, b) => Number(b.dataset[field]) - Number(a.dataset[field]);
+
+/**
+ * @typedef {Object} Actions
+ * @property {string} kept name under which the browser keeps the order
+ * @property {Object<string, function(HTMLElement, HTMLElement): number>} orders by the values of the choice; the list has its own besides
+ * @property {function(string): Promise<*>} bin
+ * @property {function(string): Promise<*>} restore
+ * @property {function(number): string} binned says how many are in the bin
+ * @property {function(): Promise<*>} [whole] brings the rest of a list of which a part is shown
+ */
+
+/** The tools of one list. Cards have `data-key`, `data-name`, the address `data-file`, and a checkbox `data-pick` where they can be chosen. */
+export class ListTools {
+  /** @param {HTMLElement} list @param {Actions} actions */
+  constructor(list, actions) {
+    this.list = list;
+    this.actions = actions;
+    this.isWhole = !actions.whole;
+    this.input = byId("list-search", HTMLInputElement);
+    this.select = byId("list-sort", HTMLSelectElement);
+    this.chooser = byId("list-choose", HTMLButtonElement);
+    const kept = localStorage.getItem(actions.kept);
+    if (kept in actions.orders) this.select.value = kept;
+    this.input.addEventListener("input", () => this._show().catch(toastError));
+    this.select.addEventListener("change", () => {
+      localStorage.setItem(actions.kept, this.select.value);
+      this._show().catch(toastError);
+    });
+    this.chooser.addEventListener("click", () => this._choose());
+    list.addEventListener("change", () => this._bar());
+    byId("list-all").addEventListener("click", () => this._all());
+    byId("list-download").addEventListener("click", () => this._download());
+    byId("list-bin").addEventListener("click", ({ currentTarget }) => busy(currentTarget, () => this.toBin(this._chosen())).catch(toastError));
+    for (const control of [this.input, this.select, this.chooser]) control.disabled = false;
+    /** @type {HTMLElement[]} */
+    this.cards = [];
+    if (!actions.whole) this.refresh();
+  }
+
+  /** The cards are others, or more. @param {{whole?: boolean}} [now] whether they are all there are */
+  refresh({ whole = !this.actions.whole } = {}) {
+    this.isWhole = whole;
+    this.cards = queryAll(":scope > [data-key]", HTMLElement, this.list); // in the order of the server
+    this._show().catch(toastError);
+  }
+
+  /** What is searched or sorted is the whole list. */
+  async _show() {
+    const wanted = plain(this.input.value.trim());
+    const order = this.actions.orders[this.select.value];
+    if (!this.isWhole && (wanted || order)) {
+      this.isWhole = true; // while it comes it is not asked for again
+      await this.actions.whole();
+      return;
+    }
+    for (const card of this.cards) card.hidden = !plain(card.dataset.search || card.dataset.name).includes(wanted);
+    const now = order ? this.cards.toSorted(order) : this.cards;
+    if (now.some((card, place) => this.list.children[place] !== card)) this.list.append(...now);
+    byId("list-none").hidden = !wanted || this.cards.some((card) => !card.hidden);
+    this._bar();
+  }
+
+  get _isChoosing() {
+    return this.chooser.getAttribute("aria-pressed") === "true";
+  }
+
+  get _boxes() {
+    return queryAll("[data-pick]", HTMLInputElement, this.list);
+  }
+
+  _chosen() {
+    return this.cards.filter((card) => !card.hidden && this._boxes.some((box) => box.checked && card.contains(box)));
+  }
+
+  _choose() {
+    this.chooser.setAttribute("aria-pressed", String(!this._isChoosing));
+    for (const box of this._boxes) box.checked = false;
+    this._bar();
+  }
+
+  _all() {
+    for (const box of this._boxes) box.checked = !/** @type {HTMLElement} */ (box.closest("[data-key]")).hidden;
+    this._bar();
+  }
+
+  _bar() {
+    this.chooser.hidden = !this._boxes.length;
+    const chosen = this._chosen();
+    this.list.classList.toggle("is-choosing", this._isChoosing);
+    byId("list-bar").hidden = !this._isChoosing;
+    byId("list-count").textContent = tn("{n} selected", "{n} selected", chosen.length);
+    byId("list-bin", HTMLButtonElement).disabled = !chosen.length;
+    byId("list-download", HTMLButtonElement).disabled = !chosen.some(({ dataset }) => dataset.file);
+  }
+
+  /** One file each; the browser asks once whether it may save several. */
+  _download() {
+    for (const { dataset } of this._chosen()) {
+      if (!dataset.file) continue;
+      const link = h("a", { href: dataset.file, download: true, hidden: true });
+      document.body.append(link);
+      link.click();
+      link.remove();
+    }
+  }
+
+  /** Put cards into the bin, which the message takes back. @param {HTMLElement[]} cards */
+  async toBin(cards) {
+    const done = [];
+    try {
+      for (const card of cards) {
+        await this.actions.bin(card.dataset.key);
+        done.push(card);
+      }
+    } finally {
+      this._leave(done);
+    }
+  }
+
+  _leave(cards) {
+    if (!cards.length) return;
+    const before = this.cards;
+    const next = before[before.indexOf(cards.at(-1)) + 1] ?? before[before.indexOf(cards[0]) - 1];
+    this._keep(before.filter((card) => !cards.includes(card)));
+    countBinned(cards.length);
+    (next?.querySelector("a") ?? this.input).focus();
+    const undo = async () => {
+      for (const { dataset } of cards) await this.actions.restore(dataset.key);
+      this._keep(before);
+      countBinned(-cards.length);
+    };
+    toast(this.actions.binned(cards.length), { action: { label: t("Undo"), run: () => undo().catch(toastError) } });
+  }
+
+  _keep(cards) {
+    for (const box of this._boxes) box.checked = false;
+    this.cards = cards;
+    this.list.replaceChildren(...cards);
+    this._show().catch(toastError);
+  }
+}
+
+/** Without case and accents. @param {string} text */
+function plain(text) {
+  return text.normalize("NFD").replace(/\p{Mn}/gu, "").toLocaleLowerCase(locale);
+}
+
+/** The page's link to the bin says how many are in it. @param {number} more */
+function countBinned(more) {
+  const count = byId("bin-count");
+  const now = Number(count.textContent) + more;
+  count.textContent = String(now);
+  byId("bin-link").hidden = now <= 0;
+}

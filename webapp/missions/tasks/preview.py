@@ -1,0 +1,92 @@
+"""A mission as a small picture for lists: the line of its best track, and its objects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.missions.store import tracks
+from webapp.missions.store.missions import Entry
+from webapp.missions.store.schema import MissionObject
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.library_map import georeference
+
+_MOST_POINTS = 80
+_MOST_OBJECTS = 100
+_MARGIN = 0.15
+"""Around what is drawn without an image, of its larger side."""
+
+_LEAST_M = 5.0
+"""Larger side of such a picture at least: a robot that stands still has moved nowhere."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionPreview:
+    """What the picture shows.
+
+    Attributes
+    ----------
+    map : MapRecord or None
+        Whose image lies below; None where nothing of the mission is on it.
+    size : (float, float)
+        Width and height; map pixels, else metres.
+    line, dots : (n, 2) float64
+        The track and the objects: x to the right, y down.
+    """
+
+    map: MapRecord | None
+    size: tuple[float, float]
+    line: NDArray[np.float64]
+    dots: NDArray[np.float64]
+
+
+def preview_mission(session: Session, entry: Entry) -> MissionPreview | None:
+    """Draw a mission of a list; None where it has no positions."""
+    line, dots = _line(session, entry), _objects(session, entry)
+    if not len(line) and not len(dots):
+        return None
+    record = None if entry.mission.map_id is None else session.get(MapRecord, entry.mission.map_id)
+    return (None if record is None else _on_image(record, line, dots)) or _in_metres(line, dots)
+
+
+def _line(session: Session, entry: Entry) -> NDArray[np.float64]:
+    best = tracks.best(entry.tracks)
+    if best is None or not best.poses:
+        return np.empty((0, 2))
+    numbers = np.linspace(0, best.poses - 1, min(best.poses, _MOST_POINTS)).astype(int)
+    return tracks.at(session, best, np.unique(numbers).tolist()).latlon
+
+
+def _objects(session: Session, entry: Entry) -> NDArray[np.float64]:
+    found = select(MissionObject.lat, MissionObject.lon).where(MissionObject.mission_id == entry.mission.id)
+    return tracks.fetched(session, found.limit(_MOST_OBJECTS))
+
+
+def _on_image(
+    record: MapRecord, line: NDArray[np.float64], dots: NDArray[np.float64]
+) -> MissionPreview | None:
+    where = georeference(record)
+    if where is None or not record.satellite_width or not record.satellite_height:
+        return None
+    size = (float(record.satellite_width), float(record.satellite_height))
+    line, dots = (where.pixel_from_latlon(part) if len(part) else part for part in (line, dots))
+    line, dots = (part[np.isfinite(part).all(1)] for part in (line, dots))
+    every = np.concatenate([line, dots])
+    if not ((every >= 0) & (every <= size)).all(1).any():
+        return None
+    return MissionPreview(record, size, line, dots)
+
+
+def _in_metres(line: NDArray[np.float64], dots: NDArray[np.float64]) -> MissionPreview:
+    every = np.concatenate([line, dots])
+    at = LocalFrame(centre_of(every)).enu_from_latlon(every) * (1.0, -1.0)
+    low, high = at.min(0), at.max(0)
+    larger = max(float((high - low).max()), _LEAST_M)
+    width, height = (high - low + 2 * _MARGIN * larger).tolist()
+    at = at - low + _MARGIN * larger
+    return MissionPreview(None, (width, height), at[: len(line)], at[len(line) :])
