@@ -1,7 +1,10 @@
 """A job is seen in every open page, and can be cancelled from any."""
 
+import re
+
 from playwright.sync_api import expect
 
+from tests.browser import axe
 from tests.browser.api import Api
 from tests.browser.conftest import sign_in
 
@@ -15,7 +18,21 @@ def test_progress_and_cancel_in_two_pages(make_page, context, api):
     one, two = (page.get_by_test_id("job-progress") for page in (edit.page, listed))
     expect(one.first).to_be_visible()
     expect(two.first).to_be_visible()
-    listed.get_by_role("button", name="Cancel").first.click()
+    other = context.new_page()
+    other.goto("/account")
+    expect(other.get_by_test_id("jobs-count")).to_have_text(re.compile(r"[1-9]"))
+    other.locator("#jobs-menu-button").press("Enter")
+    mine = other.locator("#jobs-menu-list .job").filter(
+        has=other.locator(f"a[href='/maps/{edit.slug}/jobs']")
+    )
+    expect(mine.get_by_test_id("job-progress")).to_be_visible()
+    expect(mine.first).to_contain_text("started by")
+    assert axe.findings(other, "#jobs-menu") == []
+    mine.get_by_role("button", name="Cancel").first.click()
+    expect(mine.get_by_text("cancelled")).to_be_visible(timeout=180_000)
+    other.keyboard.press("Escape")
+    expect(other.locator("#jobs-menu-list")).to_be_hidden()
+    expect(other.locator("#jobs-menu-button")).to_be_focused()
     expect(listed.get_by_text("cancelled")).to_be_visible(timeout=180_000)
     expect(edit.page.locator("[data-testid=job-progress][data-state=cancelled]")).to_be_attached(
         timeout=180_000

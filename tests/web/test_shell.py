@@ -140,9 +140,9 @@ def test_a_wrong_method_is_answered_in_json_too(client):
 
 
 def test_a_field_that_is_missing_is_named(client):
-    answer = client.get("/api/v1/jobs")
+    answer = client.get("/api/v1/places")
     assert answer.status_code == 422
-    assert shape(answer)["where"] == "query.map"
+    assert shape(answer)["where"] == "query.q"
 
 
 def test_an_unexpected_exception_is_logged_and_reported(app, client, caplog):

@@ -17,8 +17,9 @@ from webapp.files.lock import any_alive
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.operate import jobs
-from webapp.store.schema import Job, MapRecord
+from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
+from webapp.web.fields import Boolean
 from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
@@ -30,28 +31,46 @@ health_pages = Blueprint("health", __name__)
 class JobQuery(Schema):
     """Which jobs are listed."""
 
-    map = String(required=True, metadata={"description": "Slug of the map."})
+    map = String(
+        load_default=None,
+        metadata={"description": "Slug of a map; without it, the recent jobs of all that you may see."},
+    )
+
+
+class ListedJob(JobSchema):
+    """A job, and whose it is."""
+
+    map_name = String(allow_none=True)
+    by = String(
+        allow_none=True, metadata={"description": "Who has started it; null: a change of the map did."}
+    )
+    can_change = Boolean(metadata={"description": "Whether you may cancel it or try it again."})
 
 
 class JobList(Schema):
-    """Jobs of a map, the newest first."""
+    """Jobs, of one map the newest first, of all maps the active ones first."""
 
-    jobs = List(Nested(JobSchema))
+    jobs = List(Nested(ListedJob))
 
 
 @jobs_api.get("")
 @jobs_api.input(JobQuery, location="query", arg_name="query")
 @jobs_api.output(JobList)
-def listed(query: dict[str, str]) -> dict[str, Any]:
-    """List the last jobs of a map."""
-    record = open_map(query["map"])
+def listed(query: dict[str, str | None]) -> dict[str, Any]:
+    """List the last jobs of a map, or those of all maps that wait, run, or ended within the last day."""
+    slug, who = query["map"], account()
+    record = None if slug is None else open_map(slug)
     with library().database.read() as session:
-        found = jobs.list_jobs(session, map_id=record.id)
+        if record is not None:
+            found = jobs.list_jobs(session, map_id=record.id)
+        else:
+            visible = [one.id for one in maps.list_maps(session, who)]
+            found = jobs.recent(session, map_ids=visible, account=who)
         return {"jobs": [_job_json(session, job) for job in found]}
 
 
 @jobs_api.get("/<int:job_id>")
-@jobs_api.output(JobSchema)
+@jobs_api.output(ListedJob)
 def one(job_id: int) -> dict[str, Any]:
     """Get the progress of a job."""
     with library().database.read() as session:
@@ -59,7 +78,7 @@ def one(job_id: int) -> dict[str, Any]:
 
 
 @jobs_api.post("/<int:job_id>/cancel")
-@jobs_api.output(JobSchema)
+@jobs_api.output(ListedJob)
 def cancel(job_id: int) -> dict[str, Any]:
     """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
     with library().database.write() as session:
@@ -69,7 +88,7 @@ def cancel(job_id: int) -> dict[str, Any]:
 
 
 @jobs_api.post("/<int:job_id>/retry")
-@jobs_api.output(JobSchema)
+@jobs_api.output(ListedJob)
 def retry(job_id: int) -> dict[str, Any]:
     """Queue a job again that failed or was cancelled."""
     with library().database.write() as session:
@@ -90,16 +109,25 @@ def _job(session: Session, job_id: int, *, role: Role) -> Job:
 
 
 def _job_json(session: Session, job: Job) -> dict[str, Any]:
-    return translate_job(jobs.to_json(session, job, account_id=account().id))
+    who = account()
+    record = None if job.map_id is None else session.get(MapRecord, job.map_id)
+    starter = None if job.account_id is None else session.get(Account, job.account_id)
+    role = "owner" if who.is_owner else None
+    if record is not None:
+        role = maps.role_of(session, record, account=who)
+    return {
+        **translate_job(jobs.to_json(session, job, account_id=who.id)),
+        "map_name": None if record is None else record.name,
+        "by": None if starter is None else starter.name,
+        "can_change": job.account_id == who.id or role in ("editor", "owner"),
+    }
 
 
 @jobs_pages.get("/maps/<slug>/jobs")
 def show_jobs(slug: str) -> str:
     """Show what is worked on; the list itself comes from the API and is kept up to date."""
     record = open_map(slug)
-    with library().database.read() as session:
-        can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
-    return render_template("operate/jobs.html", map=record, tab="jobs", can_edit=can_edit)
+    return render_template("operate/jobs.html", map=record, tab="jobs")
 
 
 @health_pages.get("/healthz")

@@ -3,6 +3,7 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
+import { REASONS } from "../shared/job-list.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
@@ -21,12 +22,6 @@ const JOBS = {
   "street-photos": () => t("Adding street-level photos"),
   import: () => t("Importing"),
   export: () => t("Exporting"),
-};
-/** What the page gains by a job. */
-const REASONS = {
-  index: () => t("New photos will be found on this map."),
-  evaluate: () => t("It shows how often and how exactly photos are found here."),
-  "satellite-pyramid": () => t("Large images are shown in tiles, so that they move smoothly."),
 };
 const FAILURES_SHOWN = 100;
 

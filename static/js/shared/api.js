@@ -149,7 +149,11 @@ async function patiently(path, options) {
 
 async function read(response) {
   const isJson = (response.headers.get("Content-Type") || "").includes("json");
-  if (response.ok) return isJson && response.status !== 204 ? response.json() : null;
+  if (response.ok) {
+    const answer = isJson && response.status !== 204 ? await response.json() : null;
+    if (answer?.job) window.dispatchEvent(new Event("expmap:job")); // work was begun, which the header shows
+    return answer;
+  }
   const failure = isJson ? (await response.json()).error : null;
   const error = new ApiError({ status: response.status, ...(failure || unreadable(response)) });
   if (error.status === 401) location.assign(`/sign-in?next=${encodeURIComponent(location.pathname)}`);

@@ -2,12 +2,16 @@
 
 import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
+import { connectJobs } from "./jobs-menu.js";
+import { connectTerms } from "./term.js";
 import { connectTheme } from "./theme.js";
 
 closeMenus(document);
 connectTheme(document.body);
 connectCopyButtons();
 connectTabs();
+connectTerms();
+whenLoaded(connectJobs);
 whenLoaded(() => workOffline().catch((error) => console.info(`no pages without a network: ${error.message}`)));
 
 const fieldLink = metaOf("expmap-account")?.content && h("a", { href: "/field" }, t("Take photos for later"));

@@ -292,7 +292,7 @@ def test_time_left():
 
 def test_the_object_for_pages(do, take, park, seen):
     id = do(jobs.enqueue, "index", map_id=park).id
-    names = "id kind map state done total note error result created_at seconds_left mine"
+    names = "id kind map state done total note error result created_at seconds seconds_left mine"
     assert seen(id).keys() == set(names.split())
     assert (seen(id)["map"], seen(id)["state"], seen(id)["seconds_left"]) == ("park", "queued", None)
 

@@ -1,9 +1,13 @@
 """Jobs as pages and programs see them."""
 
+from datetime import timedelta
+
 import pytest
 
+from webapp.store.clock import now
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
+from webapp.store.schema import Job
 
 
 @pytest.fixture
@@ -69,3 +73,26 @@ def test_a_job_without_a_map_is_its_account_s(library, people, sign_in):
 @pytest.mark.parametrize("id", ["0", "x", "-1", "9" * 30])
 def test_a_job_that_cannot_be_is_404(people, sign_in, id):
     assert sign_in(people["owner"]).get(f"/api/v1/jobs/{id}").status_code == 404
+
+
+def test_the_jobs_of_all_maps_that_one_sees(people, sign_in, library, slug, job, new_map):
+    with library.database.write() as session:
+        hidden = maps.find(session, new_map(people["stranger"], name="Far"), account=people["stranger"])
+        far = jobs.enqueue(session, "index", map_id=hidden.id).id
+        own = jobs.enqueue(session, "mission-inspect", account_id=people["viewer"].id).id
+        old = jobs.enqueue(session, "export", map_id=session.get_one(Job, job).map_id)
+        old.state, old.ended_at, old_id = "done", now() - timedelta(days=2), old.id
+    listed = {
+        role: {one["id"]: one for one in sign_in(people[role]).get("/api/v1/jobs").json["jobs"]}
+        for role in ("editor", "viewer", "stranger")
+    }
+    assert {role: set(found) for role, found in listed.items()} == {
+        "editor": {job},
+        "viewer": {job, own},
+        "stranger": {far},
+    }, f"the export {old_id} has ended long ago"
+    shown = listed["viewer"][job]
+    assert (shown["map"], shown["map_name"], shown["by"]) == (slug, "Park", "owner")
+    assert (shown["mine"], shown["can_change"], shown["seconds"]) == (False, False, None)
+    assert listed["viewer"][own]["can_change"] and listed["editor"][job]["can_change"]
+    assert listed["stranger"][far]["by"] is None, "a change has started it"

@@ -173,6 +173,7 @@ class JobSchema(Schema):
     note = String(metadata={"description": "What is being done just now."})
     error = Nested(JobErrorOut, allow_none=True)
     result = Dict(allow_none=True, metadata={"description": "Depends on the kind."})
+    seconds = Float(allow_none=True, metadata={"description": "So long it works, or worked; null: not yet."})
     seconds_left = Float(allow_none=True)
     created_at = String()
     mine = Boolean(metadata={"description": "Whether you have started it, and so may cancel it."})

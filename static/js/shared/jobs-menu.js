@@ -1,0 +1,55 @@
+/** The menu of the header with what is being worked on, on all maps; its button says how much that is. */
+
+import { get } from "./api.js";
+import { byId } from "./dom.js";
+import { t, tn } from "./i18n.js";
+import { isLive, JobList } from "./job-list.js";
+import { toastError } from "./toast.js";
+
+const OPEN_MS = 1000;
+const BUSY_MS = 5000;
+
+/** Connect the menu; a page for visitors has none. Nothing is asked for again while nothing is at work. */
+export function connectJobs() {
+  const menu = document.getElementById("jobs-menu");
+  if (!(menu instanceof HTMLDetailsElement)) return;
+  const list = new JobList(byId("jobs-menu-list"), { refresh: () => refresh(), title: "h3", maps: true });
+  let timer = null;
+  let begun = 0;
+
+  const refresh = async () => {
+    clearTimeout(timer);
+    const { jobs } = await get("/jobs", { patient: false });
+    const live = jobs.filter(isLive).length;
+    sayHowMany(live);
+    byId("jobs-menu-none").hidden = jobs.length > 0;
+    if (menu.open) list.show(jobs);
+    if (live) timer = setTimeout(watch, menu.open ? OPEN_MS : BUSY_MS);
+  };
+
+  const watch = () => {
+    clearTimeout(timer);
+    if (document.hidden) return;
+    refresh().catch((error) => {
+      if (menu.open && error.code !== "offline") toastError(error);
+    });
+  };
+
+  menu.addEventListener("toggle", () => menu.open && watch());
+  document.addEventListener("visibilitychange", watch);
+  addEventListener("expmap:job", () => {
+    begun += 1;
+    const mine = begun;
+    setTimeout(() => mine === begun && watch(), 300); // several that are begun together are asked for once
+  });
+  watch();
+}
+
+function sayHowMany(live) {
+  const count = byId("jobs-menu-count");
+  count.hidden = !live;
+  count.textContent = String(live);
+  const name = live ? tn("Jobs: {n} active", "Jobs: {n} active", live) : t("Jobs");
+  byId("jobs-menu-button").setAttribute("aria-label", name);
+  byId("jobs-menu-button").title = name;
+}
