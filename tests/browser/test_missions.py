@@ -3,6 +3,7 @@
 import math
 import re
 import time
+from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import expect
@@ -307,7 +308,27 @@ def test_on_the_image_of_a_map(page, api, sample_map):
     assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() > 0
     page.get_by_label("Background").select_option("plain")
     wait_for_pixels(page, lambda count: count >= 100)
-    assert page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile").count() == 0
+    pictures = page.locator("#map-canvas .leaflet-image-layer, #map-canvas .leaflet-tile")
+    assert pictures.count() == 0
+    api.ask("PATCH", f"/missions/{made}", data={"map": None})
+    page.evaluate("localStorage.clear()")
+    page.reload()
+    expect(page.get_by_label("Background")).to_have_value(f"map:{sample_map}")
+    expect(pictures).not_to_have_count(0)
+
+
+def test_tiles_are_offered_with_where_they_come_from(page, api, mission, send, tiles):
+    send(*(pose(n) for n in range(60)))
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(f"/missions/{mission}")
+    offer = by_id(page, "ground-offer")
+    host = urlsplit(tiles.url).netloc
+    expect(offer).to_contain_text(f"Tiles would be fetched from {host}.")
+    assert axe.findings(page) == [] and not any(host in url for url in asked)
+    offer.get_by_role("button", name="Show map tiles").click()
+    expect(page.locator("#map-canvas .leaflet-tile")).not_to_have_count(0)
+    expect(offer).to_be_hidden()
 
 
 def test_new_mission_renamed_and_into_the_bin(page):
@@ -347,6 +368,34 @@ def test_a_long_list_comes_in_pages(page, api):
     names = entries.get_by_role("heading").all_inner_texts()
     rounds = [name for name in names if re.fullmatch(r"round \d\d", name)]
     assert rounds == [f"round {number:02}" for number in reversed(range(53))]
+
+
+def test_missions_are_searched_sorted_and_put_into_the_bin_together(page, api):
+    made = [api.ask("POST", "/missions", data={"name": f"Žleb {number}"})["id"] for number in (10, 2)]
+    way = [pose(n) for n in range(30)]
+    api.ask("POST", f"/missions/{made[0]}/batches", data={"sender": "x", "first": 0, "records": way})
+    for number in range(51):
+        api.ask("POST", "/missions", data={"name": f"later {number:02}"})
+    page.goto("/missions")
+    expect(by_id(page, "mission")).to_have_count(50)
+    by_id(page, "list-search").fill("zleb")
+    shown = page.locator("[data-testid=mission]:not([hidden])")
+    expect(shown.get_by_role("heading")).to_have_text(["Žleb 10", "Žleb 2"])
+    expect(shown.first.locator(".map-card__line").first).to_be_attached()
+    page.get_by_label("Sort", exact=True).select_option("name")
+    expect(shown.get_by_role("heading")).to_have_text(["Žleb 2", "Žleb 10"])
+    page.get_by_label("Sort", exact=True).select_option("length")
+    expect(shown.get_by_role("heading")).to_have_text(["Žleb 10", "Žleb 2"])
+    page.get_by_role("button", name="Select", exact=True).click()
+    bar = by_id(page, "list-bar")
+    bar.get_by_role("button", name="Select all").click()
+    expect(bar).to_contain_text("2 selected")
+    bar.get_by_role("button", name="Move to the bin").click()
+    expect(shown).to_have_count(0)
+    assert {one["id"] for one in api.ask("GET", "/missions?bin=1")["missions"]} >= set(made)
+    page.get_by_role("button", name="Undo").click()
+    expect(shown.get_by_role("heading")).to_have_text(["Žleb 10", "Žleb 2"])
+    assert {one["id"] for one in api.ask("GET", "/missions")["missions"]} >= set(made)
 
 
 @pytest.mark.parametrize("look", [{}, PHONE], ids=["wide-light", "phone-dark"])

@@ -1,23 +1,27 @@
-/** Which ground the mission lies on: the image of its map, else a plain plane; tiles where somebody chooses them. */
+/** Which ground the mission lies on: the image of its map or of another, else a plain plane; tiles where somebody chooses them. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { toastError } from "../shared/toast.js";
 import { ImageGround, PlainGround, TileGround } from "./background.js";
+import { mapImage } from "./endpoints.js";
 
 const KEPT = "expmap-mission-ground";
+const OF_MAP = "map:";
 
 /**
- * Choose the ground, and let people choose another one.
+ * Choose the ground, and let people choose another one. Tiles of other hosts are fetched only once they were chosen.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./mission-view.js").MissionView} view
- * @param {{services: Array<Object>, fit: function(): void}} page
+ * @param {{services: Array<Object>, maps: Array<{slug: string, name: string}>, fit: function(): void}} page
  */
-export function chooseGround(store, view, { services, fit }) {
+export function chooseGround(store, view, { services, maps, fit }) {
   const select = byId("ground", HTMLSelectElement);
   const offered = () => [
     ...(isOnImage(store.mission) ? [["image", t("Image of the map")]] : []),
+    ...maps.map(({ slug, name }) => [OF_MAP + slug, t("Image of {name}", { name })]),
     ["plain", t("Plain, in metres")],
-    ...services.map(({ name }) => [name, name]),
+    ...services.map(({ name, url }) => [name, t("{name} (tiles of {host})", { name, host: hostOf(url) })]),
   ];
   const make = (name) => {
     if (name === "image") return new ImageGround(store.mission.satellite);
@@ -25,6 +29,22 @@ export function chooseGround(store, view, { services, fit }) {
     return service ? new TileGround(service) : new PlainGround(placeOf(store));
   };
   let made = "";
+  const put = (ground, done) => {
+    view.setGround(ground);
+    done?.();
+  };
+  const show = (name, done = null) => {
+    made = select.value = name;
+    offer(name === "plain" && remembered() !== "plain" ? services[0] : null, () => choose(services[0].name));
+    if (!name.startsWith(OF_MAP)) return put(make(name), done);
+    return mapImage(name.slice(OF_MAP.length))
+      .then((satellite) => made === name && put(new ImageGround(satellite), done)) // else another one was chosen meanwhile
+      .catch(toastError);
+  };
+  const choose = (name) => {
+    remember(name.startsWith(OF_MAP) ? "image" : name);
+    show(name);
+  };
   const settle = () => {
     const choices = offered();
     select.replaceChildren(...choices.map(([name, label]) => new Option(label, name)));
@@ -32,18 +52,32 @@ export function chooseGround(store, view, { services, fit }) {
     const kept = remembered();
     const name = made || (choices.some(([one]) => one === kept) && kept !== "image" ? kept : choices[0][0]);
     select.value = name;
-    if (made || (name !== "image" && !placeOf(store))) return;
-    made = name;
-    view.setGround(make(name));
-    fit();
+    const isImage = name === "image" || name.startsWith(OF_MAP);
+    if (made || (!isImage && !placeOf(store))) return;
+    show(name, fit);
   };
-  select.addEventListener("change", () => {
-    made = select.value;
-    remember(made);
-    view.setGround(make(made));
-  });
+  select.addEventListener("change", () => choose(select.value));
   store.on("missions grown", settle);
   settle();
+}
+
+/** On the plain ground tiles are offered, with where they come from. */
+function offer(service, take) {
+  const box = document.getElementById("ground-offer");
+  if (!box) return; // visitors are asked nothing
+  box.hidden = !service;
+  if (!service) return;
+  byId("ground-offer-text").textContent = t("No map shows this place. Tiles would be fetched from {host}.", { host: hostOf(service.url) });
+  byId("ground-offer-yes").onclick = take;
+  byId("ground-offer-no").onclick = () => {
+    remember("plain");
+    box.hidden = true;
+  };
+}
+
+/** Of the address of tiles, which has braces. @param {string} url */
+function hostOf(url) {
+  return new URL(url.replaceAll(/[{}]/g, "")).host;
 }
 
 /** Browsers keep nothing for a page in another site's frame, and say so with an error. */

@@ -66,7 +66,7 @@ function begin() {
     else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
   };
   connectGestures({ view, scene, store, player, fit: () => fit() });
-  chooseGround(store, view, { services: page.services, fit });
+  chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: otherMissions(store, fit) });
   showLegend(store, lines);

@@ -53,7 +53,7 @@ function begin() {
   const fit = (track = null) => fitTo(view, track ? [track] : store.shown.map((one) => one.track));
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
   connectGestures({ view, scene, store, player, fit: () => fit() });
-  chooseGround(store, view, { services: page.services, fit });
+  chooseGround(store, view, { services: page.services, maps: page.maps, fit });
   lines.load().catch(toastError);
   showTracks(store, { fit, forget: () => {} });
   showLegend(store, lines);

@@ -11,6 +11,7 @@ from webapp.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.errors import NotFound
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
+from webapp.missions.tasks.covering_maps import covering_maps
 from webapp.missions.web import api_exports
 from webapp.missions.web import state as mission_state
 from webapp.missions.web.api_exports import ExportQuery, LinkQuery
@@ -59,9 +60,10 @@ def show(mission_id: int) -> str:
     mission, who = open_mission(mission_id), account()
     with library().database.read() as session:
         role = missions.role_of(session, mission, account=who)
+        below = [{"slug": one.slug, "name": one.name} for one in covering_maps(session, mission, account=who)]
     services = _services()
     allow_images(*sorted({service.origin for service in services}))
-    page = {"id": mission.id, "services": [service_json(service) for service in services], **_SIGNS}
+    page = {"id": mission.id, "services": [*map(service_json, services)], "maps": below, **_SIGNS}
     return render_template("missions/show.html", mission=mission, role=role, page=page)
 
 
@@ -130,7 +132,14 @@ def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
     except NotFound as error:
         gone = render_template("sharing/gone.html", error=error, framed=framed)
         return gone, errors.status_of(error), _SECRET
-    page = {"id": state["id"], "token": token, "photos": opened.share.photos, "services": [], **_SIGNS}
+    page = {
+        "id": state["id"],
+        "token": token,
+        "photos": opened.share.photos,
+        "services": [],
+        "maps": [],
+        **_SIGNS,
+    }
     text = render_template(
         "missions/shared.html", mission=opened.mission, page=page, token=token, framed=framed, role="visitor"
     )

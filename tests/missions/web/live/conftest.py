@@ -1,11 +1,16 @@
 """Missions of the owner, and what robots send."""
 
 import pytest
+from sqlalchemy import select
 
 from webapp.app.wings import DUTIES
+from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.types import LatLon
+from webapp.files.maps.map_json import georeference_fields
 from webapp.jobs.context import Context, JobProgress
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
+from webapp.store.schema import MapRecord
 
 
 @pytest.fixture
@@ -34,6 +39,21 @@ def send(client, mission):
         return browser.post(f"/api/v1/missions/{id}/batches", json=given)
 
     return post
+
+
+@pytest.fixture
+def place_image(library):
+    """Say that a map has an image of a thousand pixels a side, between two corners."""
+
+    def place(slug, north_west, south_east):
+        corners = Corners(LatLon(*north_west), LatLon(*south_east))
+        fit = from_corners(corners, width=1000, height=1000)
+        with library.database.write() as session:
+            record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).one()
+            record.satellite_path, record.satellite_width, record.satellite_height = "a.png", 1000, 1000
+            record.georeference = georeference_fields(fit.georeference)
+
+    return place
 
 
 @pytest.fixture

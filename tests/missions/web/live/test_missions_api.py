@@ -181,6 +181,43 @@ def test_the_list_describes_the_best_track(client, send, walk):
     assert found["distance_m"] == pytest.approx(2, rel=1e-3)
 
 
+def test_previews_of_the_list(client, mission, send, walk, new_map, owner, place_image):
+    listed = lambda: client.get("/api/v1/missions?previews=1").json["missions"][0]["preview"]  # noqa: E731
+    assert listed() is None, "nothing to draw"
+    thing = {"type": "object", "id": "a", "class": "car", "time": 1, "lat": 50 + 50 / 111_229, "lon": 14.0}
+    send([*walk(101), thing])
+    assert client.get("/api/v1/missions").json["missions"][0]["preview"] is None
+    alone = listed()
+    assert alone["image"] is None
+    assert (alone["width"], alone["height"]) == pytest.approx((30, 130), abs=0.5)
+    first, *_, last = ([*map(float, point.split())] for point in alone["line"][1:].split("L"))
+    assert first == pytest.approx([15, 115], abs=0.5) and last == pytest.approx([15, 15], abs=0.5)
+    assert alone["dots"].count("M") == 1
+    slug = new_map(owner)
+    place_image(slug, (50.002, 13.998), (49.998, 14.002))
+    client.patch(f"/api/v1/missions/{mission}", json={"map": slug})
+    on_image = listed()
+    assert on_image["image"].startswith(f"/api/v1/maps/{slug}/thumbnail?v=")
+    assert (on_image["width"], on_image["height"]) == (1000, 1000)
+    assert on_image["line"].startswith("M500 500L")
+    place_image(slug, (51.002, 13.998), (50.998, 14.002))
+    assert listed()["image"] is None, "it is somewhere else"
+
+
+def test_the_page_offers_images_of_maps_that_show_the_place(
+    client, mission, send, walk, new_map, owner, place_image
+):
+    here, there = new_map(owner, name="Here"), new_map(owner, name="There")
+    place_image(here, (50.002, 13.998), (49.998, 14.002))
+    place_image(there, (51.002, 13.998), (50.998, 14.002))
+    offered = '"maps": [{"name": "Here", "slug": "here"}]'
+    assert '"maps": []' in client.get(f"/missions/{mission}").text
+    send(walk(3))
+    assert offered in client.get(f"/missions/{mission}").text
+    client.patch(f"/api/v1/missions/{mission}", json={"map": here})
+    assert '"maps": []' in client.get(f"/missions/{mission}").text, "its own is no other"
+
+
 def test_a_track_that_closes(send, state):
     way = [(0, 0), (0, 50), (50, 50), (50, 0), (1, 0)]
     metres = [(n / 111_195, e / 111_195) for n, e in way]

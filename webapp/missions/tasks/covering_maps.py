@@ -1,0 +1,62 @@
+"""Finds maps whose images show where a mission was, for its background."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from sqlalchemy.orm import Session
+
+from webapp.missions.store import tracks
+from webapp.missions.store.schema import Mission
+from webapp.store.maps import maps
+from webapp.store.schema import Account, MapRecord
+from webapp.tasks.maps.library_map import georeference
+
+_MOST = 10
+
+
+class _Box(NamedTuple):
+    south: float
+    west: float
+    north: float
+    east: float
+
+
+def covering_maps(session: Session, mission: Mission, *, account: Account) -> list[MapRecord]:
+    """List the other maps that an account may see and whose images meet a mission, the last changed first."""
+    wanted = _extent(session, mission)
+    if wanted is None:
+        return []
+    others = (one for one in maps.list_maps(session, account) if one.id != mission.map_id)
+    return [one for one in others if _meets(_image_box(one), wanted)][:_MOST]
+
+
+def _extent(session: Session, mission: Mission) -> _Box | None:
+    """Return the box of all tracks, else of the start; None where neither is known."""
+    known = [one for one in tracks.list_tracks(session, mission.id) if one.min_lat is not None]
+    if known:
+        sides = [(one.min_lat, one.min_lon, one.max_lat, one.max_lon) for one in known]
+        table = np.array(sides, np.float64)
+        return _Box(*table[:, :2].min(0).tolist(), *table[:, 2:].max(0).tolist())
+    if mission.start is None:
+        return None
+    lat, lon = mission.start["lat"], mission.start["lon"]
+    return _Box(lat, lon, lat, lon)
+
+
+def _image_box(record: MapRecord) -> _Box | None:
+    where, width, height = georeference(record), record.satellite_width, record.satellite_height
+    if where is None or not width or not height:
+        return None
+    corners = where.latlon_from_pixel([[0, 0], [width, 0], [width, height], [0, height]])
+    if not np.isfinite(corners).all():
+        return None
+    return _Box(*corners.min(0).tolist(), *corners.max(0).tolist())
+
+
+def _meets(image: _Box | None, wanted: _Box) -> bool:
+    if image is None:
+        return False
+    across = image.south <= wanted.north and image.north >= wanted.south
+    return across and image.west <= wanted.east and image.east >= wanted.west
