@@ -34,6 +34,7 @@ export function bulkPlacing(page) {
   byId("place-the-rest").addEventListener("click", () => restDialog(page));
   restBar(page);
   byId("plan-button").addEventListener("click", () => planDialog(page));
+  if (location.hash === "#next-photos") planDialog(page); // from the page Quality
   byId("street-button").addEventListener("click", () => streetDialog(page));
   byId("place-menu", HTMLDetailsElement).addEventListener("click", (event) => {
     if (targetOf(event).closest(".menu__item")) byId("place-menu", HTMLDetailsElement).open = false;

@@ -3,6 +3,7 @@
 import { numberText } from "../shared/answer/answer-format.js";
 import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { term } from "../shared/term.js";
 
 /**
  * @param {import("../shared/answer/query-session.js").QuerySession} session
@@ -27,7 +28,7 @@ function rows(session, { options, askAgain }) {
   facts.push([t("Matches"), t("{n}, {left} left after pruning", { n: numberText(counts.matches), left: numberText(counts.matches_pruned) })]);
   if (hypothesis) {
     const { inliers, matches } = hypothesis;
-    facts.push([t("For this place"), inliers === null ? t("{n} matches", { n: matches }) : t("{inliers} inliers of {n} matches", { inliers, n: matches })]);
+    facts.push([t("For this place"), inliers === null ? t("{n} matches", { n: matches }) : withTerm(t("{inliers} inliers of {n} matches", { inliers, n: matches }))]);
     facts.push([t("Photos"), hypothesis.experiences.join(", ")]);
   }
   if (counts.distance_mean !== null) {
@@ -37,6 +38,10 @@ function rows(session, { options, askAgain }) {
   facts.push([t("Time"), times(seconds)]);
   facts.push([t("Map revision"), numberText(answer.map_revision)]);
   return facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
+}
+
+function withTerm(text) {
+  return h("span", {}, text, " ", term("inliers"));
 }
 
 /** Notes of method `landmarks` where the map has none, in the user's language. */

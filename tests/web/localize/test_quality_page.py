@@ -3,7 +3,12 @@
 import json
 
 import pytest
+from sqlalchemy import select
 
+from webapp.core.geo.corners import Corners, from_corners
+from webapp.core.geo.types import LatLon
+from webapp.files.maps.map_json import georeference_fields
+from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 
@@ -49,6 +54,31 @@ def test_photos_that_were_not_found_lead_to_the_editor(client, evaluated):
     assert text.count("1 photo was not found") == 2
     assert text.count(f'href="/maps/{evaluated}/edit?photo=1"') == 2
     assert "no place found" in text and "?photo=0" not in text
+    assert text.count("Add a photo here.") == 2
+    assert f'href="/maps/{evaluated}/edit#next-photos"' in text
+
+
+def test_a_sure_answer_elsewhere_says_what_to_check(client, library, evaluated):
+    path = library.map_folder("row") / "derived" / stored_evaluation.FILE
+    forms = json.loads(path.read_text())
+    for form in forms:
+        form["per_query"] = [{**FOUND, "error_px": 400.0}]
+    path.write_text(json.dumps(forms))
+    text = client.get(f"/maps/{evaluated}/quality").text
+    assert "Check its place; other places look similar." in text and "Add a photo here." not in text
+
+
+def test_distances_are_in_metres_first(client, library, evaluated):
+    with library.database.write() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == evaluated)).one()
+        size = (record.satellite_width, record.satellite_height)
+        wide = size[0] * 0.1 / 111_319.5  # ten pixels a metre at the equator
+        high = size[1] * 0.1 / 110_574.3
+        fit = from_corners(Corners(LatLon(high, 0), LatLon(0, wide)), width=size[0], height=size[1])
+        record.georeference = georeference_fields(fit.georeference)
+    text = client.get(f"/maps/{evaluated}/quality").text
+    assert "1 of 2 photos are found, to 5.0\xa0m (50 px) or better." in text
+    assert "Half of the answers are at most 1.2\xa0m (12 px) off." in text
 
 
 def test_an_edit_makes_it_old(client, evaluated):

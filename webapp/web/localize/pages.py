@@ -33,6 +33,8 @@ blueprint = Blueprint("localize_pages", __name__)
 KIND = "evaluate"
 """Of the job."""
 _MISSES_SHOWN = 24
+_SURE = 0.5
+"""From this probability on, an answer that is wrong was a sure one."""
 
 
 @blueprint.get("/maps/<slug>/localize")
@@ -65,11 +67,12 @@ class ResultLine:
 
 @dataclass(frozen=True, slots=True)
 class MissedPhoto:
-    """A photo that was not found, and what came instead."""
+    """A photo that was not found, and what came instead, and what helps."""
 
     id: int
     name: str
     words: str
+    advice: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +81,8 @@ class Part:
 
     title: str
     about: str
+    summary: str
+    """How good the map is, in a sentence."""
     lines: list[ResultLine]
     charts: list[tuple[str, Markup]]
     """Each with its title."""
@@ -144,18 +149,41 @@ def _part(kept: Kept, names: Mapping[str, tuple[int, str]], *, metres: float | N
             "as if it had been taken between the places of the map.",
             distance=_distance(figures["hide_within_px"], metres),
         ),
+        _summary(figures, missed=len(kept.misses), metres=metres),
         _lines(figures, metres),
         [
             (words.error_title, error_chart(kept.errors, place_radius_px=radius, words=words)),
             (words.reliability_title, reliability_chart(kept.reliability, words=words)),
         ],
         [
-            MissedPhoto(*names[miss.path], _miss_words(miss, metres))
+            MissedPhoto(*names[miss.path], _miss_words(miss, metres), _advice(miss))
             for miss in kept.misses
             if miss.path in names
         ][:_MISSES_SHOWN],
         len(kept.misses),
     )
+
+
+def _summary(figures: dict[str, Any], *, missed: int, metres: float | None) -> str:
+    found = str(
+        _(
+            "%(found)s of %(all)s photos are found, to %(distance)s or better.",
+            found=figures["queries"] - missed,
+            all=figures["queries"],
+            distance=_distance(figures["place_radius_px"], metres),
+        )
+    )
+    if figures["median_px"] is None:
+        return found
+    median = _distance(figures["median_px"], metres)
+    return f"{found} {_('Half of the answers are at most %(distance)s off.', distance=median)}"
+
+
+def _advice(miss: Miss) -> str:
+    """Say what helps: a sure answer elsewhere is a wrong place, or one that looks the same."""
+    if miss.error_px is not None and miss.probability is not None and miss.probability >= _SURE:
+        return str(_("Check its place; other places look similar."))
+    return str(_("Add a photo here."))
 
 
 def _miss_words(miss: Miss, metres: float | None) -> str:
@@ -200,11 +228,12 @@ def _share(figures: dict[str, Any], name: str, words: str) -> ResultLine:
 
 
 def _distance(pixels: float, metres: float | None) -> str:
+    """Write a distance in metres, with the pixels behind; in pixels alone where metres are not known."""
     text = str(_("%(n)s px", n=round(pixels)))
     if metres is None:
         return text
     length = pixels * metres
-    return f"{text} ({format_decimal(length, '#,##0.0' if length < 10 else '#,##0')}\u00a0m)"
+    return f"{format_decimal(length, '#,##0.0' if length < 10 else '#,##0')}\u00a0m ({text})"
 
 
 def _chart_words() -> ChartWords:
