@@ -1,6 +1,7 @@
 """The grid of photos: how many are in sight, sorting, filters, views, what is done with one or several."""
 
 import math
+import re
 
 import pytest
 from playwright.sync_api import expect
@@ -46,6 +47,10 @@ def sample_page(open_context, owner, sample_map):
 def test_twelve_photos_are_in_sight_with_one_open(sample_page):
     expect(sample_page.current.locator("#current-image")).to_be_visible()
     assert sample_page.page.evaluate(WHOLE_IN_SIGHT) >= 12
+    grid = sample_page.page.locator("#tray-list")
+    expect(grid).to_have_attribute("aria-activedescendant", re.compile("."))
+    grid.evaluate("grid => grid.scrollTo(0, grid.scrollHeight)")  # where the photo is no element any more
+    expect(grid).not_to_have_attribute("aria-activedescendant", re.compile("."))
 
 
 def test_sorting_and_filters(make_page, api):

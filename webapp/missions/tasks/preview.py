@@ -64,7 +64,8 @@ def _line(session: Session, entry: Entry) -> NDArray[np.float64]:
 
 def _objects(session: Session, entry: Entry) -> NDArray[np.float64]:
     found = select(MissionObject.lat, MissionObject.lon).where(MissionObject.mission_id == entry.mission.id)
-    return tracks.fetched(session, found.limit(_MOST_OBJECTS))
+    rows = [tuple(row) for row in session.execute(found.limit(_MOST_OBJECTS))]
+    return np.array(rows, np.float64).reshape(-1, 2)
 
 
 def _on_image(

@@ -20,7 +20,7 @@ export class PhotoGrid {
     this.store = commands.store;
     this.on = on;
     this.box = byId("tray-list");
-    this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id));
+    this.grid = new VirtualGrid(this.box, (id) => this._make(id), (tile, id) => this._update(tile, id), () => this._nameActive());
     this._listen();
     const render = rafThrottle(() => this.render());
     this.store.on("photos placement selection", render);
@@ -127,12 +127,18 @@ export class PhotoGrid {
     const tile = id === undefined || id === null ? null : this.grid.reveal(id);
     const before = this._active;
     this._active = tile ? id : null;
-    if (tile) this.box.setAttribute("aria-activedescendant", tile.id);
-    else this.box.removeAttribute("aria-activedescendant");
+    this._nameActive();
     for (const changed of [before, id]) {
       const shown = this.grid.tiles.get(changed);
       if (shown) this._update(shown, changed);
     }
+  }
+
+  /** The active photo is named only while its tile is an element: it leaves the page when it is scrolled out of sight. */
+  _nameActive() {
+    const tile = this.grid.tiles.get(this._active);
+    if (tile) this.box.setAttribute("aria-activedescendant", tile.id);
+    else this.box.removeAttribute("aria-activedescendant");
   }
 
   _showCurrent() {

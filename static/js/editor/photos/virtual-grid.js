@@ -50,8 +50,10 @@ export class VirtualGrid {
    * @param {HTMLElement} box that scrolls; its class `is-strip` makes it one row, its `--tile` is the least width of a tile
    * @param {function(number): HTMLElement} make a tile for an id
    * @param {function(HTMLElement, number): void} update
+   * @param {function(): void} rendered called when tiles have come or gone
    */
-  constructor(box, make, update) {
+  constructor(box, make, update, rendered) {
+    this.rendered = rendered;
     this.box = box;
     this.make = make;
     this.update = update;
@@ -142,6 +144,7 @@ export class VirtualGrid {
       this.tiles.delete(id);
     }
     wanted.forEach((id, n) => this._tile(id, first + n));
+    this.rendered();
   }
 
   _tile(id, at) {
