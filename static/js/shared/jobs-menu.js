@@ -29,7 +29,7 @@ export function connectJobs() {
 
   const watch = () => {
     clearTimeout(timer);
-    if (document.hidden) return;
+    if (document.hidden || !navigator.onLine) return;
     refresh().catch((error) => {
       if (menu.open && error.code !== "offline") toastError(error);
     });
@@ -37,6 +37,7 @@ export function connectJobs() {
 
   menu.addEventListener("toggle", () => menu.open && watch());
   document.addEventListener("visibilitychange", watch);
+  addEventListener("online", watch);
   addEventListener("expmap:job", () => {
     begun += 1;
     const mine = begun;
