@@ -14,7 +14,7 @@ from webapp.jobs.kinds import Duties
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
@@ -67,7 +67,7 @@ def seen(library):
 
     def look(id):
         with library.database.read() as session:
-            return jobs.to_json(session, jobs.find(session, id))
+            return job_views.to_json(session, jobs.find(session, id))
 
     return look
 

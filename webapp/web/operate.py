@@ -16,7 +16,7 @@ from webapp.errors import NotFound, StorageError
 from webapp.files.lock import any_alive
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import Boolean
@@ -65,7 +65,7 @@ def listed(query: dict[str, str | None]) -> dict[str, Any]:
             found = jobs.list_jobs(session, map_id=record.id)
         else:
             visible = [one.id for one in maps.list_maps(session, who)]
-            found = jobs.recent(session, map_ids=visible, account=who)
+            found = job_views.recent(session, map_ids=visible, account=who)
         return {"jobs": [_job_json(session, job) for job in found]}
 
 
@@ -116,7 +116,7 @@ def _job_json(session: Session, job: Job) -> dict[str, Any]:
     if record is not None:
         role = maps.role_of(session, record, account=who)
     return {
-        **translate_job(jobs.to_json(session, job, account_id=who.id)),
+        **translate_job(job_views.to_json(session, job, account_id=who.id)),
         "map_name": None if record is None else record.name,
         "by": None if starter is None else starter.name,
         "can_change": job.account_id == who.id or role in ("editor", "owner"),

@@ -7,7 +7,7 @@ import pytest
 
 from webapp.errors import Conflict, NotFound
 from webapp.store import clock
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
 
@@ -58,7 +58,7 @@ def park(new_account, new_map):
 @pytest.fixture
 def seen(do):
     """The job as pages get it."""
-    return lambda id: do(lambda session: jobs.to_json(session, jobs.find(session, id)))
+    return lambda id: do(lambda session: job_views.to_json(session, jobs.find(session, id)))
 
 
 def test_two_waiting_jobs_of_one_kind_are_one(do, take, park):
@@ -280,7 +280,7 @@ def test_what_a_page_shows(do, take, at, park):
 def test_time_left():
     start = clock.now()
     job = Job(state="running", started_at=start, done=0, total=10)
-    after = lambda seconds: jobs.seconds_left(job, at=start + timedelta(seconds=seconds))  # noqa: E731
+    after = lambda seconds: job_views.seconds_left(job, at=start + timedelta(seconds=seconds))  # noqa: E731
     assert after(5) is None
     job.done = 4
     assert after(8) == pytest.approx(12.0)

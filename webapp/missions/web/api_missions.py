@@ -106,7 +106,7 @@ class MissionSummary(Schema):
     photos = Integer()
 
 
-class PreviewOut(Schema):
+class MissionPreviewOut(Schema):
     """A mission as a small picture, in units of its own, for SVG."""
 
     image = String(allow_none=True, metadata={"description": "Of the map, to be laid below it."})
@@ -120,7 +120,7 @@ class MissionEntry(MissionSummary):
     """A mission of the list."""
 
     preview = Nested(
-        PreviewOut,
+        MissionPreviewOut,
         allow_none=True,
         metadata={"description": "null: it has no positions, or `previews` was not sent."},
     )

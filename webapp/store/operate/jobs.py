@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -21,15 +21,12 @@ from sqlalchemy.orm import Session, aliased
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
 from webapp.store.database import moment
-from webapp.store.schema import Account, Job, MapRecord
+from webapp.store.schema import Job, MapRecord
 
 ENDED = ("done", "failed", "cancelled")
 
 _SHOWN = timedelta(minutes=1)
 """So long a page shows a job that has ended."""
-
-_RECENT = timedelta(days=1)
-"""So long the menu of all pages does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,21 +122,6 @@ def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -
     """List the jobs of a map, or of the whole library, the newest first."""
     found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
     return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
-
-
-def recent(session: Session, *, map_ids: Collection[int], account: Account, limit: int = 20) -> list[Job]:
-    """List the jobs of some maps that wait, run, or have ended within the last day; active ones first.
-
-    Those of no map are the account's own; who owns the library sees them all.
-    """
-    alone = Job.map_id.is_(None)
-    theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
-    shown = (
-        or_(Job.map_id.in_(map_ids), theirs),
-        or_(Job.state.not_in(ENDED), Job.ended_at > now() - _RECENT),
-    )
-    found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
-    return list(session.scalars(found))
 
 
 def current(session: Session, map_id: int) -> list[Job]:
@@ -305,49 +287,6 @@ def let_go(session: Session, held: Lease) -> bool:
     if job is not None:
         job.leased_by = job.leased_until = None
     return job is not None
-
-
-def seconds_left(job: Job, *, at: datetime) -> float | None:
-    """Estimate how long a job still takes, from its pace so far; None when that is not known."""
-    if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:
-        return None
-    return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
-
-
-def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
-    """Make the object that pages and programs get.
-
-    Parameters
-    ----------
-    account_id : int, optional
-        Who asks.
-
-    Returns
-    -------
-    dict
-        `id, kind, state, done, total, note, error, result, seconds, seconds_left, created_at, mine, map`;
-        `seconds` is how long it works, or worked; `mine` says whether the caller has started it, `map` is
-        the slug.
-    """
-    record = None if job.map_id is None else session.get(MapRecord, job.map_id)
-    at = now()
-    left = seconds_left(job, at=at)
-    seconds = None if job.started_at is None else ((job.ended_at or at) - job.started_at).total_seconds()
-    return {
-        "id": job.id,
-        "kind": job.kind,
-        "state": job.state,
-        "done": job.done,
-        "total": job.total,
-        "note": job.note,
-        "error": job.error,
-        "result": job.result,
-        "seconds": None if seconds is None else round(seconds, 1),
-        "seconds_left": None if left is None else round(left, 1),
-        "created_at": job.created_at.isoformat(timespec="seconds"),
-        "mine": account_id is not None and job.account_id == account_id,
-        "map": None if record is None else record.slug,
-    }
 
 
 def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Job | None:

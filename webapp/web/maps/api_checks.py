@@ -12,7 +12,7 @@ from flask_babel import LazyString, lazy_gettext
 from sqlalchemy import select
 
 from webapp.errors import Conflict
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
@@ -240,4 +240,4 @@ def evaluate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     with library().database.write() as session:
         job = jobs.enqueue(session, _EVALUATE_JOB, map_id=record.id, account_id=who.id, arguments=data)
         session.flush()
-        return translate_job(jobs.to_json(session, job, account_id=who.id))
+        return translate_job(job_views.to_json(session, job, account_id=who.id))

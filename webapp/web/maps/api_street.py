@@ -11,7 +11,7 @@ from apiflask.validators import Length, OneOf
 
 from webapp.progress import Progress
 from webapp.settings import StreetSettings
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.tasks.street.survey import (
     PANORAMA_WISHES,
     SOURCES,
@@ -124,7 +124,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
             session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
         )
         session.flush()
-        return translate_job(jobs.to_json(session, job, account_id=who.id))
+        return translate_job(job_views.to_json(session, job, account_id=who.id))
 
 
 def _request(data: dict[str, Any]) -> StreetRequest:

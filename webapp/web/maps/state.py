@@ -16,7 +16,7 @@ from webapp.core.mapmodel.model import PhotoSource
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.maps.maps import Dot
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.show_photo import look_of_photo
@@ -111,7 +111,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **({"notes": notes_json(record)} if record.revision > since else {}),
         **_history(session, record, account=account),
         "jobs": [
-            translate_job(jobs.to_json(session, job, account_id=account.id))
+            translate_job(job_views.to_json(session, job, account_id=account.id))
             for job in jobs.current(session, record.id)
         ],
     }
