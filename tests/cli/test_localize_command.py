@@ -109,7 +109,9 @@ def test_text_for_several_photos(expmap, cfg, photos):
 
 
 @pytest.mark.parametrize(
-    "case", json.loads((Path(__file__).parents[1] / "verdicts.json").read_text(encoding="utf-8")), ids=str
+    "case",
+    json.loads((Path(__file__).parents[1] / "render" / "verdicts.json").read_text(encoding="utf-8")),
+    ids=str,
 )
 def test_an_uncertain_answer_is_called_uncertain(case):
     verdict = {

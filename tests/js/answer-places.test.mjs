@@ -64,7 +64,7 @@ test("not on this map is listed by its probability, never above other places tha
 });
 
 test("pages and terminal call the same answers uncertain", () => {
-  for (const { probability, off_map: off, verdict } of JSON.parse(readFileSync("tests/verdicts.json", "utf8"))) {
+  for (const { probability, off_map: off, verdict } of JSON.parse(readFileSync("tests/render/verdicts.json", "utf8"))) {
     assert.equal(verdictOf({ hypotheses: [hypothesis(1, probability)], off_map_probability: off }), verdict);
   }
   assert.equal(verdictOf({ hypotheses: [], off_map_probability: 1 }), "off_map");
