@@ -71,9 +71,10 @@ function sheetFields() {
     field(t("Title"), titled),
     h("div", { class: "print-dialog__pair" }, field(t("Paper"), chosen.paper), field(t("Orientation"), chosen.orientation)),
     h("div", { class: "print-dialog__pair" }, field(t("Part of the map"), chosen.extent), field(t("Labels"), chosen.labels)),
-    h("label", { class: "check small" }, headings, t("Where the photos look")),
-    h("label", { class: "check small" }, points, t("Control points")),
-    h("label", { class: "check small" }, notes, t("Notes")),
+    h("div", { class: "stack stack--tight" },
+      h("label", { class: "check small" }, headings, t("Where the photos look")),
+      h("label", { class: "check small" }, points, t("Control points")),
+      h("label", { class: "check small" }, notes, t("Notes"))),
     field(t("Whom the image is from"), credit),
     field(t("Resolution"), chosen.dpi),
   ];

@@ -159,12 +159,11 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
         for photo in the_map.unplaced
         if photo.id in places
     ]
-    changed = replace(
-        the_map,
-        experiences=tuple(sorted((*the_map.experiences, *placed), key=lambda e: e.id)),
-        unplaced=tuple(photo for photo in the_map.unplaced if photo.id not in places),
-    )
+    everyone = tuple(sorted((*the_map.experiences, *placed), key=lambda e: e.id))
+    changed = replace(the_map, experiences=everyone)
+    # the tray has them until the `.cfg` does: killed in between, no photo is in neither
     write_map(cfg, changed)
+    write_map(cfg, replace(changed, unplaced=tuple(p for p in the_map.unplaced if p.id not in places)))
 
 
 def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:

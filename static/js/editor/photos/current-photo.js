@@ -60,6 +60,7 @@ export class CurrentPhoto {
   /** @param {number[]} ids */
   _blur(ids) {
     const photos = ids.map((id) => this.store.photos.get(id)).filter((photo) => photo?.preview);
+    if (!photos.length) return; // of a large map, whose details are still on their way
     blurDialog(photos, {
       suggest: async ({ id }) => (await this.server.suggestBlur(id)).boxes,
       save: async ({ id }, boxes) => this.store.merge(await this.server.blur(id, boxes)),

@@ -1,0 +1,103 @@
+"""Suggestions that are accepted, and landmarks on demand, are killed between any two of their writes."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.model import Experience, Map, SatelliteImage, UnplacedPhoto
+from webapp.files.maps import folder
+from webapp.files.maps.folder import read_map, write_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.landmarks import surroundings
+from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.place_rest import SuggestedPlace
+
+PLACED = Experience(0, "0.jpg", MapPixel(5.0, 5.0))
+TRAY = tuple(UnplacedPhoto(id, f"{id}.jpg", heading_deg=90.0) for id in (1, 2))
+BEFORE = Map(SatelliteImage("s.png", 90, 90), (PLACED,), next_id=3, unplaced=TRAY)
+SUGGESTED = [SuggestedPlace(1, "1.jpg", MapPixel(50.5, 60.0), 7.0, 45.0, (0,))]
+
+
+class Killed(BaseException):
+    """Nothing of the program runs after it."""
+
+
+@contextmanager
+def killed_before(module, name, *, calls=0):
+    """Kill the program when it calls a function, after so many calls of it."""
+    done = []
+    usual = getattr(module, name)
+
+    def call(*args, **options):
+        if len(done) == calls:
+            raise Killed
+        done.append(args)
+        return usual(*args, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, name, call)
+        yield
+
+
+@pytest.mark.parametrize("writes", range(4))
+def test_no_photo_is_lost_when_accepting_is_killed(tmp_path, writes):
+    cfg = tmp_path / "map.cfg"
+    write_map(cfg, BEFORE)
+    with killed_before(folder, "write_bytes", calls=writes), pytest.raises(Killed):
+        accept_in_folder(cfg, SUGGESTED)
+    found = read_map(cfg)
+    there = {e.id for e in found.experiences}
+    assert there | {photo.id for photo in found.unplaced} == {0, 1, 2}
+    assert 1 in there or TRAY[0] in found.unplaced
+    accept_in_folder(cfg, SUGGESTED)
+    assert_accepted(cfg)
+
+
+def test_accepting_takes_no_more_writes_than_those(tmp_path):
+    cfg = tmp_path / "map.cfg"
+    write_map(cfg, BEFORE)
+    with killed_before(folder, "write_bytes", calls=4):
+        accept_in_folder(cfg, SUGGESTED)
+    assert_accepted(cfg)
+
+
+def assert_accepted(cfg):
+    found = read_map(cfg)
+    placed = Experience(1, "1.jpg", MapPixel(50.5, 60.0), heading_deg=45.0, radius_px=7.0)
+    assert found.experiences == (PLACED, placed)
+    assert found.unplaced == TRAY[1:]
+
+
+@pytest.fixture
+def part(tmp_path, monkeypatch):
+    """Reconstructs a part of a map, with stand-ins for what takes time."""
+    found = SimpleNamespace(pieces=("a piece",))
+    monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
+    monkeypatch.setattr(surroundings, "adjust_pieces", lambda *_, **__: None)
+    cfg = tmp_path / "map.cfg"
+
+    def run(*photos):
+        return surroundings.reconstruct_part(
+            cfg, BEFORE, photos=photos, settings=Settings(), progress=Progress()
+        )
+
+    return SimpleNamespace(cfg=cfg, run=run)
+
+
+def test_a_part_counts_only_once_all_of_it_is_there(part):
+    with killed_before(surroundings, "write_text"), pytest.raises(Killed):
+        part.run(PLACED)
+    assert surroundings.part_of(part.cfg, [PLACED]) is None
+    assert surroundings.part_around(part.cfg, [PLACED]) is None
+    assert part.run(PLACED) == surroundings.part_around(part.cfg, [PLACED])
+
+
+def test_a_part_that_is_half_removed_serves_nobody(part, monkeypatch):
+    monkeypatch.setattr(surroundings, "MOST_PARTS", 1)
+    part.run(PLACED)
+    with killed_before(surroundings.shutil, "rmtree"), pytest.raises(Killed):
+        part.run(Experience(9, "9.jpg", MapPixel(1.0, 1.0)))
+    assert surroundings.part_around(part.cfg, [PLACED]) is None
