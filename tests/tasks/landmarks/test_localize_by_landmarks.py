@@ -16,6 +16,7 @@ from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE
 from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
 from webapp.tasks.landmarks.accept import accept_in_folder
@@ -41,6 +42,9 @@ def localizer(joined_court, tmp_path_factory):
     shutil.copytree(joined_court.cfg.parent, folder)
     cfg = folder / "map.cfg"
     accept_in_folder(cfg, suggest_rest(cfg, settings=Settings(), progress=Progress()).suggested)
+    the_map = read_map(cfg)
+    by_hand = tuple(replace(e, radius_px=None) for e in the_map.experiences)
+    write_map(cfg, replace(the_map, experiences=by_hand))
     return open_court(cfg)
 
 
