@@ -80,6 +80,7 @@ def test_each_page_has_its_content(client, new_mission, new_map, new_account, si
     }
     for id, mission in result.items():
         alone = browser.get(f"/api/v1/missions/{id}").json
+        mission.pop("preview")  # for a row of the list alone
         assert {key: alone[key] for key in mission} == mission
 
 

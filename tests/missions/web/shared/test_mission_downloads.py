@@ -11,6 +11,7 @@ from tests.kml_rules import KML, check_kml
 from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import query
 from webapp.missions.web import api_exports
+from webapp.store.backends import sqlite
 
 
 def test_every_format_comes_as_a_file(client, new_mission):
@@ -88,7 +89,7 @@ def test_an_error_has_its_position(client, new_mission, wish, status, where):
 
 def test_a_question_that_takes_too_long_is_refused(client, new_mission, monkeypatch):
     monkeypatch.setattr(query, "MAX_SECONDS", 0.0)
-    monkeypatch.setattr(query, "_STEPS", 1)
+    monkeypatch.setattr(sqlite, "_STEPS", 1)
     answer = client.get(f"/api/v1/missions/{new_mission()}/query", query_string={"order": "lat"})
     assert answer.status_code == 400
     assert "seconds" in answer.json["error"]["message"]
