@@ -317,8 +317,9 @@ def test_on_the_image_of_a_map(page, api, sample_map):
     expect(pictures).not_to_have_count(0)
 
 
-def test_tiles_are_offered_with_where_they_come_from(page, api, mission, send, tiles):
+def test_tiles_are_offered_with_where_they_come_from(page, context, mission, send, tiles):
     send(*(pose(n) for n in range(60)))
+    context.watch.allow(f"http://127.0.0.1:{tiles.port}")
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(f"/missions/{mission}")

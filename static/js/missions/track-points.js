@@ -105,7 +105,8 @@ export class TrackPoints {
   }
 
   _lay(lat, lon) {
-    const [x, y] = this.ground.flat(lat, lon) || [NaN, NaN];
+    // points may come before the background is chosen, on which setGround lays them
+    const [x, y] = this.ground?.flat(lat, lon) || [NaN, NaN];
     this.x.push(x);
     this.y.push(y);
   }

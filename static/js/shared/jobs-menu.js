@@ -23,7 +23,7 @@ export function connectJobs() {
     const live = jobs.filter(isLive).length;
     sayHowMany(live);
     byId("jobs-menu-none").hidden = jobs.length > 0;
-    if (menu.open) list.show(jobs);
+    if (menu.open && !menu.matches(":active")) list.show(jobs); // what is being pressed stays
     if (live) timer = setTimeout(watch, menu.open ? OPEN_MS : BUSY_MS);
   };
 
