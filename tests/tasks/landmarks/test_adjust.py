@@ -30,9 +30,10 @@ def place_all(court, *, moved=()):
     report = suggest_rest(court.cfg, settings=Settings(), progress=Progress())
     accept_in_folder(court.cfg, report.suggested)
     the_map = read_map(court.cfg)
+    by_hand = [replace(e, radius_px=None) for e in the_map.experiences]
     wrong = [
         replace(e, position=MapPixel(e.position.x, e.position.y + 90.0)) if e.id in moved else e
-        for e in the_map.experiences
+        for e in by_hand
     ]
     write_map(court.cfg, replace(the_map, experiences=tuple(wrong)))
 
