@@ -20,3 +20,13 @@ def test_only_owners_delete(library, owner, new_account, new_map, sign_in):
     assert sign_in(editor).delete(f"/api/v1/maps/{slug}?forever=true").status_code == 403
     assert sign_in(new_account("eve")).delete(f"/api/v1/maps/{slug}?forever=true").status_code == 404
     assert "Park" in sign_in(owner).get("/bin").text
+
+
+def test_a_new_map_gets_the_name_of_a_deleted_one_that_a_job_still_wrote_for(client, library, park):
+    for path in (park, f"{park}?forever=true"):
+        assert client.delete(f"/api/v1/maps/{path}").status_code == 200
+    late = library.map_folder(park) / "derived" / "export.lock"
+    late.parent.mkdir(parents=True)
+    late.touch()
+    assert client.post("/api/v1/maps", json={"name": "Park"}).json["slug"] == park
+    assert not late.exists()

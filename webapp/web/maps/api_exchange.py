@@ -24,6 +24,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import duplicate_map, export_files, import_map
 from webapp.tasks.exchange.import_map import MapRefused
 from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.maps.delete_map import delete_orphans
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer, json_answer
@@ -183,6 +184,7 @@ def limit_parts() -> None:
 def _by_job(name: str, token: str) -> dict[str, Any]:
     """Make an empty map, and a job that fills it."""
     who, place = account(), library()
+    delete_orphans(place)  # else the map would not get the name of a deleted one
     folders = [path.name for path in place.folder.iterdir()]
     with place.database.write() as session:
         record: MapRecord = maps.create(session, name, account_id=who.id, folders=folders)

@@ -141,6 +141,7 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
 def create(data: dict[str, str]) -> dict[str, Any]:
     """Make an empty map."""
     who, place = account(), library()
+    delete_map.delete_orphans(place)  # else the map would not get the name of a deleted one
     folders = [path.name for path in place.folder.iterdir()]
     with place.database.write() as session:
         record = maps.create(session, data["name"], account_id=who.id, folders=folders)
