@@ -9,6 +9,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import text
 
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
+import webapp.store.maps.photo_vectors  # noqa: F401
 from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares
 from webapp.store import sharing

@@ -18,7 +18,8 @@ from webapp.core.hypotheses.jsonform import failure_to_json
 from webapp.errors import PhotoError
 from webapp.settings import keep_freed_memory
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize.find_map import MapSearch, find_map, search_json
+from webapp.tasks.find.find_map import LibrarySearch, MapSearch, find_map, search_json
+from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import UploadedPhoto
 
@@ -50,14 +51,12 @@ def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None
                 select(MapRecord).where(MapRecord.binned_at.is_(None)).order_by(MapRecord.changed_at.desc())
             )
             records = list(session.scalars(there))
-        cache = MapCache(opened, settings)
+        search = LibrarySearch(MapCache(opened, settings), MapRanking(opened, settings), settings)
         for photo in photos:
             try:
                 with terminal_progress("maps") as progress:
                     asked = UploadedPhoto(photo, str(photo))
-                    found = find_map(
-                        cache, records, photo=asked, settings=settings, top=top, progress=progress
-                    )
+                    found = find_map(search, records, photo=asked, top=top, progress=progress)
             except PhotoError as error:
                 failed = True
                 click.echo(f"expmap: {error}", err=True)
@@ -79,6 +78,8 @@ def _text(search: MapSearch, *, query: str) -> str:
         lines.append(f"  {percent(found.probability)}  {found.slug}: {where}")
     lines.append(f"  {percent(search.no_map_probability)}  on none of them")
     lines += [f"  not searched: {one.slug}: {one.reason.message}" for one in search.not_searched]
+    if search.less_alike:
+        lines.append(f"  not searched: {search.less_alike} further maps, whose photos are less alike")
     return "\n".join(lines)
 
 

@@ -19,6 +19,7 @@ from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
+from webapp.tasks.find import describe_library
 from webapp.tasks.landmarks import stored as stored_places
 from webapp.tasks.landmarks.adjust import adjust_pieces
 from webapp.tasks.landmarks.colours import colour_cloud
@@ -68,6 +69,9 @@ def build_map_index(context: Context) -> dict[str, Any]:
         settings=context.settings,
         progress=context.progress,
     )
+    describe_library.describe_map(
+        library, record.id, settings=context.settings, writes=context.write, progress=context.progress
+    )
     looks = [report] if report.second is None else [report, report.second]
     unusable = {id: (photo, reason) for look in looks for id, photo, reason in look.index.failed}
     failed = [{"id": id, "photo": photo, "reason": reason} for id, (photo, reason) in unusable.items()]
@@ -94,6 +98,14 @@ def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[in
     first = [placed, *whole, placed, *by_network, trials]
     further = [placed, *(0 for _ in whole), placed, *by_network, trials]
     return first + further * (count - 1) + again
+
+
+def describe_all_maps(context: Context) -> dict[str, Any]:
+    """Describe the photos of all maps anew, so that a search on all of them begins with the likeliest."""
+    photos = describe_library.renew_basis(
+        context.library, settings=context.settings, writes=context.write, progress=context.progress
+    )
+    return {"photos": photos}
 
 
 def evaluate_map(context: Context) -> dict[str, Any]:

@@ -81,9 +81,12 @@ function row(name, probability, button = null) {
     button);
 }
 
-function notSearched({ not_searched: skipped }) {
-  if (!skipped.length) return [];
-  return [h("details", { class: "small" },
+function notSearched({ not_searched: skipped, less_alike: further }) {
+  const rest = further ? [h("p", { class: "small" }, tn(
+    "{n} further map, whose photos are less alike, was not searched",
+    "{n} further maps, whose photos are less alike, were not searched", further))] : [];
+  if (!skipped.length) return rest;
+  return [...rest, h("details", { class: "small" },
     h("summary", {}, tn("{n} map was not searched", "{n} maps were not searched", skipped.length)),
     h("ul", {}, ...skipped.map(({ name, reason, hint }) => h("li", {}, `${name}: ${[reason, hint].filter(Boolean).join("; ")}`))))];
 }

@@ -152,6 +152,7 @@ export function kindName(kind) {
     health: t("Map health"),
     landmarks: t("Landmarks"),
     "place-rest": t("Places for the rest"),
+    "describe-library": t("Search on all maps"),
     evaluate: t("Evaluation"),
     "mission-delete": t("Deleting a mission"),
     "mission-fix": t("Localizing the photos of a mission"),

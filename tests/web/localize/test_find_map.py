@@ -8,7 +8,8 @@ from click.testing import CliRunner
 
 from webapp.app.main import COMPOSITION, root
 from webapp.store.maps import maps
-from webapp.tasks.localize import find_map
+from webapp.tasks.find import find_map
+from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import UploadedPhoto
 
@@ -60,8 +61,8 @@ def test_what_is_no_photo_is_refused_and_nothing_stays(client, library, sample, 
 def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queries, settings):
     monkeypatch.setattr(find_map, "BUDGET_S", -1.0)
     photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
-    cache = MapCache(library, settings)
-    found = find_map.find_map(cache, [record()], photo=photo, settings=settings)
+    search = find_map.LibrarySearch(MapCache(library, settings), MapRanking(library, settings), settings)
+    found = find_map.find_map(search, [record()], photo=photo)
     assert found.maps == () and "was over" in found.not_searched[0].reason.message
 
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import secrets
-from typing import Any
+from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import request
+from flask import current_app, request
+from flask.blueprints import BlueprintSetupState
 
 from webapp.files.part_file import check_space, discard, receive
 from webapp.store.maps import maps
-from webapp.tasks.localize.find_map import BUDGET_S, find_map, search_json
+from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, find_map, search_json
+from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.context import account, library, settings
 from webapp.web.language import translate
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache
+from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_find", __name__, url_prefix="/api/v1", tag="Localization")
+
+_RANKING = "expmap-map-ranking"
 
 _OTHER_BYTES = 100_000
 """Of a request, besides its file."""
@@ -63,7 +68,18 @@ class SearchOut(Schema):
             "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for."
         },
     )
+    less_alike = Integer(
+        metadata={
+            "description": f"Further maps, not searched: the photos of {MOST_MAPS} others are more alike."
+        }
+    )
     seconds = Float()
+
+
+@blueprint.record_once
+def _make_ranking(state: BlueprintSetupState) -> None:
+    made_with = state.app.extensions[STATE]
+    state.app.extensions[_RANKING] = MapRanking(made_with.library, made_with.settings)
 
 
 @blueprint.before_request
@@ -84,9 +100,11 @@ def find(given: dict[str, Any]) -> dict[str, Any]:
     check_space(library().uploads, 0, reserve_mb=settings().upload.reserve_mb)
     try:
         receive(part, file.stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        found = find_map(
-            map_cache(), records, photo=UploadedPhoto(part, name), settings=settings(), top=given["top"]
-        )
+        found = find_map(_search(), records, photo=UploadedPhoto(part, name), top=given["top"])
     finally:
         discard(part)
     return search_json(found, query=name, translate=translate)
+
+
+def _search() -> LibrarySearch:
+    return LibrarySearch(map_cache(), cast(MapRanking, current_app.extensions[_RANKING]), settings())

@@ -1,4 +1,4 @@
-"""Finds out on which of several maps a photo was taken: it is localized on each that has an index."""
+"""Finds out on which of several maps a photo was taken: it is localized on those that look most like it."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.schema import MapRecord
+from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 BUDGET_S = 30.0
 """After so long no further map is begun; those that are left are named."""
+
+MOST_MAPS = 50
+"""A photo is localized on so many, those with the photos that are most like it."""
 
 _NO_TIME = ExpMapError(
     "the time of the search was over before this map", hint="look for the photo on its page Localize"
@@ -64,20 +68,39 @@ class MapSearch:
         The most probable first.
     no_map_probability : float
         That it was taken on none of them.
+    less_alike : int
+        Further maps, which were not searched as `MOST_MAPS` others look more like the photo.
     """
 
     maps: tuple[FoundMap, ...]
     no_map_probability: float
     not_searched: tuple[SkippedMap, ...]
+    less_alike: int
     seconds: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LibrarySearch:
+    """What a search works with.
+
+    Attributes
+    ----------
+    cache : MapCache
+        Localizes.
+    ranking : MapRanking
+        Says which maps are searched first: time may not be enough for all.
+    """
+
+    cache: MapCache
+    ranking: MapRanking
+    settings: Settings
+
+
 def find_map(
-    cache: MapCache,
+    search: LibrarySearch,
     records: Sequence[MapRecord],
     *,
     photo: UploadedPhoto,
-    settings: Settings,
     top: int = 1,
     progress: Progress | None = None,
 ) -> MapSearch:
@@ -86,7 +109,7 @@ def find_map(
     Parameters
     ----------
     records : sequence of MapRecord
-        Those that count, the most likely first: time may not be enough for all.
+        Those that count.
     top : int
         Maximum number of places on each map.
     progress : Progress, optional
@@ -102,13 +125,15 @@ def find_map(
     """
     begun = time.perf_counter()
     progress = progress or Progress()
-    progress.size(len(records))
     with show_file_as(photo.name, photo.path):
-        read_facts(photo.path, limits=settings.photo)
+        read_facts(photo.path, limits=search.settings.photo)
+        ranked = search.ranking.rank(records, photo.path)
+    searched = ranked[:MOST_MAPS]
+    progress.size(len(searched))
     request = LocalizeRequest((photo,), MethodChoice(), top=top)
     answers: list[tuple[MapRecord, dict[str, Any]]] = []
     skipped: list[SkippedMap] = []
-    for record in records:
+    for record in searched:
         progress.check()
         progress.note(record.name)
         if time.perf_counter() - begun > BUDGET_S:
@@ -116,7 +141,9 @@ def find_map(
             progress.advance(1)
             continue
         try:
-            found = upload.localize_uploads(cache, record.id, request=request, settings=settings)
+            found = upload.localize_uploads(
+                search.cache, record.id, request=request, settings=search.settings
+            )
             answers.append((record, found.form))
         except NotReady:
             skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))
@@ -130,7 +157,13 @@ def find_map(
     each, none = probabilities_over_maps([_on_map(form) for _, form in answers])
     found_maps = [FoundMap(r.slug, r.name, p, form) for (r, form), p in zip(answers, each, strict=True)]
     found_maps.sort(key=lambda one: -one.probability)
-    return MapSearch(tuple(found_maps), none, tuple(skipped), time.perf_counter() - begun)
+    return MapSearch(
+        maps=tuple(found_maps),
+        no_map_probability=none,
+        not_searched=tuple(skipped),
+        less_alike=len(ranked) - len(searched),
+        seconds=time.perf_counter() - begun,
+    )
 
 
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
@@ -157,6 +190,7 @@ def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str
             }
             for one in search.not_searched
         ],
+        "less_alike": search.less_alike,
         "seconds": search.seconds,
     }
 

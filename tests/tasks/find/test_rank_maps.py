@@ -1,0 +1,178 @@
+"""The maps of a library are ranked by how much their photos look like a query."""
+
+import shutil
+
+import pytest
+from sqlalchemy import select
+
+from webapp.progress import Progress
+from webapp.store.maps import maps
+from webapp.store.maps import photo_vectors as stored
+from webapp.store.operate import jobs
+from webapp.store.schema import Account, MapRecord
+from webapp.tasks.find import describe_library
+from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.maps import adopt_map, delete_map
+
+PHOTOS = 6
+SLUGS = ("fen", "hill", "park")
+
+
+@pytest.fixture
+def library(tmp_path, new_library):
+    return new_library(tmp_path / "library")
+
+
+@pytest.fixture
+def owner(library):
+    with library.database.write() as session:
+        account = Account(name="ana", is_owner=True)
+        session.add(account)
+    return account.id
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory, make_map, save_photo, build):
+    """Folders of maps with an index, each of other photos; nobody may change them."""
+    base = tmp_path_factory.mktemp("built")
+    for place, slug in enumerate(SLUGS):
+        cfg = make_map(base / slug, PHOTOS)
+        for number, photo in enumerate(sorted(cfg.parent.rglob("*.jpg"))):
+            save_photo(photo, _seed(place, number))
+        build(cfg)
+    return base
+
+
+@pytest.fixture
+def add_map(library, owner, built):
+    """Put one of the maps into the library; gives its id."""
+
+    def add(slug):
+        shutil.copytree(built / slug, library.map_folder(slug))
+        return adopt_map.adopt_map(library, slug, account_id=owner)
+
+    return add
+
+
+@pytest.fixture
+def three(add_map):
+    return {slug: add_map(slug) for slug in SLUGS}
+
+
+@pytest.fixture
+def describe(library, quick):
+    """Describe maps, then do the job that they may have queued."""
+
+    def run(*map_ids):
+        common = {"settings": quick, "writes": library.database.write, "progress": Progress()}
+        for id in map_ids:
+            describe_library.describe_map(library, id, **common)
+        with library.database.write() as session:
+            queued = [job for job in jobs.list_jobs(session) if job.state == "queued"]
+            waiting = [job for job in queued if job.kind == describe_library.JOB]
+            for job in waiting:
+                jobs.cancel(session, job)
+        for _ in waiting:
+            describe_library.renew_basis(library, **common)
+        return len(waiting)
+
+    return run
+
+
+@pytest.fixture
+def ranked(library, quick, save_photo, tmp_path):
+    """Rank all maps for a photo of one of the places; gives their slugs."""
+    ranking = MapRanking(library, quick)
+
+    def run(place, number=2):
+        save_photo(query := tmp_path / "query.jpg", _seed(place, number))
+        with library.database.read() as session:
+            records = session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
+        return [record.slug for record in ranking.rank(records, query)]
+
+    return run
+
+
+def _seed(place, number):
+    return 100 * place + number
+
+
+def test_the_map_that_shows_the_place_is_the_first(three, describe, ranked):
+    assert describe(*three.values()) == 1, "one basis for all of them"
+    assert [ranked(place)[0] for place in range(3)] == [*SLUGS]
+
+
+def test_without_vectors_maps_stay_in_their_order(three, ranked):
+    assert ranked(2) == [*SLUGS]
+
+
+def test_a_map_that_comes_later_is_described_with_the_same_basis(add_map, describe, ranked, library):
+    describe(add_map("fen"))
+    assert ranked(1) == ["fen"]
+    hill = add_map("hill")
+    assert ranked(1) == ["fen", "hill"], "it has no vectors yet, and is the last"
+    with library.database.read() as session:
+        (before,) = stored.bases(session)
+    assert describe(hill) == 0
+    with library.database.read() as session:
+        assert [basis.id for basis in stored.bases(session)] == [before.id]
+        assert stored.described_photos(session, basis_id=before.id) == 2 * PHOTOS
+    assert sorted(ranked(1)) == ["fen", "hill"]
+
+
+def test_a_library_of_four_times_as_many_photos_gets_a_new_basis(
+    add_map, describe, ranked, library, monkeypatch
+):
+    monkeypatch.setattr(describe_library, "GROWTH", 3)
+    assert describe(add_map("fen")) == 1
+    assert describe(add_map("hill")) == 0
+    assert describe(add_map("park")) == 1
+    with library.database.read() as session:
+        (basis,) = stored.bases(session)
+        assert basis.ready and basis.photos == 3 * PHOTOS
+    assert [ranked(place)[0] for place in range(3)] == [*SLUGS]
+
+
+def test_interrupted_it_goes_on_and_searches_use_the_old_basis(
+    three, describe, ranked, library, quick, monkeypatch
+):
+    describe(*three.values())
+    monkeypatch.setattr(describe_library, "GROWTH", 1)
+    common = {"settings": quick, "writes": library.database.write}
+    calls = []
+
+    class Killed(Progress):
+        def advance(self, steps=1):
+            calls.append(steps)
+            if len(calls) == 2:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        describe_library.renew_basis(library, progress=Killed(), **common)
+    with library.database.read() as session:
+        old, new = stored.bases(session)
+        kept = stored.versions(session, basis_id=new.id)
+    assert old.ready and not new.ready and len(kept) == 2
+    assert ranked(1)[0] == "hill"
+    assert describe_library.renew_basis(library, progress=Progress(), **common) == 3 * PHOTOS
+    with library.database.read() as session:
+        (basis,) = stored.bases(session)
+        assert basis.id == new.id and basis.ready
+        assert kept.items() <= stored.versions(session, basis_id=new.id).items(), "not described again"
+    assert ranked(1)[0] == "hill"
+
+
+def test_what_is_deleted_is_not_found(three, describe, ranked, library):
+    describe(*three.values())
+    assert ranked(1)[0] == "hill"
+    with library.database.write() as session:
+        maps.put_into_bin(session.get_one(MapRecord, three["hill"]))
+    delete_map.delete_map(library, three["hill"])
+    assert sorted(ranked(1)) == ["fen", "park"]
+
+
+def test_a_damaged_index_leaves_the_other_maps_to_be_found(three, describe, ranked, library):
+    for segment in library.map_folder("park").rglob("*.features"):
+        segment.write_bytes(b"cut off")
+    describe(*three.values())
+    assert ranked(0)[0] == "fen" and ranked(1)[0] == "hill"

@@ -1,0 +1,210 @@
+"""Describes the photos of all maps, each by one vector, so that searches begin with the likeliest maps.
+
+The descriptors are those of the maps' indexes: nothing is extracted for it. A basis is trained on photos of
+the whole library; when that has grown to several times as many photos a new one replaces it.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from webapp.core.features.table import FeatureChoice, choose
+from webapp.core.retrieval import photo_vectors
+from webapp.core.retrieval.engines.segment import Segment
+from webapp.core.retrieval.photo_vectors import Basis
+from webapp.errors import IndexDamaged
+from webapp.files.localize.features import read_segment
+from webapp.files.localize.index_store import IndexFolder
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.database import Writes
+from webapp.store.library import Library
+from webapp.store.maps import photo_vectors as stored
+from webapp.store.maps.photo_vectors import StoredBasis
+from webapp.store.operate import jobs
+from webapp.store.schema import MapRecord
+from webapp.tasks.localize.index_location import index_bases, index_folder
+
+JOB = "describe-library"
+GROWTH = 4
+"""A basis is trained anew when there are so many times as many photos."""
+
+SAMPLE_PHOTOS = 1000
+"""A basis is trained on at most so many photos."""
+
+_SAVED_EVERY_S = 20.0
+
+_log = logging.getLogger(__name__)
+
+
+def features() -> FeatureChoice:
+    """Return the features that vectors are made of: those that need no model."""
+    return choose("vote", detector="sift", extractor="sift")
+
+
+def describe_map(
+    library: Library, map_id: int, *, settings: Settings, writes: Writes, progress: Progress
+) -> None:
+    """Describe the photos of a map's index that are new; have a basis trained where that is due.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    with library.database.read() as session:
+        record = session.get(MapRecord, map_id)
+        there = stored.bases(session)
+    if record is None:
+        return
+    for basis in there:
+        _describe(library, record, basis=basis, settings=settings, writes=writes, progress=progress)
+    with library.database.read() as session:
+        due = _is_outgrown(session, there)
+    if due:
+        with writes() as session:
+            jobs.enqueue(session, JOB)
+
+
+def renew_basis(library: Library, *, settings: Settings, writes: Writes, progress: Progress) -> int:
+    """Train a basis and describe the photos of all maps with it; searches use it when all are described.
+
+    What an interrupted run has described is kept.
+
+    Returns
+    -------
+    int
+        Photos that are described now.
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    with library.database.read() as session:
+        there = stored.bases(session)
+        if not any(not b.ready for b in there) and not _is_outgrown(session, there):
+            return _described(session, there)
+        in_use = MapRecord.binned_at.is_(None)
+        records = session.scalars(select(MapRecord).where(in_use).order_by(MapRecord.id)).all()
+    new = next((b for b in there if not b.ready), None)
+    if new is None:
+        basis, photos = _train(library, records, settings=settings, progress=progress)
+        if basis is None:
+            return 0
+        with writes() as session:
+            new = StoredBasis(stored.add_basis(session, basis, photos=photos), photos, False, basis)
+    progress.size(len(records))
+    for record in records:
+        progress.note(record.name)
+        _describe(library, record, basis=new, settings=settings, writes=writes, progress=progress)
+        progress.advance()
+    with writes() as session:
+        stored.use_basis(session, new.id)
+        return stored.described_photos(session, basis_id=new.id)
+
+
+def _is_outgrown(session: Session, there: list[StoredBasis]) -> bool:
+    ready = [b for b in there if b.ready]
+    return not ready or _described(session, ready) >= GROWTH * ready[-1].photos
+
+
+def _described(session: Session, there: list[StoredBasis]) -> int:
+    return stored.described_photos(session, basis_id=there[-1].id) if there else 0
+
+
+def _describe(
+    library: Library,
+    record: MapRecord,
+    *,
+    basis: StoredBasis,
+    settings: Settings,
+    writes: Writes,
+    progress: Progress,
+) -> None:
+    """Bring the vectors of a map's photos up to date."""
+    with library.database.read() as session:
+        before = stored.vectors(session, record.id, basis_id=basis.id)
+    known: dict[str, NDArray[np.float16]] = {}
+    saved = time.monotonic()
+    try:
+        for content, segment, number in indexed_photos(library.cfg(record.slug), settings=settings):
+            progress.check()
+            if content in before:
+                known[content] = before[content]
+                continue
+            descriptors = np.asarray(segment.entry(number).features.descriptors)
+            known[content] = photo_vectors.vector(basis.basis, descriptors).astype(np.float16)
+            if time.monotonic() > saved + _SAVED_EVERY_S:
+                _keep(writes, record, basis=basis, vectors={**before, **known})
+                saved = time.monotonic()
+    except IndexDamaged as error:
+        _log.warning("photos of the map %s are not described for searches: %s", record.slug, error)
+        return
+    if known.keys() != before.keys():
+        _keep(writes, record, basis=basis, vectors=known)
+
+
+def _keep(
+    writes: Writes, record: MapRecord, *, basis: StoredBasis, vectors: dict[str, NDArray[np.float16]]
+) -> None:
+    with writes() as session:
+        stored.keep_vectors(session, record.id, basis_id=basis.id, vectors=vectors)
+
+
+def _train(
+    library: Library, records: Sequence[MapRecord], *, settings: Settings, progress: Progress
+) -> tuple[Basis | None, int]:
+    """Train a basis on photos from everywhere; returns it and the number of photos there are."""
+    progress.note("learning what photos have in common")
+    everywhere: dict[str, tuple[Segment, int]] = {}
+    for record in records:
+        progress.check()
+        try:
+            for content, segment, number in indexed_photos(library.cfg(record.slug), settings=settings):
+                everywhere.setdefault(content, (segment, number))
+        except IndexDamaged as error:
+            _log.warning("the index of the map %s is left out: %s", record.slug, error)
+    # Those of their hashes come from everywhere.
+    chosen = [everywhere[content] for content in sorted(everywhere)[:SAMPLE_PHOTOS]]
+    if not chosen:
+        return None, 0
+    photos = [np.asarray(segment.entry(number).features.descriptors) for segment, number in chosen]
+    return photo_vectors.train(photos), len(everywhere)
+
+
+def indexed_photos(
+    cfg: Path, *, settings: Settings, index: Path | None = None
+) -> Iterator[tuple[str, Segment, int]]:
+    """Go through the photos with descriptors of a map's index: content, segment, and number in that.
+
+    Parameters
+    ----------
+    index : Path, optional
+        Where indexes are, instead of next to the map.
+
+    Raises
+    ------
+    IndexDamaged
+    """
+    folder = _index(cfg, settings=settings, chosen=index)
+    manifest = None if folder is None else folder.read_manifest()
+    if folder is None or manifest is None:
+        return
+    wanted = {photo.content for photo in manifest.photos.values()}
+    for record in manifest.segments:
+        segment = read_segment(folder.segment_path(record.name))
+        for number, content in enumerate(segment.content):
+            if content in wanted and segment.first[number] < segment.first[number + 1]:
+                yield content, segment, number
+
+
+def _index(cfg: Path, *, settings: Settings, chosen: Path | None) -> IndexFolder | None:
+    folders = (index_folder(b, features(), extract=settings.extract) for b in index_bases(cfg, chosen))
+    return next((IndexFolder(f) for f in folders if (f / "manifest.json").is_file()), None)
