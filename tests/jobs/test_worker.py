@@ -1,10 +1,13 @@
 """The worker does jobs, says how they ended, and loses none when it is stopped or killed."""
 
 import logging
+import os
 import signal
+from dataclasses import replace
 
 import pytest
 
+from webapp.errors import DatabaseUnavailable
 from webapp.jobs.worker import Worker
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits
@@ -117,6 +120,32 @@ def test_stopped_in_a_long_step_it_ends_all_the_same(library, start, queue, seen
     worker.send_signal(signal.SIGINT)
     assert worker.wait(60) == 0
     assert seen(id)["state"] == "queued"
+
+
+def test_stopped_in_a_long_step_without_a_database_it_ends_all_the_same(
+    library, settings, duties, queue, monkeypatch
+):
+    def ended(code):
+        raise SystemExit(code)
+
+    def away(**_):
+        raise DatabaseUnavailable("the database server cannot be reached", wait_s=1)
+
+    monkeypatch.setattr(os, "_exit", ended)
+    queue("stubborn", arguments={"seconds": 2})
+    worker = Worker(library, replace(settings, jobs=replace(settings.jobs, stop_s=0.0)), duties=duties)
+
+    def stop_when_begun():
+        begun = (library.inner / "begun").exists()
+        if begun:
+            monkeypatch.setattr(library.database, "write", away)
+            worker.stop()
+        return begun
+
+    monkeypatch.setattr(worker, "_stops", stop_when_begun)
+    with pytest.raises(SystemExit) as left:
+        worker.run()
+    assert left.value.code == 0
 
 
 def test_who_is_stopped_for_long_keeps_nothing_of_what_it_does_then(

@@ -165,7 +165,10 @@ class _Start:
             self._sample = None
             if session.scalars(select(MapRecord.id).limit(1)).first() is None:
                 _log.info("getting the sample map ready, which can take half a minute")
-                self._sample = jobs.enqueue(session, "sample", account_id=owner.id).id
+                sample = jobs.newest(session, None, kind="sample", key="")
+                if sample is None or sample.state in ENDED:  # else another machine makes it
+                    sample = jobs.enqueue(session, "sample", account_id=owner.id)
+                self._sample = sample.id
 
     def look(self, web: Child, *, echo: Callable[[str], None]) -> None:
         """Report once that the server answers.

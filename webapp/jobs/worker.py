@@ -144,6 +144,9 @@ class Worker:
         while not self._ended.wait(self._settings.jobs.export_s if written else _EXPORT_PAUSE_S):
             try:
                 written = export_late_maps(self._library)
+            except DatabaseUnavailable as error:
+                _log.warning("the maps' files could not be brought up to date: %s", error)
+                written = False
             except Exception:  # noqa: BLE001 - the thread must outlive an error in one export
                 _log.exception("the maps' files could not be brought up to date")
                 written = False
@@ -193,8 +196,11 @@ class Worker:
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""
         _log.warning("job %d does not stop in time, and is left as it is", lease.job_id)
-        with self._library.database.write() as session:
-            jobs.give_back(session, lease)
+        try:
+            with self._library.database.write() as session:
+                jobs.give_back(session, lease)
+        except StorageError as error:
+            _log.warning("job %d waits until its lease ends: %s", lease.job_id, error)
         os._exit(0)
 
     def _end(self, job: Job, context: Context, work: Work) -> str:

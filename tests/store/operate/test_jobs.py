@@ -19,7 +19,6 @@ ERROR = {"message": "no", "where": None, "hint": None}
 def at(monkeypatch):
     """Set the clock of the jobs; gives a function that lets seconds pass."""
     time = [clock.now()]
-    monkeypatch.setattr(jobs, "now", lambda: time[0])
     monkeypatch.setattr(jobs, "moment", lambda _: time[0])
 
     def later(seconds):

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
-from webapp.store.clock import now
+from webapp.store.database import moment
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Account, Job, MapRecord
 
@@ -26,7 +26,7 @@ def recent(session: Session, *, map_ids: Collection[int], account: Account, limi
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
     shown = (
         or_(Job.map_id.in_(map_ids), theirs),
-        or_(Job.state.not_in(ENDED), Job.ended_at > now() - _RECENT),
+        or_(Job.state.not_in(ENDED), Job.ended_at > moment(session) - _RECENT),
     )
     found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
     return list(session.scalars(found))
@@ -55,9 +55,10 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
         the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
-    at = now()
-    left = seconds_left(job, at=at)
-    seconds = None if job.started_at is None else ((job.ended_at or at) - job.started_at).total_seconds()
+    left = seconds = None
+    if job.started_at is not None:
+        at = job.ended_at or moment(session)
+        left, seconds = seconds_left(job, at=at), (at - job.started_at).total_seconds()
     return {
         "id": job.id,
         "kind": job.kind,

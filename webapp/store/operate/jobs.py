@@ -19,7 +19,6 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
 from webapp.errors import Conflict, NotFound
-from webapp.store.clock import now
 from webapp.store.database import moment
 from webapp.store.schema import Job, MapRecord
 
@@ -126,12 +125,12 @@ def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -
 
 def current(session: Session, map_id: int) -> list[Job]:
     """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
-    recent = or_(Job.state.not_in(ENDED), Job.ended_at > now() - _SHOWN)
+    recent = or_(Job.state.not_in(ENDED), Job.ended_at > moment(session) - _SHOWN)
     return list(session.scalars(select(Job).where(Job.map_id == map_id, recent).order_by(Job.id)))
 
 
-def newest(session: Session, map_id: int, *, kind: str, key: str) -> Job | None:
-    """Find the last job of a kind that was queued for a map under a key."""
+def newest(session: Session, map_id: int | None, *, kind: str, key: str) -> Job | None:
+    """Find the last job of a kind that was queued under a key for a map, or for none."""
     wanted = select(Job).where(Job.map_id == map_id, Job.kind == kind, Job.key == key)
     return session.scalar(wanted.order_by(Job.id.desc()).limit(1))
 
@@ -139,7 +138,7 @@ def newest(session: Session, map_id: int, *, kind: str, key: str) -> Job | None:
 def cancel(session: Session, job: Job) -> None:
     """Cancel a job that waits; ask who works on it to stop; leave one that has ended as it is."""
     if job.state == "queued":
-        _end(job, "cancelled")
+        _end(session, job, "cancelled")
     elif job.state == "running":
         job.cancel_wanted = True
 
@@ -197,9 +196,9 @@ def lease(
         if _is_held(job, is_gone, at=at):
             continue
         if job.cancel_wanted:
-            _end(job, "cancelled")
+            _end(session, job, "cancelled")
         elif _is_hopeless(job, limits):
-            _end(job, "failed", error=_died(job))
+            _end(session, job, "failed", error=_died(job))
         else:
             return _given(job, who, at=at, limits=limits)
     waiting = session.scalars(_next_waiting().with_for_update(of=Job, skip_locked=True)).first()
@@ -248,7 +247,7 @@ def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = 
     job = _held(session, held)
     if job is not None:
         job.result = None if result is None else dict(result)
-        _end(job, "done")
+        _end(session, job, "done")
     return job is not None
 
 
@@ -256,7 +255,7 @@ def fail(session: Session, held: Lease, *, error: Mapping[str, str | None]) -> b
     """End a job as failed, with `message`, `where` and `hint`; False when the lease is lost."""
     job = _held(session, held)
     if job is not None:
-        _end(job, "failed", error=dict(error))
+        _end(session, job, "failed", error=dict(error))
     return job is not None
 
 
@@ -264,7 +263,7 @@ def stop(session: Session, held: Lease) -> bool:
     """End a job as cancelled; False when the lease is lost."""
     job = _held(session, held)
     if job is not None:
-        _end(job, "cancelled")
+        _end(session, job, "cancelled")
     return job is not None
 
 
@@ -275,7 +274,7 @@ def give_back(session: Session, held: Lease) -> bool:
         return False
     job.attempts -= 1  # nobody died on it
     if job.cancel_wanted or _waiting(session, job.kind, map_id=job.map_id, key=job.key) is not None:
-        _end(job, "cancelled")  # when one like it waits already, that one does the work
+        _end(session, job, "cancelled")  # when one like it waits already, that one does the work
     else:
         job.state, job.leased_by, job.leased_until = "queued", None, None
     return True
@@ -343,11 +342,11 @@ def _held(session: Session, held: Lease) -> Job | None:
     return job if job is not None and job.state == "running" and job.fence == held.fence else None
 
 
-def _end(job: Job, state: str, *, error: dict[str, Any] | None = None) -> None:
+def _end(session: Session, job: Job, state: str, *, error: dict[str, Any] | None = None) -> None:
     """End a job: all its steps are done exactly when the job is."""
     job.total = max(job.total, 1)
     job.done = job.total if state == "done" else min(job.done, job.total - 1)
-    job.state, job.error, job.ended_at = state, error, now()
+    job.state, job.error, job.ended_at = state, error, moment(session)
     job.leased_by = job.leased_until = None
 
 
