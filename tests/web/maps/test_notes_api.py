@@ -88,6 +88,12 @@ def test_what_cannot_be_noted_is_refused(client, url, fields, status):
     assert notes(client, url) == []
 
 
+def test_notes_have_french_spaces_and_joined_emoji(client, url):
+    text = "Attention\u00a0: fermé\u202f! \U0001f468\u200d\U0001f469\u200d\U0001f467"
+    assert write(client, url, title=text, text=text).status_code == 201
+    assert [(note["title"], note["text"]) for note in notes(client, url)] == [(text, text)]
+
+
 def test_a_note_that_is_gone_cannot_be_changed(client, url):
     wish = {"title": "Bench", "x_px": 20, "y_px": 30}
     assert client.put(f"{url}/notes/3", json=wish).status_code == 404
