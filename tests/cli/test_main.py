@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 import pytest
+from click.shell_completion import ShellComplete
 
 from webapp import errors
 from webapp.app import main as program
@@ -75,6 +76,12 @@ def test_it_runs_as_a_module(module, tmp_path):
     done = run("-m", module, "localize", "--quux", cwd=tmp_path, env=environment)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "expmap: No such option '--quux' (see expmap localize --help)\n"
+
+
+def test_a_shell_completes_options_also_after_a_mistyped_command():
+    complete = ShellComplete(program.root, {}, "expmap", "_EXPMAP_COMPLETE").get_completions
+    for command, option in (("localise", "--help"), ("localize", "--top")):
+        assert option in [item.value for item in complete([command], "--")]
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that is meant; for a name that is nearly one of them that is suggested."""
         near = difflib.get_close_matches(args[0], self._where, n=1)
-        if near and args[0] not in self._where:
+        if near and args[0] not in self._where and not ctx.resilient_parsing:
             ctx.fail(f"there is no command {args[0]!r}; did you mean {near[0]!r}?")
         return super().resolve_command(ctx, args)
 
