@@ -3,17 +3,22 @@
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from sqlalchemy.exc import DataError
 
-from webapp.errors import DatabaseUnavailable, MissingPart, StorageError, UsageError
-from webapp.store.database import Database
-from webapp.store.library import DATABASE, INNER, open_library
+from webapp.errors import DatabaseUnavailable, MissingPart, NotFound, StorageError, UsageError
+from webapp.store import clock
+from webapp.store import library as store_library
+from webapp.store.database import Database, announce, backend_of
+from webapp.store.library import DATABASE, INNER, migrate, open_library
 from webapp.store.maps import maps
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import Limits
 from webapp.store.schema import Account, Job, MapRecord
 
@@ -107,14 +112,70 @@ def test_a_waiting_job_does_not_begin_before_the_edit_that_needs_it_is_there(lib
         assert jobs.lease(session, "a", limits=LIMITS).id == waiting
 
 
-def test_leases_go_by_the_clock_of_the_server(library, parks, monkeypatch):
-    monkeypatch.setattr(jobs, "now", lambda: pytest.fail("machines' clocks differ"))
+def test_leases_go_by_the_clock_of_the_server(library, parks):
     with library.database.write() as session:
         jobs.enqueue(session, "index", map_id=parks[0])
         job = jobs.lease(session, "a", limits=LIMITS)
         left = session.execute(text("SELECT leased_until - clock_timestamp() AT TIME ZONE 'UTC' FROM job"))
         assert 5 < left.scalar_one().total_seconds() <= 10
         assert jobs.beat(session, jobs.Lease(job.id, job.fence), seconds=60, progress=(1, 2, "")) is not None
+
+
+def test_machines_whose_clocks_differ_agree_on_how_long_a_job_works(library, parks, monkeypatch):
+    for module in (jobs, job_views):
+        monkeypatch.setattr(module, "now", lambda: clock.now() - timedelta(hours=1), raising=False)
+    with library.database.write() as session:
+        jobs.enqueue(session, "index", map_id=parks[0])
+        job = jobs.lease(session, "a", limits=LIMITS)
+        assert 0 <= job_views.to_json(session, job)["seconds"] < 60
+        jobs.finish(session, jobs.Lease(job.id, job.fence))
+        assert 0 <= job_views.to_json(session, job)["seconds"] < 60
+
+
+def test_copying_rows_is_refused_in_words_too(library):
+    with pytest.raises(DatabaseUnavailable, match="read-only"), library.database.write() as session:
+        session.execute(text("SET TRANSACTION READ ONLY"))
+        backend_of(session).insert(session.connection(), "member", columns=["map_id"], rows=[[1]])
+
+
+def test_what_it_refuses_for_other_reasons_is_no_number_that_is_too_large(library):
+    with pytest.raises(DataError), library.database.write() as session:
+        session.add(Job(kind="index", arguments={"share": float("nan")}))
+    with pytest.raises(NotFound, match="too large"), library.database.read() as session:
+        session.get(Job, 2**31)
+
+
+def woken(watch):
+    """Wait until a change is announced."""
+    until = time.monotonic() + 60
+    while not watch.wait(0.5):
+        assert time.monotonic() < until
+    return True
+
+
+def test_who_watches_is_woken_by_what_is_kept(library, hasty):
+    with hasty.watch("a", look_s=0.0) as watch, hasty.watch("b", look_s=0.0) as other:
+        assert woken(watch) and woken(other)  # somebody listens now
+        with pytest.raises(KeyError), library.database.write() as session:
+            announce(session.connection(), "b")
+            raise KeyError
+        with library.database.write() as session:
+            announce(session.connection(), "a")
+        assert watch.wait(60)
+        assert not other.wait(0.0)
+
+
+def test_who_watches_is_woken_also_after_a_lost_connection(library, hasty):
+    others = text("SELECT pid FROM pg_stat_activity WHERE pid <> pg_backend_pid() AND query LIKE 'LISTEN%'")
+    with hasty.watch("a", look_s=0.0) as watch:
+        assert woken(watch)
+        with library.database.write() as session:
+            for pid in session.scalars(others).all():
+                session.execute(text(f"SELECT pg_terminate_backend({pid})"))
+        for _ in range(3):  # by the loss, by the next connection, and by what is announced
+            with library.database.write() as session:
+                announce(session.connection(), "a")
+            assert woken(watch)
 
 
 def test_a_server_that_is_killed_loses_nothing_acknowledged_and_is_found_again(library, parks, postgresql):
@@ -168,6 +229,24 @@ def test_folder_and_database_must_be_of_one_library(library, database_url, postg
         open_library(tmp_path / "lite", url=empty)
     for _ in range(2):
         open_library(tmp_path / "new", url=empty).database.close()
+    postgresql.drop(empty)
+    (tmp_path / "new" / "park").mkdir()
+    empty = postgresql.new_database(empty=True)
+    with pytest.raises(StorageError, match="not that of the library in the database"):
+        open_library(tmp_path / "new", url=empty)
+    postgresql.drop(empty)
+
+
+def test_who_is_killed_at_the_first_start_can_start_again(postgresql, tmp_path, monkeypatch):
+    def killed(database):
+        migrate(database)
+        raise KeyboardInterrupt
+
+    empty = postgresql.new_database(empty=True)
+    with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
+        context.setattr(store_library, "migrate", killed)
+        open_library(tmp_path / "library", url=empty)
+    open_library(tmp_path / "library", url=empty).database.close()
     postgresql.drop(empty)
 
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
 
-from sqlalchemy import make_url
-from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, NoResultFound
+from sqlalchemy import Connection, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoResultFound
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from webapp.errors import DatabaseUnavailable, NotFound, UsageError
-from webapp.store.backends.backend import ALONE, TOGETHER, TURN, Backend
+from webapp.store.backends.backend import ALONE, TOGETHER, TURN, Backend, too_large
 from webapp.store.backends.postgresql import Postgresql
 from webapp.store.backends.sqlite import Sqlite
+from webapp.store.backends.watching import Polling, Watch
 
 Writes = Callable[[], AbstractContextManager[Session]]
 """Opens a session that writes: `Database.write`, or that of a job that holds its lease."""
@@ -59,6 +60,7 @@ class Database:
         self._alone = self.engine.execution_options(**{TURN: ALONE})
         self._together = self.engine.execution_options(**{TURN: TOGETHER})
         self._turn = self.backend.turn()
+        self._listener = self.backend.listener(self.engine)
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -99,8 +101,22 @@ class Database:
             yield session
             session.commit()
 
+    def watch(self, topic: str, *, look_s: float) -> AbstractContextManager[Watch]:
+        """Watch a topic for changes, in the block; see `announce`.
+
+        Parameters
+        ----------
+        look_s : float
+            Seconds between two looks, at least; those of a database that announces nothing.
+        """
+        if self._listener is None:
+            return nullcontext(Polling(look_s))
+        return self._listener.watch(topic, look_s=look_s)
+
     def close(self) -> None:
         """Let go of all connections."""
+        if self._listener is not None:
+            self._listener.close()
         self.engine.dispose()
 
     @contextmanager
@@ -116,11 +132,8 @@ class Database:
         """
         try:
             yield
-        except (OverflowError, DataError) as error:
-            if "NUL" in str(getattr(error, "orig", "")):
-                raise UsageError("a text has a character that cannot be stored", hint="remove it") from error
-            # Clients send ids of any size; one that no column can hold is one that nothing has.
-            raise NotFound("the number is too large", hint="check the address") from error
+        except OverflowError as error:
+            raise too_large() from error
         except NoResultFound as error:
             # What an earlier session has found: its map was deleted, or its account, before this one began.
             raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
@@ -143,6 +156,11 @@ def backend_of(session: Session) -> Backend:
 def moment(session: Session) -> datetime:
     """Return the time by the one clock that all who use the database share."""
     return backend_of(session).moment(session)
+
+
+def announce(connection: Connection, topic: str) -> None:
+    """Wake who watches a topic on any machine, once the transaction is kept."""
+    _BACKENDS[connection.dialect.name].announce(connection, topic)
 
 
 def _url_hint() -> str:

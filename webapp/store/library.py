@@ -145,12 +145,16 @@ def _check_not_emptied(library: Library) -> None:
     """Refuse to make new tables next to maps, where a database was cut to nothing, as by a full disk."""
     file = library.inner / DATABASE
     emptied = file.exists() and file.stat().st_size == 0
-    if emptied and any(path.is_dir() and path.name != INNER for path in library.folder.iterdir()):
+    if emptied and _has_maps(library):
         raise StorageError(
             "the database is empty, but the folder has maps",
             where=str(file),
             hint="restore a backup (expmap restore), or delete the file to begin a new library here",
         )
+
+
+def _has_maps(library: Library) -> bool:
+    return any(path.is_dir() and path.name != INNER for path in library.folder.iterdir())
 
 
 def _check_not_elsewhere(library: Library) -> None:
@@ -173,23 +177,32 @@ def _open_on_server(library: Library) -> None:
             where=str(library.folder),
             hint="begin in another folder, or unset EXPMAP_DATABASE",
         )
-    is_new = not marker.is_file()
-    others = [path.name for path in library.folder.iterdir() if path.is_dir() and path.name != INNER]
-    if is_new and (others or has_tables(library.database)):
+    is_new, is_empty = not marker.is_file(), not has_tables(library.database)
+    if _has_maps(library) if is_empty else is_new:
         raise StorageError(
             "this folder is not that of the library in the database",
             where=str(library.folder),
             hint="is it mounted? All machines need the same one; a new library needs an empty folder and an "
             "empty database",
         )
-    migrate(library.database)
-    if is_new:
+    if is_new:  # before the tables: killed in between, the next start makes them
         marker.write_text(f"{library.database.name}\n", "utf-8")
+    migrate(library.database)
 
 
 def has_tables(database: Database) -> bool:
-    """Return whether a library was begun in a database."""
-    with database.translated_errors(), database.engine.connect() as connection:
+    """Return whether a library was begun in a database.
+
+    Raises
+    ------
+    StorageError
+        The database cannot hold one, or cannot be reached.
+    """
+    with (
+        database.translated_errors(),
+        database.engine.connect() as connection,
+        database.backend.migration(connection),
+    ):
         return MigrationContext.configure(connection).get_current_revision() is not None
 
 

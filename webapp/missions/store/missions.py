@@ -10,12 +10,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sqlalchemy import Select, and_, func, or_, select
+from sqlalchemy import Connection, Select, and_, event, func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.store.clock import now
+from webapp.store.database import announce
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES, Role
@@ -161,6 +162,17 @@ def _going(session: Session) -> set[int]:
     """List the missions that are being deleted."""
     wanted = select(Job.key).where(Job.kind == DELETE_JOB, Job.state.not_in(jobs.ENDED))
     return {int(key) for key in session.scalars(wanted)}
+
+
+def topic_of(mission_id: int) -> str:
+    """Name what is announced when a mission changes, or is deleted."""
+    return f"mission {mission_id}"
+
+
+@event.listens_for(Mission, "after_update")
+@event.listens_for(Mission, "after_delete")
+def _announce(_mapper: object, connection: Connection, mission: Mission) -> None:
+    announce(connection, topic_of(mission.id))
 
 
 def count_change(mission: Mission) -> None:

@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,17 @@ from apiflask.validators import Length
 from flask import Response, request
 from sqlalchemy.orm import Session
 
+from webapp.errors import DatabaseUnavailable
 from webapp.missions.store import missions, tracks
 from webapp.missions.store import objects as mission_objects
+from webapp.missions.store.missions import topic_of
 from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks.track_display import table_of
 from webapp.missions.web.api_objects import object_json
 from webapp.missions.web.api_tracks import points_json
 from webapp.missions.web.context import open_mission
 from webapp.missions.web.state import cursor, read_cursor, track_json
+from webapp.store.backends.watching import Watch
 from webapp.store.database import Database
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
@@ -90,6 +94,10 @@ class _Follower:
         self._database = database
         self._mission_id = mission_id
         self._known = known
+
+    def watch(self, *, look_s: float) -> AbstractContextManager[Watch]:
+        """Watch the mission for changes."""
+        return self._database.watch(topic_of(self._mission_id), look_s=look_s)
 
     @property
     def _revision(self) -> int | None:
@@ -168,16 +176,21 @@ def _stream(follower: _Follower, *, seconds: float, look_s: float) -> Iterator[s
     yield f"retry: {_RETRY_MS}\n\n"
     end = time.monotonic() + seconds
     alive = time.monotonic()
-    while True:
-        text = follower.next()
-        if text is None:
-            return
-        if text or time.monotonic() - alive > _ALIVE_S:
-            alive = time.monotonic()
-            yield text or ":\n\n"  # a comment: whoever has gone away is noticed
-        if time.monotonic() + look_s > end:
-            return
-        time.sleep(look_s)
+    with follower.watch(look_s=look_s) as watch:
+        while True:
+            try:
+                text = follower.next()
+            except DatabaseUnavailable:  # the browser comes back, and is answered so
+                return
+            if text is None:
+                return
+            if text or time.monotonic() - alive >= _ALIVE_S:
+                alive = time.monotonic()
+                yield text or ":\n\n"  # a comment: whoever has gone away is noticed
+            left = end - time.monotonic()
+            if left < look_s:
+                return
+            watch.wait(min(left, _ALIVE_S))
 
 
 def _once(run: Callable[[], None]) -> Callable[[], None]:

@@ -12,7 +12,8 @@ from sqlalchemy import URL, Connection, Engine
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
-from webapp.errors import ExpMapError
+from webapp.errors import ExpMapError, NotFound
+from webapp.store.backends.watching import Listener
 
 WAIT_S = 30
 """How long a writer waits for the others."""
@@ -77,7 +78,20 @@ class Backend(ABC):
         """
 
     @abstractmethod
+    def announce(self, connection: Connection, topic: str) -> None:
+        """Wake who watches a topic, once the transaction is kept."""
+
+    @abstractmethod
+    def listener(self, engine: Engine) -> Listener | None:
+        """Make what hears announcements; None for a database that has none, where one has to look."""
+
+    @abstractmethod
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
         """Insert many rows of plain numbers, in the driver's own way."""
+
+
+def too_large() -> NotFound:
+    """Make the error for an id that no column can hold, and that therefore nothing has: clients send any."""
+    return NotFound("the number is too large", hint="check the address")

@@ -11,12 +11,13 @@ from datetime import UTC, datetime
 from typing import Any, ClassVar
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, text
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DataError, DBAPIError
 from sqlalchemy.orm import Session
 
-from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError
+from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError, UsageError
 from webapp.extras import extra
-from webapp.store.backends.backend import ALONE, TURN, WAIT_S, Backend
+from webapp.store.backends.backend import ALONE, TURN, WAIT_S, Backend, too_large
+from webapp.store.backends.watching import CHANNEL, Listener
 
 _log = logging.getLogger(__name__)
 
@@ -72,6 +73,7 @@ _SQLSTATES: Mapping[str, DatabaseUnavailable] = {
 }
 """What passes, by its code in PostgreSQL."""
 
+_TOO_LARGE = "22003"
 _DAMAGED = ("XX001", "XX002")
 _FULL = "53100"
 _PASSING = ("08", "53", "57")
@@ -129,6 +131,10 @@ class Postgresql(Backend):
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
         """Say in words what the server refused, or that it is not there."""
         code = getattr(error.orig, "sqlstate", None) or ""
+        if code == _TOO_LARGE:
+            return too_large()
+        if isinstance(error, DataError) and "NUL" in str(error.orig):
+            return UsageError("a text has a character that cannot be stored", hint="remove it")
         if code == _FULL:
             return DiskFull(
                 "the database is full: nothing was changed", where=where, hint="free some space on the disk"
@@ -164,15 +170,37 @@ class Postgresql(Backend):
                 raise
             raise TimeoutError from error
 
+    def announce(self, connection: Connection, topic: str) -> None:
+        """Notify who listens."""
+        connection.execute(text("SELECT pg_notify(:channel, :topic)"), {"channel": CHANNEL, "topic": topic})
+
+    def listener(self, engine: Engine) -> Listener:
+        """Make what listens, on a connection of its own."""
+
+        def connect() -> Any:
+            connection = engine.raw_connection()
+            driver: Any = connection.driver_connection
+            connection.detach()  # from the pool
+            driver.autocommit = True
+            return driver
+
+        return Listener(connect, error=engine.dialect.loaded_dbapi.Error)
+
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
         """Copy rows, the fastest way in."""
         driver: Any = connection.connection.driver_connection
+        dialect = connection.dialect
         statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN"
-        with driver.cursor() as cursor, cursor.copy(statement) as copy:
-            for row in rows:
-                copy.write_row(row)
+        try:
+            with driver.cursor() as cursor, cursor.copy(statement) as copy:
+                for row in rows:
+                    copy.write_row(row)
+        except dialect.loaded_dbapi.Error as error:  # of the driver itself, as SQLAlchemy raises others
+            raise DBAPIError.instance(
+                statement, None, error, dialect.loaded_dbapi.Error, dialect=dialect
+            ) from error
 
 
 def _begin(connection: Connection) -> None:

@@ -79,6 +79,12 @@ class Sqlite(Backend):
         finally:
             driver.set_progress_handler(None, 0)
 
+    def announce(self, connection: Connection, topic: str) -> None:
+        """Do nothing."""
+
+    def listener(self, engine: Engine) -> None:
+        """Make nothing: looking costs little in a file of this machine."""
+
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:

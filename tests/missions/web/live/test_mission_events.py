@@ -6,9 +6,14 @@ import time
 
 import pytest
 
+from webapp.errors import DatabaseUnavailable
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Mission
 from webapp.missions.web import api_events
 from webapp.missions.web.state import cursor, read_cursor
 from webapp.settings import MissionSettings, Settings
+from webapp.store.backends.sqlite import Sqlite
+from webapp.store.database import Database
 
 CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
 
@@ -124,6 +129,28 @@ def test_a_mission_in_the_bin_ends_the_stream(client, mission):
     client.delete(f"/api/v1/missions/{mission}")
     assert list(stream) == []
     assert client.get(f"/api/v1/missions/{mission}/events").status_code == 404
+
+
+@pytest.mark.parametrize("stream_s", [120.0])
+def test_a_database_that_is_away_ends_the_stream(client, mission, monkeypatch):
+    def away():
+        raise DatabaseUnavailable("the database server cannot be reached", wait_s=1)
+
+    answer = client.get(f"/api/v1/missions/{mission}/events", buffered=False)
+    stream = iter(answer.response)
+    next(stream), next(stream)
+    monkeypatch.setattr(Database, "read", lambda _: away())
+    assert list(stream) == []
+
+
+def test_what_changes_a_mission_is_announced(library, mission, monkeypatch):
+    announced = []
+    monkeypatch.setattr(Sqlite, "announce", lambda _, connection, topic: announced.append(topic))
+    with library.database.write() as session:
+        missions.put_into_bin(session.get_one(Mission, mission))
+    with library.database.write() as session:
+        session.delete(session.get_one(Mission, mission))
+    assert announced == [missions.topic_of(mission)] * 2
 
 
 def test_nobody_else_follows(mission, new_account, sign_in):
