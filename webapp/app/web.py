@@ -45,7 +45,7 @@ from webapp.web.maps import (
 from webapp.web.maps import pages as maps_pages
 from webapp.web.satellite import api_georeference, api_places, api_satellite
 from webapp.web.satellite import pages as satellite_pages
-from webapp.web.sharing import api_shared, api_shares
+from webapp.web.sharing import api_shared, api_shared_cloud, api_shares
 from webapp.web.sharing import pages as sharing_pages
 from webapp.web.state import Parts
 
@@ -102,6 +102,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_satellite.blueprint,
     satellite_pages.blueprint,
     api_shared.blueprint,
+    api_shared_cloud.blueprint,
     api_shares.shares_api,
     api_shares.members_api,
     sharing_pages.blueprint,

@@ -367,3 +367,5 @@ class Share(ShareColumns, Base):
     """Whether original files, with their EXIF, are given out."""
     notes: Mapped[bool] = mapped_column(default=False)
     """Whether notes are shown."""
+    landmarks: Mapped[bool] = mapped_column(default=False)
+    """Whether the map is shown in 3D: landmarks and cameras."""

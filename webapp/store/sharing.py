@@ -35,12 +35,15 @@ class Allows:
         Original files, with their EXIF.
     notes : bool
         Notes on photos and on spots of the map; of a shared map only.
+    landmarks : bool
+        The map in 3D, landmarks and the cameras of its photos; of a shared map only.
     """
 
     photos: bool = False
     localize: bool = False
     originals: bool = False
     notes: bool = False
+    landmarks: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +95,7 @@ def change(share: Share, allows: Allows) -> None:
     share.localize = allows.localize and share.query_id is None
     share.originals = allows.originals
     share.notes = allows.notes and share.query_id is None
+    share.landmarks = allows.landmarks and share.query_id is None
 
 
 def list_shares(session: Session, record: MapRecord) -> list[Share]:

@@ -11,11 +11,16 @@ export function lengthText(length, unit) {
   return rounded.toLocaleString(locale, { minimumFractionDigits: digits });
 }
 
+/** Visitors may not learn the names of files. @param {{id: number, name: ?string}} camera */
+export function nameOf({ id, name }) {
+  return name ?? t("Photo {id}", { id });
+}
+
 /** Shows one photo at a time. */
 export class CameraCard {
   /**
    * @param {Object} page
-   * @param {string} page.slug
+   * @param {?string} page.slug null for a visitor, who cannot edit
    * @param {string} page.unit
    * @param {{step: function(number): void, look: function(): void, close: function(): void}} on
    */
@@ -30,22 +35,23 @@ export class CameraCard {
     this.box.hidden = !camera;
     if (!camera) return;
     const { slug, unit } = this.page;
+    const name = nameOf(camera);
     const button = (symbol, label, run) => h("button", { class: "icon-button", type: "button", "aria-label": label, title: label, onclick: run }, icon(symbol));
     const facts = [
-      camera.placed ? t("Placed") : t("In the tray"),
+      slug !== null && (camera.placed ? t("Placed") : t("In the tray")),
       t("{n} {unit} over the placed cameras", { n: lengthText(camera.at[2], unit), unit }),
     ];
     this.box.replaceChildren(...[
       h("div", { class: "lm-card__head" },
-        h("h2", { class: "lm-card__name" }, camera.name),
+        h("h2", { class: "lm-card__name" }, name),
         button("chevron-left", t("Previous photo"), () => this.on.step(-1)),
         button("chevron-right", t("Next photo"), () => this.on.step(1)),
         button("close", t("Close"), this.on.close)),
-      h("img", { class: "lm-card__photo", src: camera.preview, alt: camera.name }),
-      h("p", { class: "small soft" }, facts.join(" · ")),
+      camera.preview && h("img", { class: "lm-card__photo", src: camera.preview, alt: name }),
+      h("p", { class: "small soft" }, facts.filter(Boolean).join(" · ")),
       camera.source && h("p", { class: "small soft" }, creditLine(camera.source)),
       h("div", { class: "lm-card__actions" },
-        h("a", { class: "button button--primary", href: `/maps/${encodeURIComponent(slug)}/edit?photo=${camera.id}`, "data-testid": "open-in-editor" }, icon("pin"), t("Open in the editor")),
+        slug !== null && h("a", { class: "button button--primary", href: `/maps/${encodeURIComponent(slug)}/edit?photo=${camera.id}`, "data-testid": "open-in-editor" }, icon("pin"), t("Open in the editor")),
         h("button", { class: "button", type: "button", onclick: this.on.look }, icon("camera"), t("Look from here"))),
     ].filter(Boolean));
   }

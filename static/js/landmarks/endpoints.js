@@ -9,13 +9,27 @@ import { del, file, get, post, put } from "../shared/api.js";
 export function landmarksOf(slug) {
   const path = `/maps/${encodeURIComponent(slug)}/landmarks`;
   return {
-    show: () => get(path),
+    ...cloudAt(path),
     build: () => post(path, {}),
     points: () => get(`${path}/control-points`),
     keepPoint: (name, point) => put(`${path}/control-points/${encodeURIComponent(name)}`, point),
     removePoint: (name) => del(`${path}/control-points/${encodeURIComponent(name)}`),
     undo: () => post(`/maps/${encodeURIComponent(slug)}/undo`, {}),
     job: (id) => get(`/jobs/${id}`),
+  };
+}
+
+/**
+ * Addresses of one share.
+ * @param {string} token
+ */
+export function sharedLandmarks(token) {
+  return cloudAt(`/shared/${encodeURIComponent(token)}/landmarks`);
+}
+
+function cloudAt(path) {
+  return {
+    show: () => get(path),
     block: async (key, number) => (await file(`${path}/points/${key}/${number}`)).arrayBuffer(),
   };
 }

@@ -77,7 +77,8 @@ export class Frusta {
     this.object.add(this.chosen);
     if (camera.panorama) return;
     const at = corners(camera, 3 * this.depth);
-    const lines = new LineSegments(geometryOf(EDGES.flat().flatMap((end) => at[end].toArray())), new LineBasicMaterial({ color: this._chosenColour }));
+    this.chosen.add(new LineSegments(geometryOf(EDGES.flat().flatMap((end) => at[end].toArray())), new LineBasicMaterial({ color: this._chosenColour })));
+    if (!camera.preview) return;
     const sheet = new BufferGeometry();
     sheet.setAttribute("position", new BufferAttribute(new Float32Array(at.slice(1, 5).flatMap((one) => one.toArray())), 3));
     sheet.setAttribute("uv", new BufferAttribute(new Float32Array([0, 1, 1, 1, 1, 0, 0, 0]), 2));
@@ -85,7 +86,7 @@ export class Frusta {
     const texture = new TextureLoader().load(camera.preview, changed);
     texture.colorSpace = SRGBColorSpace;
     const picture = new MeshBasicMaterial({ map: texture, side: DoubleSide, transparent: true, opacity: 0.8, depthWrite: false });
-    this.chosen.add(new Mesh(sheet, picture), lines);
+    this.chosen.add(new Mesh(sheet, picture));
   }
 }
 

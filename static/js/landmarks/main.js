@@ -7,8 +7,8 @@ import { duration, locale, t, tn } from "../shared/i18n.js";
 import { roundLength } from "../shared/map/coords.js";
 import { mapCredit } from "../shared/photo-credit.js";
 import { toastError } from "../shared/toast.js";
-import { CameraCard, lengthText } from "./camera-card.js";
-import { landmarksOf } from "./endpoints.js";
+import { CameraCard, lengthText, nameOf } from "./camera-card.js";
+import { landmarksOf, sharedLandmarks } from "./endpoints.js";
 import { Frusta } from "./frusta.js";
 import { groundOf } from "./ground.js";
 import { rampGradient } from "./height-ramp.js";
@@ -19,7 +19,8 @@ import { Stage } from "./stage.js";
 const ASK_MS = 1000;
 const FRUSTUM = 0.012;
 const page = JSON.parse(byId("page").textContent);
-const server = landmarksOf(page.slug);
+const map = page.slug ? landmarksOf(page.slug) : null; // a visitor only looks
+const server = map ?? sharedLandmarks(page.token);
 const canvas = byId("scene", HTMLCanvasElement);
 const size = byId("point-size", HTMLInputElement);
 const seen = byId("least-seen", HTMLInputElement);
@@ -30,11 +31,13 @@ start().catch(toastError);
 
 async function start() {
   const cloud = await server.show();
-  const build = document.getElementById("build");
-  build?.addEventListener("click", () => busy(build, async () => follow((await server.build()).job)).catch(toastError));
-  document.getElementById("update")?.addEventListener("click", () => server.build().then(({ job }) => follow(job)).catch(toastError));
   if (cloud.key === null) byId("none").hidden = false;
   else show(cloud);
+  if (!map) return;
+  const build = document.getElementById("build");
+  build?.addEventListener("click", () => busy(build, async () => follow((await map.build()).job)).catch(toastError));
+  byId("update").addEventListener("click", () => map.build().then(({ job }) => follow(job)).catch(toastError));
+  showLeftOut(cloud);
   if (cloud.job !== null) follow(cloud.job);
 }
 
@@ -42,7 +45,7 @@ async function start() {
 async function follow(id) {
   byId("progress").hidden = false;
   for (;;) {
-    const job = document.hidden ? null : await server.job(id).catch(toastError);
+    const job = document.hidden ? null : await map.job(id).catch(toastError);
     if (job?.state === "done") return location.reload();
     if (job?.state === "failed" || job?.state === "cancelled") {
       byId("progress").hidden = true;
@@ -81,7 +84,7 @@ function show(cloud) {
   Object.assign(stage, { points: layer, frusta });
 
   let current = null;
-  const card = new CameraCard({ slug: page.slug, unit: cloud.unit }, {
+  const card = new CameraCard({ slug: page.slug ?? null, unit: cloud.unit }, {
     step: (by) => step(by),
     look: () => {
       setView("space");
@@ -193,17 +196,24 @@ function prepareTools(cloud, ground) {
   }
   byId("image-check").hidden = !ground;
   byId("credit").textContent = [page.satellite?.attribution, mapCredit(cloud.cameras)].filter(Boolean).join(" · ");
-  byId("frame").textContent = cloud.unit === "m"
-    ? t("Metres to the east, to the north and up; 0 is the height of the placed cameras.")
-    : t("Map pixels to the right, towards the top of the image and up; 0 is the height of the placed cameras.");
-  chooser.append(...cloud.cameras.map(({ id, name }) => h("option", { value: id }, name)));
+  const frame = document.getElementById("frame");
+  if (frame) {
+    frame.textContent = cloud.unit === "m"
+      ? t("Metres to the east, to the north and up; 0 is the height of the placed cameras.")
+      : t("Map pixels to the right, towards the top of the image and up; 0 is the height of the placed cameras.");
+  }
+  chooser.append(...cloud.cameras.map((camera) => h("option", { value: camera.id }, nameOf(camera))));
+  byId("legend-tray").hidden = cloud.cameras.every(({ placed }) => placed);
+}
+
+/** Say which photos are not in the view, to people of the map. */
+function showLeftOut(cloud) {
   byId("new-photos").hidden = !cloud.new_photos || !page.can_edit;
   byId("new-photos-words").textContent = tn("{n} photo was added since.", "{n} photos were added since.", cloud.new_photos);
   const out = cloud.left_out.reduce((sum, { photos }) => sum + photos.length, 0);
   byId("left-out").hidden = !out;
   byId("left-out-words").textContent = tn("{n} photo is joined, but not on the map", "{n} photos are joined, but not on the map", out);
   byId("left-out-reasons").replaceChildren(...cloud.left_out.map(({ photos, reason }) => h("li", {}, `${photos.length}: ${reason}`)));
-  byId("legend-tray").hidden = cloud.cameras.every(({ placed }) => placed);
 }
 
 function scaleBar(stage, cloud) {

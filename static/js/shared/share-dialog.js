@@ -8,10 +8,10 @@ import { t } from "./i18n.js";
 
 /**
  * Ask how to share, and show the new address.
- * @param {{slug: string, query?: ?number, made?: function(Object): void}} what `query` is the id of an answer;
- *   `made` hears of the new share
+ * @param {{slug: string, query?: ?number, in3d?: boolean, made?: function(Object): void}} what `query` is the id of an
+ *   answer; `in3d` whether the map has landmarks; `made` hears of the new share
  */
-export function shareDialog({ slug, query = null, made = () => {} }) {
+export function shareDialog({ slug, query = null, in3d = false, made = () => {} }) {
   const ways = h(
     "fieldset",
     { class: "share-ways" },
@@ -19,7 +19,7 @@ export function shareDialog({ slug, query = null, made = () => {} }) {
     way("secret", t("Anyone with the link"), t("Not listed anywhere; you can revoke it at any time."), true),
     way("public", t("Everyone"), t("Also listed under public maps; nobody has to sign in.")),
   );
-  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What is shared")), ...allowed(query));
+  const allows = h("fieldset", { class: "share-ways" }, h("legend", { class: "visually-hidden" }, t("What is shared")), ...allowed({ query, in3d }));
   const error = errorLine();
   const send = h("button", { class: "button button--primary", type: "button" }, icon("link"), t("Create the link"));
   const body = [ways, allows, error];
@@ -58,17 +58,21 @@ function onlyHere() {
 
 /**
  * What a share of a map, or of an answer, can give.
- * @param {?number} query
+ * @param {{query: ?number, in3d: boolean}} what as for `shareDialog`
  * @param {Object<string, boolean>} [given] what it gives already
  */
-export function allowed(query, given = { photos: true }) {
-  const box = (name, label, hint) =>
+export function allowed({ query, in3d }, given = { photos: true }) {
+  const box = (name, label, hint, disabled = false) =>
     h("label", { class: "check share-way" },
-      h("input", { type: "checkbox", name, checked: given[name] }),
+      h("input", { type: "checkbox", name, checked: given[name], disabled }),
       h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
+  const in3dBox = () => (in3d || given.landmarks
+    ? box("landmarks", t("The map in 3D"), t("Points in the colours of the photos, and where the placed photos were taken."))
+    : box("landmarks", t("The map in 3D"), t("This map has no landmarks yet: compute them on its page 3D."), true));
   return [
     box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
     query === null && box("notes", t("Notes on photos and on the map")),
+    query === null && in3dBox(),
     query === null && box("localize", t("Visitors can localize their own photos")),
     box("originals", t("Originals"), t("With names, times, GPS and everything else that a camera writes into them.")),
   ].filter(Boolean);

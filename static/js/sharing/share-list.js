@@ -9,9 +9,10 @@ import { toastError } from "../shared/toast.js";
 
 const list = document.getElementById("shares");
 const { slug } = list.dataset;
+const in3d = "in3d" in list.dataset;
 const base = `/maps/${encodeURIComponent(slug)}/shares`;
 
-document.getElementById("share-new").addEventListener("click", () => shareDialog({ slug, made: show }));
+document.getElementById("share-new").addEventListener("click", () => shareDialog({ slug, in3d, made: show }));
 show();
 
 async function show() {
@@ -41,6 +42,7 @@ function gives(share) {
     share.photos && t("pictures"),
     share.localize && t("visitors can localize"),
     share.notes && t("notes"),
+    share.landmarks && t("in 3D"),
     share.originals && t("originals"),
   ].filter(Boolean);
 }
@@ -50,7 +52,7 @@ function button(symbol, label, run) {
 }
 
 function change(share) {
-  const boxes = h("div", { class: "share-ways" }, ...allowed(share.query, share));
+  const boxes = h("div", { class: "share-ways" }, ...allowed({ query: share.query, in3d }, share));
   const error = errorLine();
   const save = h("button", { class: "button button--primary", type: "button" }, t("Save"));
   const dialog = openDialog(t("What is shared"), [boxes, error], { actions: [save] });

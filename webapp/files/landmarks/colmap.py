@@ -116,7 +116,7 @@ def as_model(reconstruction: Any) -> Model:
 
 
 def export_model(
-    source: Path, out: Path, *, names: Mapping[str, str], binary: bool = False
+    source: Path, out: Path, *, names: Mapping[str, str], binary: bool = False, only_named: bool = False
 ) -> tuple[int, int]:
     """Write a model for other programs: COLMAP's text or binary files, and its points as PLY.
 
@@ -128,6 +128,8 @@ def export_model(
         Folder; is made when missing.
     names : mapping of str to str
         What the photos are called instead.
+    only_named : bool
+        Whether photos without such a name are left out, with what they alone show.
 
     Returns
     -------
@@ -143,6 +145,10 @@ def export_model(
         raise IndexDamaged(
             "a model cannot be read", where=source.name, hint="if it is being computed, try again later"
         ) from error
+    if only_named:
+        kept = {image.frame_id for image in model.images.values() if image.name in names}
+        for frame in set(model.reg_frame_ids()) - kept:
+            model.deregister_frame(frame)
     for image in model.images.values():
         image.name = names.get(image.name, image.name)
     try:

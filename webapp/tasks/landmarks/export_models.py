@@ -27,7 +27,7 @@ def names_of_photos(found: Reconstruction) -> dict[str, str]:
 
 
 def export_models(
-    folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False
+    folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False, only_named: bool = False
 ) -> list[ExportedModel]:
     """Write every model of a reconstruction into a folder of its own, first that which is on the map.
 
@@ -39,6 +39,8 @@ def export_models(
         What the photos are called, by the SHA-256 of their files.
     binary : bool
         Whether in COLMAP's binary format; else as text.
+    only_named : bool
+        Whether photos without a name are left out, with what they alone show.
 
     Raises
     ------
@@ -51,5 +53,6 @@ def export_models(
     exported = []
     for number, source in enumerate(sources):
         target = out / str(number)
-        exported.append(ExportedModel(target, *export_model(source, target, names=names, binary=binary)))
+        counts = export_model(source, target, names=names, binary=binary, only_named=only_named)
+        exported.append(ExportedModel(target, *counts))
     return exported

@@ -142,7 +142,7 @@ def _answer(record: MapRecord) -> dict[str, Any]:
     shown = shown_cloud(library(), record)
     if not shown.is_current:
         with suppress(StorageError):  # a full disk: what is there is shown all the same
-            queue_landmarks(record, only_lay=True)
+            queue_landmarks(record, only_lay=True, account_id=account().id)
     with library().database.read() as session:
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
         names = {photo.path: photo.name for photo in photos}

@@ -8,21 +8,21 @@ from sqlalchemy.orm import Session
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
-from webapp.web.context import account, library
+from webapp.web.context import library
 
 _JOB = "landmarks"
 _JOBS = (_JOB, "place-rest")
 """Both make the landmarks."""
 
 
-def queue_landmarks(record: MapRecord, *, only_lay: bool) -> None:
-    """Queue it, unless it waits already."""
+def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None) -> None:
+    """Queue it, unless it waits already; in nobody's name for visitors."""
     with library().database.write() as session:
         jobs.enqueue(
             session,
             _JOB,
             map_id=record.id,
-            account_id=account().id,
+            account_id=account_id,
             arguments={"only_lay": only_lay},
             key="lay" if only_lay else "",
         )

@@ -25,6 +25,7 @@ def show(slug: str) -> str:
             "slug": record.slug,
             "can_edit": role in ("editor", "owner"),
             "satellite": map_state.satellite_json(record),
+            "originals": True,
         }
     return render_template("maps/landmarks.html", map=record, tab="landmarks", page=page, photos=photos)
 

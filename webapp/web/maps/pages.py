@@ -14,6 +14,7 @@ from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
+from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.web import errors
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state as map_state
@@ -153,5 +154,6 @@ def _settings_page(record: MapRecord, *, error: ExpMapError | None = None) -> st
         tab="settings",
         members=shared,
         is_owner=role == "owner",
+        in_3d=has_landmarks(library().cfg(record.slug)),
         error=error,
     )

@@ -35,10 +35,10 @@ blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<tok
 
 _LIMITER = "expmap-visits"
 _MINUTE_S = 60
-_limit = ConcurrencyLimit("visitors", share=0.25)
+visitors_limit = ConcurrencyLimit("visitors", share=0.25)
 """Visitors may not keep the threads from those who work here."""
 
-blueprint.record(_limit.set_up)
+blueprint.record(visitors_limit.set_up)
 _OTHER_BYTES = 100_000
 _ID = "<int(max=2147483647):id>"
 
@@ -50,6 +50,7 @@ class AllowsOut(Schema):
     localize = Boolean()
     originals = Boolean()
     notes = Boolean()
+    landmarks = Boolean()
 
 
 class SharedOut(Schema):
@@ -154,7 +155,7 @@ def photo_original(token: str, id: int) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     if photo.blurred:
-        raise NotFound("original files are not shared here")
+        raise shared_state.files_not_shared()
     return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
 
 
@@ -193,7 +194,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     if not opened.share.localize:
         raise NotFound("photos cannot be localized here")
     _count_visit(opened)
-    with _limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
+    with visitors_limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
         try:
             result = upload.localize_uploads(
                 map_cache(), opened.map.id, request=LocalizeRequest(photos), settings=settings()
@@ -223,7 +224,7 @@ def _opened(token: str, *, originals: bool = False) -> OpenedShare:
     with library().database.read() as session:
         opened = sharing.open_share(session, token)
     if originals and not opened.share.originals:
-        raise NotFound("original files are not shared here")
+        raise shared_state.files_not_shared()
     return opened
 
 

@@ -42,6 +42,10 @@ class AllowsIn(Schema):
         load_default=False,
         metadata={"description": "Notes on photos and on spots; of a shared map only."},
     )
+    landmarks = Boolean(
+        load_default=False,
+        metadata={"description": "The map in 3D: landmarks and cameras; of a shared map only."},
+    )
 
 
 class ShareIn(AllowsIn):
@@ -63,6 +67,7 @@ class ShareOut(Schema):
     localize = Boolean()
     originals = Boolean()
     notes = Boolean()
+    landmarks = Boolean()
     maker = String(
         allow_none=True, metadata={"description": "Who made it; null where that account was removed."}
     )
@@ -149,6 +154,7 @@ def _share_json(
         "localize": share.localize,
         "originals": share.originals,
         "notes": share.notes,
+        "landmarks": share.landmarks,
         "maker": maker,
         "created_at": share.created_at.isoformat(timespec="seconds"),
         "url": None if token is None else url_for("public_pages.show", token=token, _external=True),

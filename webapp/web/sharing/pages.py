@@ -6,6 +6,8 @@ from flask import Blueprint, render_template
 
 from webapp.errors import NotFound
 from webapp.store import sharing
+from webapp.store.sharing import OpenedShare
+from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
@@ -14,6 +16,8 @@ from webapp.web.sharing import shared_state
 from webapp.web.state import parts
 
 blueprint = Blueprint("public_pages", __name__)
+
+_Page = tuple[str, int, dict[str, str]]
 
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
@@ -29,32 +33,54 @@ def index() -> str:
 
 @blueprint.get("/s/<token>")
 @public
-def show(token: str) -> tuple[str, int, dict[str, str]]:
+def show(token: str) -> _Page:
     """Show a shared map or answer."""
     return _page(token, framed=False)
 
 
 @blueprint.get("/embed/<token>")
 @public
-def embed(token: str) -> tuple[str, int, dict[str, str]]:
+def embed(token: str) -> _Page:
     """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
     allow_framing()
     return _page(token, framed=True)
 
 
-def _page(token: str, *, framed: bool) -> tuple[str, int, dict[str, str]]:
+@blueprint.get("/s/<token>/landmarks")
+@public
+def show_landmarks(token: str) -> _Page:
+    """Show a shared map in 3D, where its owner has chosen that."""
+    try:
+        with library().database.read() as session:
+            opened = shared_state.open_landmarks(session, token)
+    except NotFound as error:
+        return _gone(error, framed=False)
+    state = shared_state.landmarks_page(opened, token=token)
+    return render_template("sharing/shared_landmarks.html", page=state), 200, _headers(opened)
+
+
+def _page(token: str, *, framed: bool) -> _Page:
     try:
         with library().database.read() as session:
             opened = sharing.open_share(session, token)
             state = shared_state.of_page(session, opened, token=token)
     except NotFound as error:
-        gone = render_template("sharing/gone.html", error=error, framed=framed)
-        return gone, errors.status_of(error), _SECRET
+        return _gone(error, framed=framed)
     page = render_template(
         "sharing/shared_map.html",
         opened=opened,
         state=state,
+        in_3d=opened.share.landmarks and has_landmarks(library().cfg(opened.map.slug)),
         colours=answer_colours(),
         framed=framed,
     )
-    return page, 200, {} if opened.share.public_token else _SECRET
+    return page, 200, _headers(opened)
+
+
+def _gone(error: NotFound, *, framed: bool) -> _Page:
+    page = render_template("sharing/gone.html", error=error, framed=framed)
+    return page, errors.status_of(error), _SECRET
+
+
+def _headers(opened: OpenedShare) -> dict[str, str]:
+    return {} if opened.share.public_token else _SECRET

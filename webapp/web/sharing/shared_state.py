@@ -8,6 +8,7 @@ from flask import Response, url_for
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound
+from webapp.store import sharing
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.store.sharing import Allows, OpenedShare
@@ -17,6 +18,9 @@ from webapp.web.sending import send_revalidated
 
 _OF_EXIF = ("fov_deg", "fov_source")
 """Of an answer."""
+
+_OF_CAMERAS = ("name", "width", "height", "source", "preview")
+"""Of a photo, where the map is shown in 3D."""
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 """Of a georeference: how it was found is left out."""
@@ -65,7 +69,7 @@ def photos_after(
 def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
     """Return everything about a share but the photos."""
     record, share = opened.map, opened.share
-    found = state.image(record, base=f"/api/v1/shared/{token}/satellite")
+    found = state.image(record, base=_image_address(token))
     earth = found["georeference"]
     return {
         "name": record.name,
@@ -102,6 +106,48 @@ def query(opened: OpenedShare) -> QueryRecord:
     if opened.query is None or not opened.share.photos:
         raise NotFound("photo not found")
     return opened.query
+
+
+def open_landmarks(session: Session, token: str, *, originals: bool = False) -> OpenedShare:
+    """Find a share that shows the map in 3D.
+
+    Parameters
+    ----------
+    originals : bool
+        Whether it has to give files out, too.
+
+    Raises
+    ------
+    NotFound
+    """
+    opened = sharing.open_share(session, token)
+    if not opened.share.landmarks:
+        raise NotFound("this map is not shared in 3D", hint="ask the person who sent it for a new one")
+    if originals and not opened.share.originals:
+        raise files_not_shared()
+    return opened
+
+
+def files_not_shared() -> NotFound:
+    """Make the error of a share that gives no files out."""
+    return NotFound("original files are not shared here")
+
+
+def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
+    """Return what the page with the map in 3D needs besides the landmarks."""
+    return {
+        "name": opened.map.name,
+        "token": token,
+        "can_edit": False,
+        "satellite": state.satellite_json(opened.map, base=_image_address(token)),
+        "originals": opened.share.originals,
+    }
+
+
+def cameras(session: Session, opened: OpenedShare, *, token: str) -> dict[int, dict[str, Any]]:
+    """Return what visitors learn of the photos that are cameras of landmarks, by id."""
+    shown = (_photo(opened, photo, token) for photo in maps.photos(session, opened.map) if _is_on(photo))
+    return {photo["id"]: {"placed": True, **{key: photo[key] for key in _OF_CAMERAS}} for photo in shown}
 
 
 def answer_for_visitors(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
@@ -158,6 +204,10 @@ def _answer(opened: OpenedShare, query: QueryRecord, token: str) -> dict[str, An
         "preview": url_for("api_shared.query_preview", token=token) if shown else None,
         "original": url_for("api_shared.query_original", token=token) if shown and exif else None,
     }
+
+
+def _image_address(token: str) -> str:
+    return f"/api/v1/shared/{token}/satellite"
 
 
 def send_display(picture: DisplayFile) -> Response:

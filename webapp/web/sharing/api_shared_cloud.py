@@ -1,0 +1,75 @@
+"""The landmarks of a shared map for visitors: placed photos are its cameras, the others are not spoken of."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from apiflask import APIBlueprint
+from flask import Response
+
+from webapp.errors import StorageError
+from webapp.store.maps import maps
+from webapp.tasks.landmarks.show_cloud import shown_cloud
+from webapp.web.context import library, public
+from webapp.web.landmarks import cloud_answers
+from webapp.web.landmarks.cloud_answers import ColmapIn, SharedCloudOut
+from webapp.web.landmarks.jobs import queue_landmarks
+from webapp.web.sharing import shared_state
+from webapp.web.sharing.api_shared import visitors_limit
+
+blueprint = APIBlueprint(
+    "api_shared_cloud", __name__, url_prefix="/api/v1/shared/<token>/landmarks", tag="Shared"
+)
+
+
+@blueprint.get("")
+@public
+@blueprint.output(SharedCloudOut)
+def show(token: str) -> dict[str, Any]:
+    """Get the landmarks of a shared map, and the cameras that see them, where the owner shows them.
+
+    Where photos were placed or moved since they were laid on the map, a job lays them anew.
+    """
+    with library().database.read() as session:
+        opened = shared_state.open_landmarks(session, token)
+        cameras = shared_state.cameras(session, opened, token=token)
+    shown = shown_cloud(library(), opened.map)
+    if not shown.is_current:
+        with suppress(StorageError):  # a full disk: what is there is shown all the same
+            queue_landmarks(opened.map, only_lay=True, account_id=None)
+    return cloud_answers.cloud_json(shown, cameras)
+
+
+@blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
+@public
+@blueprint.doc(responses=cloud_answers.POINTS_DOC)
+def points(token: str, key: str, number: int) -> Response:
+    """Get a part of the points; browsers keep it, as another content has another key."""
+    with library().database.read() as session:
+        record = shared_state.open_landmarks(session, token).map
+    return cloud_answers.send_block(record, key=key, number=number)
+
+
+@blueprint.get("/points.ply")
+@public
+@blueprint.doc(responses=cloud_answers.PLY_DOC)
+def ply(token: str) -> Response:
+    """Download the points, in the frame of the map, where the owner gives files out."""
+    with library().database.read() as session:
+        record = shared_state.open_landmarks(session, token, originals=True).map
+    return cloud_answers.send_ply(record)
+
+
+@blueprint.get("/colmap.zip")
+@public
+@blueprint.input(ColmapIn, location="query", arg_name="query")
+@blueprint.doc(responses=cloud_answers.COLMAP_DOC)
+def colmap(token: str, query: dict[str, str]) -> Response:
+    """Download the models for COLMAP with the placed photos, where the owner gives files out."""
+    with library().database.read() as session:
+        record = shared_state.open_landmarks(session, token, originals=True).map
+        placed = [photo for photo in maps.photos(session, record) if photo.is_placed]
+    names = cloud_answers.names_of({f"{photo.id}-{photo.name}": photo for photo in placed})
+    with visitors_limit.slot():
+        return cloud_answers.send_colmap(record, names=names, form=query["form"], only_named=True)
