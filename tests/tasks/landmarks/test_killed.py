@@ -1,6 +1,8 @@
-"""Suggestions that are accepted, and landmarks on demand, are killed between any two of their writes."""
+"""Accepting suggestions, correcting GPS, and landmarks on demand are killed between any two writes."""
 
+import math
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -12,8 +14,8 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks import surroundings
-from webapp.tasks.landmarks.accept import accept_in_folder
-from webapp.tasks.landmarks.place_rest import SuggestedPlace
+from webapp.tasks.landmarks.accept import accept_in_folder, correct_in_folder
+from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 
 PLACED = Experience(0, "0.jpg", MapPixel(5.0, 5.0))
 TRAY = tuple(UnplacedPhoto(id, f"{id}.jpg", heading_deg=90.0) for id in (1, 2))
@@ -69,6 +71,33 @@ def assert_accepted(cfg):
     placed = Experience(1, "1.jpg", MapPixel(50.5, 60.0), heading_deg=45.0, radius_px=7.0)
     assert found.experiences == (PLACED, placed)
     assert found.unplaced == TRAY[1:]
+
+
+BY_GPS = Experience(3, "3.jpg", MapPixel(20.25, 30.0), gps_accuracy_m=4.0, by_gps=True)
+CORRECTED = Experience(3, "3.jpg", MapPixel(25.5, 33.75), heading_deg=10.0, gps_accuracy_m=4.0, radius_px=2.0)
+
+
+def correct(cfg):
+    """Move the photo from wherever its GPS is said to have it, as `--correct` does when it is run again."""
+    (now,) = (e for e in read_map(cfg).experiences if e.id == CORRECTED.id)
+    assert now.by_gps
+    place = CorrectedPlace(3, "3.jpg", CORRECTED.position, now.position, 6.5, 6.5, 2.0, 10.0)
+    correct_in_folder(cfg, [place])
+
+
+@pytest.mark.parametrize("writes", range(3))
+def test_no_position_passes_for_a_more_exact_one_when_correcting_is_killed(tmp_path, writes):
+    cfg = tmp_path / "map.cfg"
+    before = replace(BEFORE, experiences=(PLACED, BY_GPS), next_id=4)
+    write_map(cfg, before)
+    with killed_before(folder, "write_bytes", calls=writes), pytest.raises(Killed):
+        correct(cfg)
+    first, found = read_map(cfg).experiences
+    assert first == PLACED and read_map(cfg).unplaced == TRAY
+    assert found.by_gps and found.radius_px is None and found.gps_accuracy_m == 4.0
+    assert min(math.dist(found.position, at) for at in (BY_GPS.position, CORRECTED.position)) < 0.6
+    correct(cfg)
+    assert read_map(cfg) == replace(before, experiences=(PLACED, CORRECTED))
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,7 +125,7 @@ def read_map(cfg_path: Path) -> Map:
     )
 
 
-def write_map(cfg_path: Path, map_: Map) -> None:
+def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> None:
     """Write a map: placements, then the JSON, then the `.cfg`, each whole or not at all.
 
     Stopped in between, the old `.cfg` stays the truth for ids, photos and whole pixels. A map that a lone
@@ -135,6 +135,9 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     ----------
     cfg_path : Path
         Its folder must exist.
+    from_gps : collection of int
+        Ids of photos that move from where their GPS has them. Stopped in between, they count as placed by
+        GPS, wherever they are by then: neither position passes for a more exact one.
 
     Raises
     ------
@@ -151,8 +154,11 @@ def write_map(cfg_path: Path, map_: Map) -> None:
     for path, content in placed:
         write_bytes(path, content)
     if json_path(cfg_path).exists() or parse_cfg(cfg).map != map_:
-        write_bytes(json_path(cfg_path), extras)
+        before = format_map_json(map_, by_gps_anywhere=from_gps) if from_gps else extras
+        write_bytes(json_path(cfg_path), before)
     write_bytes(cfg_path, cfg)
+    if from_gps:
+        write_bytes(json_path(cfg_path), extras)
 
 
 def placed_map(map_: Map, placement: Placement) -> Map:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 
@@ -140,8 +140,13 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     )
 
 
-def format_map_json(map_: Map) -> bytes:
+def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> bytes:
     """Write what a `.cfg` cannot hold of a map; the same map always gives the same bytes.
+
+    Parameters
+    ----------
+    by_gps_anywhere : collection of int
+        Ids of photos that count as placed by their GPS wherever the `.cfg` has them.
 
     Returns
     -------
@@ -153,7 +158,11 @@ def format_map_json(map_: Map) -> bytes:
     MapJsonError
         A value that the reader would refuse.
     """
-    photos = [record for e in map_.experiences if len(record := _photo_fields(e)) > 2]
+    photos = [
+        record
+        for e in map_.experiences
+        if len(record := _photo_fields(e, by_gps_anywhere=e.id in by_gps_anywhere)) > 2
+    ]
     content: dict[str, object] = {
         "format": FORMAT,
         "version": VERSION,
@@ -353,7 +362,7 @@ def _position_fields(position: MapPixel) -> dict[str, object]:
     return {"x_px": position.x, "y_px": position.y}
 
 
-def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
+def _photo_fields(photo: Experience | UnplacedPhoto, *, by_gps_anywhere: bool = False) -> dict[str, object]:
     known = {
         "heading_deg": photo.heading_deg,
         "fov_deg": photo.fov_deg,
@@ -368,6 +377,8 @@ def _photo_fields(photo: Experience | UnplacedPhoto) -> dict[str, object]:
     present = {name: value for name, value in known.items() if value is not None}
     if not isinstance(photo, Experience):
         return {"id": photo.id, "photo": photo.photo, **present}
+    if by_gps_anywhere:
+        return {"id": photo.id, "photo": photo.photo, **present, "by_gps": True}
     position = _position_fields(photo.position)
     if photo.by_gps or photo.radius_px is not None:
         # also in whole pixels: another one in the `.cfg` is somebody's

@@ -175,7 +175,9 @@ def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:
     """
     the_map = read_map(cfg)
     places = {one.id: one for one in corrected}
-    write_map(cfg, replace(the_map, experiences=tuple(_moved(e, places) for e in the_map.experiences)))
+    experiences = tuple(_moved(e, places) for e in the_map.experiences)
+    moved = {new.id for old, new in zip(the_map.experiences, experiences, strict=True) if new is not old}
+    write_map(cfg, replace(the_map, experiences=experiences), from_gps=moved)
 
 
 def _moved(e: Experience, places: Mapping[int, CorrectedPlace]) -> Experience:
