@@ -79,6 +79,12 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
         raise storage_error(error, where=str(path)) from error
 
 
+def remove_unfinished(path: Path) -> None:
+    """Remove what killed writers of a file have left; for whoever holds the lock of its writers."""
+    for temporary in path.parent.glob(f".{path.name[:80]}.*.tmp"):
+        temporary.unlink(missing_ok=True)
+
+
 def is_full(error: OSError) -> bool:
     """Return whether the disk, or the share of it that one may use, is full."""
     return error.errno in _FULL

@@ -2,6 +2,11 @@
 
 import os
 import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,13 +17,14 @@ import pytest
 from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
-from webapp.files.landmarks.cloud import CLOUD_FILE
+from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
 from webapp.tasks.landmarks import on_demand, surroundings
 from webapp.tasks.landmarks.accept import accept_in_folder
+from webapp.tasks.landmarks.mapping import MATCHES_FILE
 from webapp.tasks.landmarks.on_demand import photos_around
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
@@ -102,6 +108,58 @@ def test_too_little_time_leaves_the_usual_answer_and_says_so(bare, query):
     assert "take longer than 1e-06 s" in answer.note
     assert parts(bare) == []
     assert opened(bare).localize(path, top=3).note == ""
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from webapp.files.landmarks.match_database import MatchDatabase
+from webapp.files.maps.folder import read_map
+from webapp.progress import Progress
+from webapp.settings import LandmarkSettings, Settings
+from webapp.tasks.landmarks.surroundings import reconstruct_part
+
+cfg, pairs, written = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
+keep, replace = MatchDatabase.keep, Path.replace
+
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def keep_or_die(self, *pair, **geometry):
+    global pairs
+    pairs -= 1
+    return die() if pairs < 0 else keep(self, *pair, **geometry)
+
+def replace_or_die(self, target):
+    return die() if Path(target).name == written else replace(self, target)
+
+MatchDatabase.keep, Path.replace = keep_or_die, replace_or_die
+the_map, settings = read_map(cfg), Settings(landmarks=LandmarkSettings(around_s=3600.0))
+reconstruct_part(cfg, the_map, photos=the_map.experiences, settings=settings, progress=Progress())
+"""
+
+
+def test_killed_work_goes_on_where_it_stopped_and_leaves_nothing_behind(bare, counted):
+    the_map, folder = read_map(bare), landmarks_folder(bare)
+    before = {path: path.read_bytes() for path in bare.parent.glob("*") if path.is_file()}
+    for file in folder.glob(f"{MATCHES_FILE}*"):
+        file.unlink()
+    for pairs, written in ((5, "nothing"), (1000, CLOUD_FILE), (0, "photos.json")):
+        ended = subprocess.run([sys.executable, "-c", KILLED, bare, str(pairs), written], check=False)
+        assert ended.returncode == -signal.SIGKILL, written
+        assert surroundings.part_around(bare, the_map.experiences) is None
+        if written == "nothing":
+            with closing(sqlite3.connect(folder / MATCHES_FILE)) as database:
+                assert database.execute("SELECT count(*) FROM two_view_geometries").fetchone() == (5,)
+    progress = counted()
+    part = surroundings.reconstruct_part(
+        bare, the_map, photos=the_map.experiences, settings=settings(), progress=progress
+    )
+    assert progress.sizes == [len(the_map.experiences), 0], "no photo and no pair is done twice"
+    assert surroundings.part_around(bare, the_map.experiences) == part
+    assert len(read_cloud(part / CLOUD_FILE).cloud.point) > 100
+    assert {path: path.read_bytes() for path in bare.parent.glob("*") if path.is_file()} == before
+    assert [path for path in folder.rglob("*") if path.name.endswith(".tmp")] == []
 
 
 def test_while_another_process_reconstructs_nothing_is_built_twice(bare, query):

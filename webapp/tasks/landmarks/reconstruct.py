@@ -23,6 +23,7 @@ from webapp.core.mapmodel.views import content_of, level_views
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
+from webapp.files.atomic import remove_unfinished
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
 from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
@@ -125,6 +126,8 @@ def reconstruct(
     folder = landmarks_folder(cfg)
     out = folder if part is None else part
     with writer_lock(folder, wait_s=wait_s):
+        for name in (RIGID_FILE, PIECES_FILE, CLOUD_FILE):
+            remove_unfinished(out / name)
         entries, problems = _describe(
             cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
         )

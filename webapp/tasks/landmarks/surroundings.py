@@ -13,7 +13,8 @@ from typing import Any
 
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Cancelled, StorageError
-from webapp.files.atomic import storage_error, write_text
+from webapp.files.atomic import remove_unfinished, storage_error, write_text
+from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.adjust import adjust_pieces
@@ -97,22 +98,23 @@ def reconstruct_part(
     folder = _folder(cfg, photos)
     some = replace(the_map, experiences=tuple(photos), unplaced=())
     within = _Deadline(progress, until_s)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        found = reconstruct(cfg, some, settings=settings, progress=within, part=folder, wait_s=budget_s)
-        within.check()
-        adjust_pieces(found, some, progress=within, wait_s=max(until_s - time.monotonic(), 0.0))
-    except Cancelled:
-        progress.check()
-        raise StorageError(
-            f"the landmarks around this place take longer than {budget_s:g} s",
-            hint="ask again: it goes on where it stopped",
-        ) from None
-    except OSError as error:
-        raise storage_error(error, where=str(folder)) from error
-    names = [photo.photo for photo in photos]
-    form = {"format": _FORMAT, "photos": names, "joined": bool(found.pieces)}
-    write_text(folder / _FILE, json.dumps(form))
+    with writer_lock(folder, wait_s=budget_s):
+        remove_unfinished(folder / _FILE)
+        try:
+            found = reconstruct(cfg, some, settings=settings, progress=within, part=folder, wait_s=budget_s)
+            within.check()
+            adjust_pieces(found, some, progress=within, wait_s=max(until_s - time.monotonic(), 0.0))
+        except Cancelled:
+            progress.check()
+            raise StorageError(
+                f"the landmarks around this place take longer than {budget_s:g} s",
+                hint="ask again: it goes on where it stopped",
+            ) from None
+        except OSError as error:
+            raise storage_error(error, where=str(folder)) from error
+        names = [photo.photo for photo in photos]
+        form = {"format": _FORMAT, "photos": names, "joined": bool(found.pieces)}
+        write_text(folder / _FILE, json.dumps(form))
     _remove_oldest(folder.parent)
     return folder
 
