@@ -171,7 +171,7 @@ async function load(cloud, layer, stage) {
     status.textContent = t("{n} of {total} points", { n: number(layer.total), total: number(cloud.points) });
   }
   const points = tn("{n} point", "{n} points", cloud.points);
-  const photos = tn("{n} of {total} photo", "{n} of {total} photos", cloud.cameras.length, { total: number(cloud.photos) });
+  const photos = t("{n} of {total} photos", { n: number(cloud.cameras.length), total: number(cloud.photos) });
   status.textContent = `${points} · ${photos}`;
   canvas.dataset.points = String(layer.total);
 }
