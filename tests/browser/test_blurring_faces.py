@@ -49,3 +49,30 @@ def test_suggested_faces_are_accepted_photo_by_photo(make_page, page, api):
     page.get_by_test_id("blur-rest").click()
     expect(page.get_by_role("dialog")).to_have_count(0)
     assert sorted(len(photo["blurred"]) for photo in api.state(edit.slug)["photos"]) == [0, 1, 1]
+
+
+def test_nothing_is_accepted_before_it_is_suggested(make_page, page, api):
+    edit = make_page(2, placed=True)
+    found = {"boxes": [{"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2}]}
+    waiting = []
+    page.route("**/blur/suggestions", lambda route: waiting.append(route))
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    with page.expect_request("**/blur/suggestions"):
+        page.locator("#selection-blur").click()
+    skip, accept = page.get_by_test_id("blur-skip"), page.get_by_test_id("blur-rest")
+    expect(skip).to_be_disabled()
+    expect(accept).to_be_disabled()
+    with page.expect_request("**/blur/suggestions"):
+        waiting.pop().fulfill(json=found)
+        accept.click()
+    expect(page.get_by_text("2 of 2")).to_be_visible()
+    page.context.watch.expect(429)
+    waiting.pop().fulfill(status=429)
+    expect(page.get_by_test_id("error-message")).to_be_visible()
+    with page.expect_request("**/blur/suggestions"):
+        accept.click()
+    expect(accept).to_be_disabled()
+    waiting.pop().fulfill(json=found)
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert [len(photo["blurred"]) for photo in api.state(edit.slug)["photos"]] == [1, 1]

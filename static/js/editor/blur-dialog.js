@@ -1,6 +1,6 @@
 /** The dialog in which boxes over faces and plates are drawn, or suggested: they are blurred in every picture. */
 
-import { busy, errorLine, openDialog } from "../shared/dialogs.js";
+import { errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 
@@ -34,8 +34,10 @@ export function blurDialog(photos, { suggest, save }) {
   const dialog = openDialog(t("Blur faces and plates"), body, { actions: several ? [skip, rest, send] : [send] });
   dialog.classList.add("dialog--wide");
   let at = 0;
+  let sought = false; // whether what is suggested for the photo is shown
   const show = () => {
     const photo = photos[at];
+    sought = false;
     Object.assign(image, { src: photo.preview, alt: photo.name });
     boxes.replace(photo.blurred.map((box) => ({ ...box })));
     none.textContent = "";
@@ -43,6 +45,7 @@ export function blurDialog(photos, { suggest, save }) {
   };
   const seek = async () => {
     const found = await suggest(photos[at]);
+    sought = true;
     boxes.replace([...boxes.all, ...found]);
     none.textContent = found.length ? "" : t("No face was found.");
   };
@@ -52,14 +55,20 @@ export function blurDialog(photos, { suggest, save }) {
     show();
     return several && seek();
   };
-  const does = (pressed, run) => pressed.addEventListener("click", () => busy(pressed, async () => {
+  const buttons = [find, skip, rest, send];
+  /** One at a time: faces of one photo are not to come to the next. */
+  const run = async (does, pressed = null) => {
+    for (const one of buttons) one.disabled = true;
     try {
       error.show(null);
-      await run();
+      await does();
     } catch (problem) {
       error.show(problem);
     }
-  }));
+    for (const one of buttons) one.disabled = false;
+    pressed?.focus();
+  };
+  const does = (pressed, action) => pressed.addEventListener("click", () => run(action, pressed));
   const keep = () => save(photos[at], boxes.all);
   does(find, seek);
   does(skip, next);
@@ -69,12 +78,13 @@ export function blurDialog(photos, { suggest, save }) {
   });
   does(rest, async () => {
     while (dialog.open) {
+      if (!sought) await seek(); // it failed before
       await keep();
       await next();
     }
   });
   show();
-  if (several) seek().catch((problem) => error.show(problem));
+  if (several) run(seek);
 }
 
 /** Boxes over a picture, drawn with a pointer, or added and moved with keys. */
