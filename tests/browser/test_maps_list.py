@@ -6,6 +6,12 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 
+KEEP_MESSAGES = """
+const real = setTimeout;
+window.setTimeout = (run, ms = 0, ...given) => (ms > 5000 ? 0 : real(run, ms, ...given));
+"""
+"""Messages with Undo stay, however slow the machine is."""
+
 
 def card(page, name):
     """A map of the list."""
@@ -131,3 +137,18 @@ def test_maps_are_searched_sorted_downloaded_and_put_into_the_bin_together(
     assert not any(one["name"].startswith("Zoo") for one in api.ask("GET", "/maps?bin=1")["maps"])
     search.fill("no such map")
     expect(page.get_by_text("No map is called that.")).to_be_visible()
+
+
+def test_each_undo_brings_back_what_its_message_is_about(page, api):
+    for name in ("Kampa 1", "Kampa 2"):
+        api.make_map(name, satellite=None)
+    page.add_init_script(KEEP_MESSAGES)
+    page.goto("/")
+    for name in ("Kampa 1", "Kampa 2"):
+        choose(page, name, "Move to the bin")
+        expect(card(page, name)).to_have_count(0)
+    page.get_by_role("button", name="Undo").first.click()
+    expect(card(page, "Kampa 1")).to_have_count(1)
+    expect(card(page, "Kampa 2")).to_have_count(0)
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator(".map-card h2").filter(has_text="Kampa")).to_have_text(["Kampa 2", "Kampa 1"])

@@ -315,6 +315,11 @@ def test_on_the_image_of_a_map(page, api, sample_map):
     page.reload()
     expect(page.get_by_label("Background")).to_have_value(f"map:{sample_map}")
     expect(pictures).not_to_have_count(0)
+    page.context.watch.expect(404)
+    page.route(f"**/api/v1/maps/{sample_map}", lambda route: route.fulfill(status=404))
+    page.reload()
+    expect(page.get_by_label("Background")).to_have_value("plain")
+    wait_for_pixels(page, lambda count: count >= 100)
 
 
 def test_tiles_are_offered_with_where_they_come_from(page, context, mission, send, tiles):
@@ -379,6 +384,10 @@ def test_missions_are_searched_sorted_and_put_into_the_bin_together(page, api):
         api.ask("POST", "/missions", data={"name": f"later {number:02}"})
     page.goto("/missions")
     expect(by_id(page, "mission")).to_have_count(50)
+    page.context.watch.expect(429)
+    page.route("**/api/v1/missions?*", lambda route: route.fulfill(status=429), times=1)
+    by_id(page, "list-search").fill("z")
+    expect(by_id(page, "error-message")).to_be_visible()
     by_id(page, "list-search").fill("zleb")
     shown = page.locator("[data-testid=mission]:not([hidden])")
     expect(shown.get_by_role("heading")).to_have_text(["Žleb 10", "Žleb 2"])

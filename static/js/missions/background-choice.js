@@ -34,12 +34,18 @@ export function chooseGround(store, view, { services, maps, fit }) {
     done?.();
   };
   const show = (name, done = null) => {
+    const before = made;
     made = select.value = name;
     offer(name === "plain" && remembered() !== "plain" ? services[0] : null, () => choose(services[0].name));
     if (!name.startsWith(OF_MAP)) return put(make(name), done);
     return mapImage(name.slice(OF_MAP.length))
       .then((satellite) => made === name && put(new ImageGround(satellite), done)) // else another one was chosen meanwhile
-      .catch(toastError);
+      .catch((error) => {
+        toastError(error);
+        if (made !== name) return;
+        if (view.ground) made = select.value = before;
+        else show("plain", done); // better than nothing at all
+      });
   };
   const choose = (name) => {
     remember(name.startsWith(OF_MAP) ? "image" : name);

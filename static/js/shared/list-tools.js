@@ -64,8 +64,12 @@ export class ListTools {
     const order = this.actions.orders[this.select.value];
     if (!this.isWhole && (wanted || order)) {
       this.isWhole = true; // while it comes it is not asked for again
-      await this.actions.whole();
-      return;
+      try {
+        return await this.actions.whole();
+      } catch (error) {
+        this.isWhole = false;
+        throw error;
+      }
     }
     for (const card of this.cards) card.hidden = !plain(card.dataset.search || card.dataset.name).includes(wanted);
     const now = order ? this.cards.toSorted(order) : this.cards;
@@ -139,9 +143,16 @@ export class ListTools {
     countBinned(cards.length);
     (next?.querySelector("a") ?? this.input).focus();
     const undo = async () => {
-      for (const { dataset } of cards) await this.actions.restore(dataset.key);
-      this._keep(before);
-      countBinned(-cards.length);
+      const back = [];
+      try {
+        for (const card of cards) {
+          await this.actions.restore(card.dataset.key);
+          back.push(card);
+        }
+      } finally {
+        this._keep(withThem(this.cards, back, before));
+        countBinned(-back.length);
+      }
     };
     toast(this.actions.binned(cards.length), { action: { label: t("Undo"), run: () => undo().catch(toastError) } });
   }
@@ -150,8 +161,20 @@ export class ListTools {
     for (const box of this._boxes) box.checked = false;
     this.cards = cards;
     this.list.replaceChildren(...cards);
+    const empty = document.getElementById("empty");
+    if (empty) empty.hidden = cards.length > 0 || !this.isWhole;
     this._show().catch(toastError);
   }
+}
+
+/** Put cards back behind those that they followed before. @param {HTMLElement[]} cards @param {HTMLElement[]} back @param {HTMLElement[]} before */
+function withThem(cards, back, before) {
+  const all = [...cards];
+  for (const card of back) {
+    const earlier = before.slice(0, before.indexOf(card)).findLast((one) => all.includes(one));
+    all.splice(earlier ? all.indexOf(earlier) + 1 : 0, 0, card);
+  }
+  return all;
 }
 
 /** Without case and accents. @param {string} text */
