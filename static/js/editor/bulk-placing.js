@@ -7,7 +7,7 @@ import { toast, toastError } from "../shared/toast.js";
 import { listDialog } from "./list-dialog.js";
 import { nameList } from "./name-list.js";
 import { planDialog } from "./plan-dialog.js";
-import { restBar, restDialog } from "./rest-dialog.js";
+import { connectRest } from "./rest-dialog.js";
 import { streetDialog } from "./street-dialog.js";
 import { trackDialog } from "./track-dialog.js";
 
@@ -31,8 +31,7 @@ export function bulkPlacing(page) {
   });
   byId("place-by-file").addEventListener("click", () => positions());
   byId("place-by-track").addEventListener("click", () => track());
-  byId("place-the-rest").addEventListener("click", () => restDialog(page));
-  restBar(page);
+  byId("place-the-rest").addEventListener("click", connectRest(page));
   byId("plan-button").addEventListener("click", () => planDialog(page));
   if (location.hash === "#next-photos") planDialog(page); // from the page Quality
   byId("street-button").addEventListener("click", () => streetDialog(page));

@@ -13,12 +13,8 @@ const SHOWN = 200;
 /** Suggestions less certain than so many times the median are to be looked at before they are placed. */
 const UNCERTAIN = 4;
 
-/**
- * Open the dialog.
- * @param {Object} page store, server, refresh, dots and view
- * @returns {HTMLDialogElement}
- */
-export function restDialog({ store, server, refresh, dots, view }) {
+/** @param {Object} page store, server, refresh, dots and view @returns {HTMLDialogElement} */
+function restDialog({ store, server, refresh, dots, view }) {
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "rest-outcome" });
   const error = errorLine();
   const place = placeButton({ "data-testid": "rest-place" });
@@ -140,10 +136,11 @@ export function restDialog({ store, server, refresh, dots, view }) {
 }
 
 /**
- * The bar above the tray that leads to suggestions, also to those of a job that ended while nobody looked.
+ * Connect the bar above the tray that leads to suggestions, also to those of a job that ended while nobody looked.
  * @param {Object} page store, server, refresh, dots and view
+ * @returns {function(): void} opens the dialog, unless it is open
  */
-export function restBar(page) {
+export function connectRest(page) {
   const { store, server } = page;
   const bar = byId("rest-bar");
   const text = h("span", { class: "grow" });
@@ -160,6 +157,7 @@ export function restBar(page) {
     show();
   };
   const open = () => {
+    if (dialog) return;
     dialog = restDialog(page);
     dialog.addEventListener("close", () => {
       dialog = null;
@@ -176,6 +174,7 @@ export function restBar(page) {
     ask().catch(toastError);
   });
   if (store.unplaced().length) ask().catch(toastError);
+  return open;
 }
 
 /** Metres of a pixel; 1 on a map without a georeference. */
