@@ -57,7 +57,7 @@ export class EditGestures {
 
   _down(event) {
     const { dots } = this;
-    if (!this.store.satellite || event.target.closest("button, a, input, .ed-overlay")) return;
+    if (!this.store.satellite || event.target.closest("button, a, input, .leaflet-marker-icon, .ed-overlay")) return;
     if (this.gesture) {
       this.cancel(); // a second finger: a pinch
       this._ignore = event.pointerId;

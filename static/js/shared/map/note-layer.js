@@ -21,25 +21,49 @@ export class NoteLayer {
     this.open = open;
     this.moved = moved;
     this.group = L.layerGroup().addTo(map);
+    /** @type {Map<number, L.Marker>} by the ids of the notes */
+    this.marks = new Map();
+    this.dragged = null;
     store.on("notes satellite", () => this.show());
     this.show();
   }
 
+  /** A mark stays the same element as long as its note is there: it keeps the focus, and may be under a finger. */
   show() {
-    this.group.clearLayers();
-    for (const note of this.store.notes) if (note.x_px !== null) this.group.addLayer(this._mark(note));
+    const notes = this.store.notes.filter(({ x_px: x }) => x !== null);
+    for (const [id, mark] of this.marks) {
+      if (notes.some((note) => note.id === id)) continue;
+      mark.remove();
+      this.marks.delete(id);
+    }
+    for (const note of notes) {
+      if (!this.marks.has(note.id)) this.marks.set(note.id, this._mark(note).addTo(this.group));
+      const mark = this.marks.get(note.id);
+      mark.options.title = note.title;
+      mark.getElement()?.setAttribute("title", note.title);
+      if (mark !== this.dragged) mark.setLatLng(latLngOf([note.x_px, note.y_px]));
+    }
   }
 
-  _mark(note) {
+  _mark({ id, x_px: x, y_px: y }) {
     const html = h("span", { class: "note-mark__face" }, icon("note"));
     const look = L.divIcon({ className: "note-mark", html, iconSize: [SIDE, SIDE], iconAnchor: [SIDE / 2, SIDE - 2] });
-    const mark = L.marker(latLngOf([note.x_px, note.y_px]), { icon: look, title: note.title, draggable: Boolean(this.moved), zIndexOffset: 500 });
+    const mark = L.marker(latLngOf([x, y]), { icon: look, draggable: Boolean(this.moved), zIndexOffset: 500 });
+    const note = () => this.store.notes.find((one) => one.id === id);
     mark.on("click", (event) => {
       L.DomEvent.stop(event);
-      this.open(note);
+      this.open(note());
     });
-    mark.on("keypress", ({ originalEvent }) => originalEvent.key === "Enter" && this.open(note));
-    mark.on("dragend", () => this.moved?.(note, pixelOf(mark.getLatLng())));
+    mark.on("keypress", ({ originalEvent }) => {
+      if (originalEvent.key !== "Enter" && originalEvent.key !== " ") return;
+      originalEvent.preventDefault(); // a space would scroll the page
+      this.open(note());
+    });
+    mark.on("dragstart", () => (this.dragged = mark));
+    mark.on("dragend", () => {
+      this.dragged = null;
+      if (note()) this.moved(note(), pixelOf(mark.getLatLng())); // else somebody has removed it meanwhile
+    });
     return mark;
   }
 }
