@@ -1,5 +1,6 @@
 """Notes on a spot and on a photo: written, seen, taken back."""
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
@@ -36,3 +37,31 @@ def test_a_photo_is_found_by_its_note(make_page, page, api):
     page.locator("#tray-search").fill("gate was")
     expect(page.get_by_test_id("tray-photo")).to_have_count(1)
     expect(page.locator("#current-name")).to_have_text(noted[0])
+
+
+def test_a_press_on_a_note_is_meant_for_the_note_alone(make_page, page, api):
+    edit = make_page(2)
+    edit.click(300, 300)
+    edit.saved()
+    api.ask("POST", f"/maps/{edit.slug}/notes", data={"title": "Here", "x_px": 300, "y_px": 300})
+    mark = page.locator(".note-mark")
+    mark.click()
+    expect(page.get_by_test_id("note-title")).to_have_value("Here")
+    page.keyboard.press("Escape")
+    expect(mark).to_have_count(1)
+    box = mark.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] - 4)
+    page.mouse.down()
+    page.mouse.move(*edit.screen(500, 300), steps=4)
+    with page.expect_response("**/notes/1") as moved:
+        page.mouse.up()
+    assert moved.value.ok
+    edit.saved()
+    state = api.state(edit.slug)
+    assert sorted(photo["x_px"] or 0 for photo in state["photos"]) == [0, pytest.approx(300, abs=2)]
+    assert state["notes"][0]["x_px"] == pytest.approx(500, abs=5)
+    mark.focus()
+    page.keyboard.press("Space")
+    page.get_by_test_id("note-text").fill("By key.")
+    page.get_by_test_id("note-save").click()
+    expect(mark).to_be_focused()

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from flask import Flask, current_app, request
 
-from webapp.errors import NotFound, NotSignedIn
+from webapp.errors import NotFound, NotSignedIn, UsageError
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
@@ -61,6 +61,25 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
     if record.binned_at is not None and not binned:
         raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
     return record
+
+
+def if_match() -> int | None:
+    """Return the newest revision that the caller knows, of the header `If-Match`; ETag quotes are allowed.
+
+    Raises
+    ------
+    UsageError
+        It is not a revision.
+    """
+    text = request.headers.get("If-Match")
+    if text is None:
+        return None
+    number = text.strip().strip('"')
+    if not number.isdecimal():
+        raise UsageError(
+            f"{text!r} is not a revision", where="If-Match", hint="send the revision of the last answer"
+        )
+    return int(number)
 
 
 def public(view: View) -> View:

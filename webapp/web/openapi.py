@@ -100,7 +100,7 @@ _MEANINGS = {
 _IF_MATCH = {
     "name": "If-Match",
     "in": "header",
-    "description": "Newest revision that you know: a later change of the photo is answered by 412.",
+    "description": "Newest revision that you know: what was changed later is answered by 412.",
     "schema": {"type": "string", "pattern": '^("[0-9]{1,15}"|[0-9]{1,15})$'},
 }
 _MORE: dict[str, dict[str, Any]] = {
@@ -108,6 +108,8 @@ _MORE: dict[str, dict[str, Any]] = {
     "api_exchange.cfg": {"statuses": [400]},
     "api_exchange.export": {"statuses": [400]},
     "api_exchange.placement_cfg": {"statuses": [400]},
+    "api_notes.change": {"parameters": [_IF_MATCH]},
+    "api_notes.remove": {"parameters": [_IF_MATCH]},
     "api_people.list_accounts": {"statuses": [403]},
     "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},

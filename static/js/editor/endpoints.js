@@ -19,8 +19,8 @@ export function endpointsOf(slug) {
     changes: (since) => get(`${map}/changes?since=${since}`, { patient: false }),
     edit: (edits) => patch(`${map}/experiences`, edits),
     addNote: ({ id: _id, ...note }) => post(`${map}/notes`, note),
-    changeNote: ({ id, ...note }) => put(`${map}/notes/${id}`, note),
-    removeNote: (id) => del(`${map}/notes/${id}`),
+    changeNote: ({ id, ...note }, seen) => put(`${map}/notes/${id}`, note, { headers: ifMatch(seen) }),
+    removeNote: (id, seen) => del(`${map}/notes/${id}`, { headers: ifMatch(seen) }),
     remove: (photos) => del(`${map}/experiences`, { json: photos }),
     undo: () => post(`${map}/undo`, {}),
     redo: () => post(`${map}/redo`, {}),
@@ -63,4 +63,9 @@ export function endpointsOf(slug) {
     cancelJob: (id) => post(`/jobs/${id}/cancel`, {}),
     retryJob: (id) => post(`/jobs/${id}/retry`, {}),
   };
+}
+
+/** Header that refuses a change of what was changed later than that. @param {number} revision */
+function ifMatch(revision) {
+  return { "If-Match": String(revision) };
 }

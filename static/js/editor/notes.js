@@ -17,7 +17,8 @@ export class Notes {
     this.store = store;
     this.server = server;
     this.view = view;
-    const moved = (note, at) => this._send(() => server.changeNote({ ...note, x_px: at[0], y_px: at[1] }));
+    this._own = 0; // revision of the last change that was made here
+    const moved = (note, at) => this._send(() => server.changeNote({ ...note, x_px: at[0], y_px: at[1] }, this._seen));
     new NoteLayer(store, view.map, store.canEdit ? { open: (note) => this.edit(note), moved } : { open: (note) => noteDialog(store, note) });
     byId("note-button").addEventListener("click", () => {
       byId("place-menu", HTMLDetailsElement).open = false;
@@ -30,8 +31,14 @@ export class Notes {
     this.edit({ id: null, title: "", text: "", x_px, y_px, photos: [...this.store.selection] });
   }
 
+  /** The newest revision of which the notes are known: a later change of somebody else is not overwritten. */
+  get _seen() {
+    return Math.max(this.store.revision, this._own);
+  }
+
   /** @param {Object} note */
   edit(note) {
+    const seen = this._seen;
     const title = h("input", { class: "input", value: note.title, maxlength: MOST_TITLE, autocomplete: "off", "data-testid": "note-title" });
     const text = h("textarea", { class: "input note-input", rows: 5, maxlength: MOST_TEXT, "data-testid": "note-text" }, note.text);
     const about = h("input", { type: "checkbox", checked: note.photos.length > 0 });
@@ -44,21 +51,26 @@ export class Notes {
     const dialog = openDialog(note.id === null ? t("New note") : t("Note"), body, { actions: [remove, save].filter(Boolean) });
     const done = (button, run) => button.addEventListener("click", () => busy(button, async () => {
       try {
-        this.store.merge(await run());
+        this._merge(await run());
         dialog.close();
       } catch (problem) {
         error.show(problem);
       }
     }));
     const wish = () => ({ ...note, title: title.value.trim(), text: text.value.trim(), photos: about.checked ? photos : [] });
-    done(save, () => (note.id === null ? this.server.addNote(wish()) : this.server.changeNote(wish())));
-    if (remove) done(remove, () => this.server.removeNote(note.id));
+    done(save, () => (note.id === null ? this.server.addNote(wish()) : this.server.changeNote(wish(), seen)));
+    if (remove) done(remove, () => this.server.removeNote(note.id, seen));
     title.focus();
+  }
+
+  _merge(answer) {
+    this._own = Math.max(this._own, answer.revision ?? 0);
+    this.store.merge(answer);
   }
 
   async _send(run) {
     try {
-      this.store.merge(await run());
+      this._merge(await run());
     } catch (error) {
       this.store.emit("notes");
       toastError(error);

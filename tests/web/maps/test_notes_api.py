@@ -100,6 +100,19 @@ def test_a_note_that_is_gone_cannot_be_changed(client, url):
     assert client.delete(f"{url}/notes/3").status_code == 404
 
 
+def test_a_note_that_was_changed_since_is_not_overwritten(client, url):
+    known = {"If-Match": str(write(client, url).json["revision"])}
+    wish = {"title": "Bench", "x_px": 20, "y_px": 30}
+    changed = client.put(f"{url}/notes/1", json={**wish, "text": "Green."}, headers=known)
+    assert changed.status_code == 200
+    late = client.put(f"{url}/notes/1", json={**wish, "text": "Red."}, headers=known)
+    assert (late.status_code, client.delete(f"{url}/notes/1", headers=known).status_code) == (412, 412)
+    assert "changed the note in the meantime" in late.json["error"]["message"]
+    assert [note["text"] for note in notes(client, url)] == ["Green."]
+    newest = {"If-Match": str(changed.json["revision"])}
+    assert client.delete(f"{url}/notes/1", headers=newest).json["notes"] == []
+
+
 def test_a_photo_has_a_note_that_can_be_undone(client, url):
     edit = {"kind": "note", "changes": [{"id": 1, "note": " The gate was blue.\n"}]}
     assert client.patch(f"{url}/experiences", json=edit).json["undo"] == {"kind": "note", "count": 1}

@@ -38,26 +38,37 @@ def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -
         return _write(change, numbered, account_id=account_id)
 
 
-def change_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
+def change_note(
+    library: Library, map_id: int, *, note: MapNote, account_id: int, seen: int | None = None
+) -> int | None:
     """Replace a note; the revision is None when it was so already.
+
+    Parameters
+    ----------
+    seen : int or None
+        Newest revision that the author knows; None overwrites whatever is there.
 
     Raises
     ------
     UsageError
     NotFound
         The note, or a photo that it names, is not there.
+    Conflict
+        The note was changed after `seen`.
     """
     with library.changing(map_id) as change:
         _check_there(change.record, note.id)
-        return _write(change, note, account_id=account_id)
+        return _write(change, note, account_id=account_id, seen=seen)
 
 
-def remove_note(library: Library, map_id: int, *, id: int, account_id: int) -> int | None:
-    """Take a note away.
+def remove_note(
+    library: Library, map_id: int, *, id: int, account_id: int, seen: int | None = None
+) -> int | None:
+    """Take a note away; `seen` as for `change_note`.
 
     Raises
     ------
-    NotFound
+    NotFound, Conflict
     """
     with library.changing(map_id) as change:
         _check_there(change.record, id)
@@ -67,6 +78,7 @@ def remove_note(library: Library, map_id: int, *, id: int, account_id: int) -> i
             changes={f"note/{id}": None},
             kind=edits.NOTES_KIND,
             account_id=account_id,
+            seen=seen,
         )
     return None if done is None else done.turn
 
@@ -76,7 +88,7 @@ def _check_there(record: MapRecord, id: int) -> None:
         raise NotFound(f"the map has no note {id}", hint="somebody may have removed it; reload the page")
 
 
-def _write(change: MapChange, note: MapNote, *, account_id: int) -> int | None:
+def _write(change: MapChange, note: MapNote, *, account_id: int, seen: int | None = None) -> int | None:
     session, record = change.session, change.record
     _check(record, note)
     maps.present_photos(session, record, note.photos)
@@ -86,6 +98,7 @@ def _write(change: MapChange, note: MapNote, *, account_id: int) -> int | None:
         changes={f"note/{note.id}": note_fields(note)},
         kind=edits.NOTES_KIND,
         account_id=account_id,
+        seen=seen,
     )
     return None if done is None else done.turn
 

@@ -7,15 +7,14 @@ from typing import Any, Literal
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
-from flask import request
 
 from webapp.core.mapmodel.notes import MOST_TEXT
-from webapp.errors import Conflict, UsageError
+from webapp.errors import Conflict
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, if_match, library, open_map
 from webapp.web.fields import Boolean
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
@@ -228,14 +227,14 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Place, move or turn one photo; `If-Match` has the revision that you know."""
     kind = next((kind for field, kind in _KIND_OF.items() if field in data), "turn")
-    return _edited(slug, RequestedEdit(kind, {id: data}, seen=_if_match()))
+    return _edited(slug, RequestedEdit(kind, {id: data}, seen=if_match()))
 
 
 @blueprint.delete("/<slug>/experiences/<int:id>")
 @blueprint.doc(responses=_EDITED)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
     """Take a photo out of the map; undo brings it back."""
-    return _edited(slug, RequestedEdit("remove", {id: {"removed": True}}, seen=_if_match()))
+    return _edited(slug, RequestedEdit("remove", {id: {"removed": True}}, seen=if_match()))
 
 
 @blueprint.post("/<slug>/undo")
@@ -282,16 +281,3 @@ def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=who, revision=revision)
-
-
-def _if_match() -> int | None:
-    """Read the revision of the header; ETag quotes are allowed."""
-    text = request.headers.get("If-Match")
-    if text is None:
-        return None
-    number = text.strip().strip('"')
-    if not number.isdecimal():
-        raise UsageError(
-            f"{text!r} is not a revision", where="If-Match", hint="send the revision of the last answer"
-        )
-    return int(number)

@@ -13,7 +13,7 @@ from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import edit_notes
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, if_match, library, open_map
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, NoteOut
 
@@ -65,18 +65,21 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(NoteIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Replace a note, as one step that can be undone."""
+    """Replace a note, as one step that can be undone; `If-Match` has the revision that you know."""
     record = open_map(slug, "editor")
-    note = _note(id, data)
-    return _answer(record, edit_notes.change_note(library(), record.id, note=note, account_id=account().id))
+    revision = edit_notes.change_note(
+        library(), record.id, note=_note(id, data), account_id=account().id, seen=if_match()
+    )
+    return _answer(record, revision)
 
 
 @blueprint.delete(f"/{_ID}")
 @blueprint.output(EditAnswer)
 def remove(slug: str, id: int) -> dict[str, Any]:
-    """Take a note away, as one step that can be undone."""
+    """Take a note away, as one step that can be undone; `If-Match` has the revision that you know."""
     record = open_map(slug, "editor")
-    return _answer(record, edit_notes.remove_note(library(), record.id, id=id, account_id=account().id))
+    revision = edit_notes.remove_note(library(), record.id, id=id, account_id=account().id, seen=if_match())
+    return _answer(record, revision)
 
 
 def _note(id: int, data: dict[str, Any]) -> MapNote:
