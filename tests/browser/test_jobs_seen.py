@@ -77,3 +77,36 @@ def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_ma
     finally:
         api.cancel_jobs(sample_map)
         api.ask("DELETE", f"/accounts/{link['account']}")
+
+
+def test_the_menu_asks_on_after_the_server_was_away(page):
+    job = {
+        **dict.fromkeys(("map", "map_name", "by", "error", "result", "seconds_left")),
+        "id": 1,
+        "kind": "export",
+        "state": "running",
+        "note": "",
+        "done": 1,
+        "total": 2,
+        "seconds": 3,
+        "created_at": "2026-11-01T00:00:00+00:00",
+        "mine": True,
+        "can_change": False,
+    }
+    answers = [job, None, {**job, "state": "done"}]
+
+    def answer(route):
+        now = answers.pop(0) if len(answers) > 1 else answers[0]
+        if now is None:
+            route.abort()
+        else:
+            route.fulfill(json={"jobs": [now]})
+
+    page.route("**/api/v1/jobs", answer)
+    page.goto("/account")
+    expect(page.get_by_test_id("jobs-count")).to_have_text("1")
+    page.locator("#jobs-menu-button").click()
+    expect(page.locator("#jobs-menu-list .badge")).to_have_text("done")
+    expect(page.get_by_test_id("jobs-count")).to_be_hidden()
+    watch = page.context.watch
+    watch.faults = [fault for fault in watch.faults if "net::ERR_FAILED" not in fault]

@@ -16,22 +16,26 @@ export function connectJobs() {
   const list = new JobList(byId("jobs-menu-list"), { refresh: () => refresh(), title: "h3", maps: true });
   let timer = null;
   let begun = 0;
+  let live = 0;
 
   const refresh = async () => {
     clearTimeout(timer);
     const { jobs } = await get("/jobs", { patient: false });
-    const live = jobs.filter(isLive).length;
+    live = jobs.filter(isLive).length;
     sayHowMany(live);
     byId("jobs-menu-none").hidden = jobs.length > 0;
-    if (menu.open && !menu.matches(":active")) list.show(jobs); // what is being pressed stays
-    if (live) timer = setTimeout(watch, menu.open ? OPEN_MS : BUSY_MS);
+    const pressed = menu.matches(":active");
+    if (menu.open && !pressed) list.show(jobs); // what is being pressed stays
+    if (live || pressed) soon();
   };
+  const soon = () => (timer = setTimeout(watch, menu.open ? OPEN_MS : BUSY_MS));
 
   const watch = () => {
     clearTimeout(timer);
     if (document.hidden || !navigator.onLine) return;
     refresh().catch((error) => {
-      if (menu.open && error.code !== "offline") toastError(error);
+      if (error.code === "offline") live && soon(); // the server may be restarting
+      else if (menu.open) toastError(error);
     });
   };
 
