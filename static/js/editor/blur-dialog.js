@@ -92,12 +92,10 @@ export class Boxes {
   /**
    * @param {*} frame
    * @param {Object[]} all
-   * @param {{many?: function(number): string}} [words] how their number is said
    */
-  constructor(frame, all, { many = (n) => tn("{n} box", "{n} boxes", n) } = {}) {
+  constructor(frame, all) {
     this.frame = frame;
     this.all = all;
-    this._many = many;
     this.count = h("span", { class: "soft small", role: "status" });
     frame.addEventListener("pointerdown", (event) => this._draw(event));
     this._show();
@@ -117,8 +115,13 @@ export class Boxes {
 
   _show() {
     for (const old of this.frame.querySelectorAll(".blur-box")) old.remove();
-    this.frame.append(...this.all.map((box) => this._element(box)));
-    this.count.textContent = this._many(this.all.length);
+    this.frame.append(...this._shown().map((box) => this._element(box)));
+    this.count.textContent = tn("{n} box", "{n} boxes", this.all.length);
+  }
+
+  /** Those that are shown one by one. @returns {Object[]} */
+  _shown() {
+    return this.all;
   }
 
   _element(box) {

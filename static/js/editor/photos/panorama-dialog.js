@@ -3,7 +3,7 @@
 import { busy, errorLine, openDialog } from "../../shared/dialogs.js";
 import { h, icon, targetOf } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
-import { Boxes } from "../blur-dialog.js";
+import { MaskBoxes } from "./mask-boxes.js";
 
 const NEW = { x: 0.4, y: 0.6, width: 0.2, height: 0.2 };
 const ASPECT = 2;
@@ -26,7 +26,7 @@ export function panoramaDialog(commands, server) {
   const others = [...store.photos.values()].filter((other) => other.panorama && other.id !== photo.id);
   const image = h("img", { src: photo.preview, alt: photo.name, draggable: "false" });
   const frame = h("div", { class: "blur-frame" }, image);
-  const boxes = new Boxes(frame, (photo.panorama?.masked ?? []).map((box) => ({ ...box })), { many: maskedText });
+  const boxes = new MaskBoxes(frame, (photo.panorama?.masked ?? []).map((box) => ({ ...box })));
   const error = errorLine();
   const is = h("input", { type: "checkbox", checked: true });
   const all = h("input", { type: "checkbox", checked: !photo.panorama?.masked.length });
@@ -36,7 +36,7 @@ export function panoramaDialog(commands, server) {
   const masks = h("div", { class: "stack" },
     h("p", { class: "soft small" }, t("Mask what is not the place: the robot, the tripod, the sky. Nothing is recognised there. Draw boxes, or give angles or an image that is black there.")),
     frame,
-    h("div", { class: "row" }, add, h("label", { class: "button" }, file, icon("image"), t("Mask from an image …")), boxes.count),
+    h("div", { class: "row" }, add, h("label", { class: "button" }, file, icon("image"), t("Mask from an image …")), boxes.mask, boxes.count),
     angles(boxes),
     others.length ? h("label", { class: "check" }, all, h("span", {}, tn("The same for the {n} other panorama of the map", "The same for the {n} other panoramas of the map", others.length))) : null);
   const body = [h("label", { class: "check" }, is, h("span", {}, t("This photo is a panorama: it shows everything around"))), masks, error];
@@ -64,22 +64,22 @@ export function panoramaDialog(commands, server) {
   }));
 }
 
-const maskedText = (n) => tn("{n} masked part", "{n} masked parts", n);
-
 /** Two angles from the horizon, which are boxes from edge to edge. */
 function angles(boxes) {
   const input = (band) => h("input", { class: "input", type: "number", min: "0", max: "90", step: "1", size: "3", value: String(band) });
-  const below = boxes.all.find((box) => isBand(box) && box.y > 0);
-  const above = boxes.all.find((box) => isBand(box) && box.y === 0);
+  const bands = boxes.single.filter(isBand);
+  const below = bands.find((box) => box.y > 0);
+  const above = bands.find((box) => box.y === 0);
   const lowest = input(below ? Math.round(180 * below.y - 90) : 90);
   const highest = input(above ? Math.round(90 - 180 * above.height) : 90);
   const change = (event) => {
     if (!targetOf(event, HTMLInputElement).reportValidity()) return;
     const [low, high] = [lowest, highest].map(({ value }) => Number(value || 90));
-    const bands = [];
-    if (high < 90) bands.push({ x: 0, y: 0, width: 1, height: (90 - high) / 180 });
-    if (low < 90) bands.push({ x: 0, y: (90 + low) / 180, width: 1, height: (90 - low) / 180 });
-    boxes.replace([...boxes.all.filter((box) => !isBand(box)), ...bands]);
+    const old = new Set(boxes.single.filter(isBand));
+    const others = boxes.all.filter((box) => !old.has(box));
+    if (high < 90) others.push({ x: 0, y: 0, width: 1, height: (90 - high) / 180 });
+    if (low < 90) others.push({ x: 0, y: (90 + low) / 180, width: 1, height: (90 - low) / 180 });
+    boxes.replace(others);
   };
   for (const one of [lowest, highest]) one.addEventListener("change", change);
   return h("div", { class: "row small" },
