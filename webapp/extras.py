@@ -21,7 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
-        "cluster": ("psycopg",),
+        "cluster": ("psycopg", "prometheus_client"),
     }
 )
 """Packages of each extra, as they are imported."""
@@ -32,7 +32,7 @@ _PURPOSE = {
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
-    "cluster": "libraries in PostgreSQL",
+    "cluster": "libraries in PostgreSQL, and metrics,",
 }
 
 

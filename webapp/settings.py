@@ -158,6 +158,9 @@ class ServeSettings:
     stop_s: float = 5.0
     """Seconds that active requests have to end when the server stops."""
 
+    metrics_token: str | None = None
+    """Whoever sends it gets the figures of `/metrics`; without one there are none."""
+
 
 @dataclass(frozen=True, slots=True)
 class JobSettings:
@@ -373,3 +376,12 @@ def environment_for(native_threads: int | None = None) -> dict[str, str]:
     """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if native_threads else ()
     return {name: str(native_threads) for name in names} | _HEAPS | dict(os.environ)
+
+
+METRICS_FOLDER = "PROMETHEUS_MULTIPROC_DIR"
+"""Variable of the Prometheus client: the folder by which the processes of a server share what they count."""
+
+
+def shares_metrics() -> bool:
+    """Return whether this process shares what it counts with others."""
+    return bool(os.environ.get(METRICS_FOLDER))

@@ -24,7 +24,7 @@ from webapp.missions.web import pages as mission_pages
 from webapp.missions.web.context import PATH_PARAMETERS
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.web import installable, make_app, manual, operate
+from webapp.web import installable, make_app, manual, metrics, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
 from webapp.web.landmarks import api_cloud, api_points, api_rest
@@ -95,6 +95,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     manual.blueprint,
     maps_pages.blueprint,
     operate.health_pages,
+    metrics.blueprint,
     operate.jobs_api,
     operate.jobs_pages,
     api_georeference.blueprint,

@@ -12,17 +12,19 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from tempfile import TemporaryDirectory
 from types import FrameType
 
 from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
+from webapp.extras import require
 from webapp.jobs.logs import Form
 from webapp.jobs.webserver import native_threads
-from webapp.settings import Settings, environment_for
+from webapp.settings import METRICS_FOLDER, Settings, environment_for
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import Library, open_library
 from webapp.store.operate import jobs
@@ -93,15 +95,27 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
         raise MissingPart(
             "the server does not run natively on Windows", hint="run it in WSL: wsl --install, then make run"
         )
-    with _listen(site.host, site.port) as listener:
+    with ExitStack() as on_end, _listen(site.host, site.port) as listener:
         library = open_library(settings.library, url=settings.database)
         try:
             start = _Start(library, listener, settings=settings)
-            web, worker = _web(site, library, listener=listener), _worker(site, library)
+            figures = on_end.enter_context(_metrics_folder(settings))
+            web, worker = _web(site, library, listener=listener, more=figures), _worker(site, library)
             stop_s = max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S
             keep_running([web, worker], each_tick=lambda: start.look(web, echo=echo), stop_s=stop_s)
         finally:
             library.database.close()
+
+
+@contextmanager
+def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
+    """Make the folder by which web processes share what they count; gives the environment that names it."""
+    if settings.serve.metrics_token is None:
+        yield {}
+        return
+    require("cluster")
+    with TemporaryDirectory(prefix="expmap-metrics-") as folder:
+        yield {METRICS_FOLDER: folder}
 
 
 def _listen(host: str, port: int) -> socket.socket:
@@ -128,7 +142,7 @@ def _listen(host: str, port: int) -> socket.socket:
         time.sleep(0.1)
 
 
-def _web(site: Site, library: Library, *, listener: socket.socket) -> Child:
+def _web(site: Site, library: Library, *, listener: socket.socket, more: Mapping[str, str]) -> Child:
     numbers = {"--fd": listener.fileno(), "--workers": site.workers, "--parent": os.getpid()}
     return Child(
         "the web server",
@@ -137,7 +151,7 @@ def _web(site: Site, library: Library, *, listener: socket.socket) -> Child:
             "--log", site.log,
             *(text for name, number in numbers.items() for text in (name, str(number))),
         ],
-        environment=environment_for(native_threads(site.workers)),
+        environment={**environment_for(native_threads(site.workers)), **more},
         fds=[listener.fileno()],
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from webapp.web import (
     concurrency,
     errors,
     language,
+    metrics,
     openapi,
     pages,
     request_log,
@@ -28,6 +29,7 @@ from webapp.web.state import KEY, AppState, Parts
 
 _PARTS = (
     request_log,
+    metrics,
     compression,
     concurrency,
     security,

@@ -22,6 +22,7 @@ def asked(monkeypatch):
     def run(_maps, _map_id, *, request, settings):
         names.append(request.photos[0].name)
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
+        form["seconds"] = {}
         return LocalizeResult(
             form, (), 0, SimpleNamespace(calibrated=True, not_indexed=0, to_calibrate=False)
         )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import or_, select
+from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.store.database import moment
@@ -30,6 +31,41 @@ def recent(session: Session, *, map_ids: Collection[int], account: Account, limi
     )
     found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
     return list(session.scalars(found))
+
+
+@dataclass(frozen=True, slots=True)
+class QueueFigures:
+    """How the queue is.
+
+    Attributes
+    ----------
+    waiting, running : int
+        Jobs.
+    abandoned : int
+        Of those that run, whose lease has ended, or that have none.
+    oldest_s : float
+        Seconds that the first of those that wait has waited.
+    """
+
+    waiting: int
+    running: int
+    abandoned: int
+    oldest_s: float
+
+
+def queue_figures(session: Session) -> QueueFigures:
+    """Count the jobs that have not ended."""
+    at = moment(session)
+    is_left = or_(Job.leased_until.is_(None), Job.leased_until < at)
+    running = select(func.count()).where(Job.state == "running")
+    waiting = select(func.count(), func.min(Job.created_at)).where(Job.state == "queued")
+    count, oldest = session.execute(waiting).one()
+    return QueueFigures(
+        count,
+        session.scalar(running) or 0,
+        session.scalar(running.where(is_left)) or 0,
+        0.0 if oldest is None else max((at - oldest).total_seconds(), 0.0),
+    )
 
 
 def seconds_left(job: Job, *, at: datetime) -> float | None:

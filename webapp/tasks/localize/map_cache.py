@@ -8,6 +8,7 @@ soon as it is there.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -106,12 +107,22 @@ class MapCache:
     ----------
     most : int
         Maximum number kept open.
+    on_look : callable
+        Called with whether a map was open already.
     """
 
-    def __init__(self, library: Library, settings: Settings, *, most: int = MAX_OPEN) -> None:
+    def __init__(
+        self,
+        library: Library,
+        settings: Settings,
+        *,
+        most: int = MAX_OPEN,
+        on_look: Callable[[bool], None] = lambda _: None,
+    ) -> None:
         self._library = library
         self._settings = settings
         self._most = most
+        self._on_look = on_look
         self._slots: OrderedDict[tuple[int, OpenOptions], _Slot] = OrderedDict()
         self._lock = Lock()
 
@@ -182,7 +193,9 @@ class MapCache:
                 raise NotFound("the map is gone")
             cfg, revision = self._library.cfg(record.slug), record.revision
             same_index = there is not None and slot.opened_with == self._files(there.pipeline.opened)
-            if there is not None and same_index and there.revision == revision:
+            is_open = there is not None and same_index and there.revision == revision
+            self._on_look(is_open)
+            if there is not None and is_open:
                 return there
             the_map = as_map(session, record)
         if the_map is None:

@@ -32,6 +32,7 @@ from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeRe
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
+from webapp.web import metrics
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean
 from webapp.web.localize.answers import AnswerOut
@@ -120,7 +121,9 @@ class CoordinatesOut(Schema):
 @blueprint.record_once
 def _make_cache(state: BlueprintSetupState) -> None:
     made_with = state.app.extensions[STATE]
-    state.app.extensions[_CACHE] = MapCache(made_with.library, made_with.settings)
+    state.app.extensions[_CACHE] = MapCache(
+        made_with.library, made_with.settings, on_look=metrics.look_counter(state.app)
+    )
 
 
 @blueprint.before_request
@@ -287,6 +290,8 @@ def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
 
 def answer(record: MapRecord, localize_request: LocalizeRequest) -> LocalizeResult:
     """Localize photos on a map with the maps that this process keeps open; see `localize_or_build`."""
-    return readiness.localize_or_build(
+    result = readiness.localize_or_build(
         library(), record, cache=map_cache(), request=localize_request, settings=settings()
     )
+    metrics.count_answer(result.form["seconds"])
+    return result

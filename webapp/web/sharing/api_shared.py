@@ -21,6 +21,7 @@ from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
+from webapp.web import metrics
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
 from webapp.web.counting import CountingStorage
@@ -203,6 +204,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
             raise NotReady(
                 "photos cannot be localized on this map yet", hint="come back in a few minutes"
             ) from error
+    metrics.count_answer(result.form["seconds"])
     return result.form
 
 
