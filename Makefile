@@ -20,7 +20,7 @@ REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pyca
           $(wildcard tests/test_*.py)
 # The tests of a file share what they need, so they run in one process.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile
-PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP    := $(BIN)/python -m pip install --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
@@ -34,14 +34,14 @@ install: $(VENV)/.installed ## make .venv with the command expmap in it
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
-	@echo "installing Experience Map into $(VENV), which takes about a minute"
+	@echo "installing Experience Map into $(VENV): about a minute, longer where the network is slow; pip says what it fetches"
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) -e '.[all]'
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed
 	@echo "installing what the tests need"
-	$(PIP) -e '.[all,test]'
+	$(PIP) --quiet -e '.[all,test]'
 	@touch $@
 
 run: install     ## make the sample map, localize a photo on it, start the web application and print its address

@@ -1,6 +1,6 @@
 """Bring the translations up to date: `python docs/make_translations.py`.
 
-Gathers every text from the pages, the scripts, the errors of the program and the steps of its jobs, adds
+Gathers every text from the pages, the scripts, the errors, the answers and the steps of jobs, adds
 the new ones to the `.po` files below `webapp/web/translations`, and makes the `.mo` files. Then fill in what
 the `.po` files lack (a text editor or Poedit does) and run it again: it prints how many are still without a
 translation.
@@ -21,6 +21,7 @@ from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
 from webapp import errors
+from webapp.core.hypotheses.verdict import SENTENCES
 
 ROOT = Path(__file__).resolve().parents[1]
 TRANSLATIONS = ROOT / "webapp" / "web" / "translations"
@@ -66,7 +67,7 @@ def gathered(domain: str) -> Catalog:
         for file, _line, message, _comments, context in found:
             catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)
     if pages:
-        for text, place in sorted({*_of_errors(), *_of_jobs()}):
+        for text, place in sorted({*_of_errors(), *_of_jobs(), *_of_answers()}):
             catalog.add(text, locations=[(place, 1)])
     return catalog
 
@@ -136,6 +137,12 @@ def _of_jobs() -> Iterator[tuple[str, str]]:
                 for part in [given.body, given.orelse] if isinstance(given, ast.IfExp) else [given]:
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         yield part.value, place.as_posix()
+
+
+def _of_answers() -> Iterator[tuple[str, str]]:
+    """Give the sentences that answers are said in."""
+    for text in SENTENCES.values():
+        yield text, "webapp/core/hypotheses/verdict.py"
 
 
 def _path(domain: str, language: str) -> Path:

@@ -359,21 +359,30 @@ def test_a_camera_that_was_solved_is_shown_with_its_height_and_tilt(page, sample
 
 def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, queries, truth):
     open_page(page, sample_map, api)
-    names = ["query_01.jpg", QUERY]
+    names = ["query_01.jpg", QUERY, "off_map.jpg"]
     page.get_by_test_id("query-input").set_input_files([queries / name for name in names])
     page.get_by_role("button", name="Each separately").click()
     rows = page.get_by_test_id("batch-row")
-    expect(rows).to_have_count(2)
-    expect(page.locator("#batch-count")).to_have_text("2 of 2 localized", timeout=PATIENCE_MS)
+    expect(rows).to_have_count(3)
+    expect(page.locator("#batch-count")).to_have_text("3 of 3 localized", timeout=PATIENCE_MS)
+    hollow = re.compile("badge--hollow")
+    expect(rows.first.locator(".badge")).not_to_have_class(hollow)
+    expect(rows.last.locator(".badge")).to_have_class(hollow)
+    expect(rows.last.locator(".badge")).to_have_text("not here")
     marks = page.locator("#map-canvas path.leaflet-interactive")
     expect(marks).to_have_count(2)
     with page.expect_download() as download:
         page.get_by_test_id("batch-csv").click()
     lines = list(csv.DictReader(download.value.path().read_text("utf-8").splitlines()))
     assert [line["photo"] for line in lines] == names
-    for line in lines:
+    for line in lines[:2]:
         at = float(line["x_px"]), float(line["y_px"])
         assert math.dist(at, truth[line["photo"]]) < RIGHT_WITHIN_PX
     rows.first.get_by_role("button").click()
     expect(page.locator("#query-name")).to_have_text(names[0])
     expect(marks).to_have_count(0)
+    page.get_by_test_id("term-inliers").first.click()
+    expect(page.get_by_role("note").filter(has_text="Inliers")).to_be_visible()
+    page.keyboard.press("Escape")
+    page.get_by_role("tab", name="History").click()
+    expect(page.locator("#history li").first.locator(".badge--hollow")).to_have_text("not here")

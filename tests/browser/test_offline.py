@@ -159,7 +159,19 @@ def test_a_file_that_is_not_a_photo_is_reported_and_can_be_taken_away(phone, sam
     expect(photos(page, "refused")).to_have_count(0)
 
 
-def test_pages_that_were_seen_open_without_a_network(phone, sample_map):
+@pytest.fixture
+def noted_map(api, sample_map):
+    """The sample with a note about its first photo."""
+    about = api.state(sample_map)["photos"][0]["id"]
+    note = {"title": "Gate", "text": "Closed at night.", "x_px": 300, "y_px": 300, "photos": [about]}
+    api.ask("POST", f"/maps/{sample_map}/notes", data=note)
+    yield sample_map
+    for one in api.ask("GET", f"/maps/{sample_map}/notes")["notes"]:
+        api.ask("DELETE", f"/maps/{sample_map}/notes/{one['id']}")
+
+
+def test_pages_that_were_seen_open_without_a_network(phone, noted_map):
+    sample_map = noted_map
     page = open_field(phone, sample_map)
     kept(page, sample_map)
     page.goto(f"/maps/{sample_map}/edit")
@@ -167,11 +179,14 @@ def test_pages_that_were_seen_open_without_a_network(phone, sample_map):
     phone.set_offline(True)
     page.reload()
     expect(page.locator("#map-canvas canvas")).to_be_visible()
+    expect(page.locator(".note-mark")).to_have_count(1)
     never_kept = phone.new_page()
     never_kept.goto("/people")
     expect(never_kept.locator("h1")).to_have_text("No connection")
     page.goto(f"/maps/{sample_map}/localize")
     page.wait_for_url(f"**/field?map={sample_map}")
+    page.locator(".note-mark").click()
+    expect(page.get_by_role("dialog")).to_contain_text("Closed at night.")
 
 
 def test_what_was_kept_is_gone_after_signing_out(open_context, link, sample_map):

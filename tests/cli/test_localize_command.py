@@ -17,6 +17,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 ANSWER = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
     "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
+    "verdict", "sentence",
 }  # fmt: skip
 HYPOTHESIS = {
     "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",

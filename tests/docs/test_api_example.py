@@ -118,4 +118,5 @@ def test_the_example_prints_an_error(example, server, survey):
         [sys.executable, example, server[0], "wrong", survey], capture_output=True, text=True
     )
     assert done.returncode == 1
-    assert done.stderr == "unknown token (make a new one on the account page)\n"
+    hint = "make a new one on the account page, or with expmap account token"
+    assert done.stderr == f"unknown token ({hint})\n"

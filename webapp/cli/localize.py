@@ -27,10 +27,10 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.verdict import sentence_of, verdict_of
 from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.files.localize.models import second_look_features
 from webapp.render.answer_pictures import map_picture, match_picture
-from webapp.render.verdict import verdict_of
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
@@ -65,20 +65,9 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
 
 
 def _verdict(answer: Answer) -> str:
-    best, verdict = answer.hypotheses[0], verdict_of(answer)
-    if verdict == "off_map":
-        return "probably not on this map"
-    if verdict == "perhaps_off_map":
-        return "uncertain, perhaps not on this map"
-    where = f"x {best.position.x:.0f}, y {best.position.y:.0f}"
-    match best.kind:
-        case "area":
-            place = f"in the area at {where}"
-        case "photo":
-            place = f"near the photo with id {best.experiences[0]} at {where}"
-        case _:
-            place = f"at {where}"
-    return place if verdict == "place" else f"uncertain, perhaps {place}"
+    """The sentence as it continues "PHOTO: "."""
+    sentence = sentence_of(answer).removesuffix(".")
+    return sentence[0].lower() + sentence[1:]
 
 
 def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str, ...]:

@@ -12,10 +12,10 @@ from PIL import Image
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis
+from webapp.core.hypotheses.verdict import verdict_of
 from webapp.core.mapmodel.model import Map
 from webapp.render.canvas import Canvas, Point, text_width
 from webapp.render.colours import EXPERIENCE, INK, PAPER, QUIET, RGB, TRUTH, probability_colour, text_on
-from webapp.render.verdict import verdict_of
 
 MAX_SCALE = 8.0
 ZOOM = 3.0

@@ -2,7 +2,7 @@
 
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon, targetOf } from "../shared/dom.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 import { listDialog } from "./list-dialog.js";
 import { nameList } from "./name-list.js";
@@ -45,8 +45,8 @@ export function bulkPlacing(page) {
 function report(result, title) {
   const placed = tn("{n} photo placed.", "{n} photos placed.", result.placed.length);
   const parts = [
-    nameList(t("Outside the image"), (result.outside || []).map(({ name, reason }) => `${name}: ${reason}`)),
-    nameList(t("Not found on the track"), (result.unmatched || []).map(({ name, reason }) => `${name}: ${reason}`)),
+    nameList(t("Outside the image"), (result.outside || []).map(({ name, reason }) => labelled(name, reason))),
+    nameList(t("Not found on the track"), (result.unmatched || []).map(({ name, reason }) => labelled(name, reason))),
     nameList(t("Listed, but no photo has this name"), result.unknown || []),
     nameList(t("Ambiguous name"), result.ambiguous || []),
     result.missing ? h("p", {}, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", result.missing)) : null,

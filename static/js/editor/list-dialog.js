@@ -4,7 +4,7 @@ import { columnChoice } from "../shared/column-choice.js";
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
@@ -58,7 +58,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
       fresh.length > 0 && h("p", {}, tn("{n} photo of the tray gets a place: see the rings on the image.", "{n} photos of the tray get a place: see the rings on the image.", fresh.length)),
       nameList(t("Elsewhere now"), farthest(moves)),
       there > 0 && h("p", { class: "soft" }, tn("{n} photo is there already.", "{n} photos are there already.", there)),
-      nameList(t("Outside the image"), outside.map(({ name, problem }) => `${name}: ${problem}`)),
+      nameList(t("Outside the image"), outside.map(({ name, problem }) => labelled(name, problem))),
       nameList(t("Listed, but no photo has this name"), seen.unknown),
       nameList(t("Ambiguous name"), seen.ambiguous),
       seen.missing > 0 && h("p", { class: "soft" }, tn("{n} photo in the tray is not in the list.", "{n} photos in the tray are not in the list.", seen.missing)),
@@ -116,5 +116,5 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
 function farthest(moves) {
   const sorted = [...moves].sort((a, b) => b.moved_px - a.moved_px);
   const far = ({ moved_px: px, moved_m: m }) => (m === null ? t("{n} pixels", { n: Math.round(px) }) : metresText(m));
-  return sorted.map((photo) => `${photo.name}: ${far(photo)}`);
+  return sorted.map((photo) => labelled(photo.name, far(photo)));
 }

@@ -1,7 +1,7 @@
 /** Lines about photos under a title that counts them, folded. */
 
 import { h } from "../shared/dom.js";
-import { tn } from "../shared/i18n.js";
+import { labelled, tn } from "../shared/i18n.js";
 
 const SHOWN = 50;
 
@@ -15,5 +15,5 @@ export function nameList(title, lines) {
   const rows = lines.slice(0, SHOWN).map((line) => h("li", {}, line));
   const more = lines.length - rows.length;
   if (more > 0) rows.push(h("li", { class: "soft" }, tn("and {n} more", "and {n} more", more)));
-  return h("details", {}, h("summary", {}, `${title}: ${lines.length}`), h("ul", { class: "small" }, ...rows));
+  return h("details", {}, h("summary", {}, labelled(title, lines.length)), h("ul", { class: "small" }, ...rows));
 }

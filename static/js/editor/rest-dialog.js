@@ -3,7 +3,7 @@
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { accuracyText, leftText, offText } from "../shared/format.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
@@ -51,7 +51,7 @@ function restDialog({ store, server, refresh, dots, view }) {
       job !== null && bar,
       job === null && rest.revision !== null && (suggested.length > 0 || !rest.corrected.length) && summary(rest),
       suggested.length > 0 && h("ul", { class: "small ed-rest" }, ...suggested.slice(0, SHOWN).map(row)),
-      nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => `${name}: ${reason}`)),
+      nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => labelled(name, reason))),
       nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
         t("{name}: they have it {distance} away", { name, distance: length(away) }))),
       rest.corrected.length > 0 && corrections(rest.corrected),

@@ -3,7 +3,7 @@
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { sizeText } from "../shared/format.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 import { AreaBox } from "./area-box.js";
 
@@ -98,7 +98,7 @@ function reason(store, services) {
 }
 
 function summary(found) {
-  const licences = Object.entries(found.licences).map(([name, n]) => `${name}: ${n}`).join(", ");
+  const licences = Object.entries(found.licences).map(([name, n]) => labelled(name, n)).join(", ");
   const others = [
     found.panoramas && tn("{n} of them is a panorama.", "{n} of them are panoramas.", found.panoramas),
     found.known && tn("{n} is in the map already.", "{n} are in the map already.", found.known),

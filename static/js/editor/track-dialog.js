@@ -2,7 +2,7 @@
 
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { debounce } from "../shared/timing.js";
 import { nameList } from "./name-list.js";
 import { offer, placeButton, placeOnClick } from "./place-button.js";
@@ -56,8 +56,8 @@ export function trackDialog({ server, refresh, dots, view }, given, report) {
     const outside = seen.photos.filter(({ problem }) => problem !== null);
     outcome.replaceChildren(...[
       h("p", {}, tn("{n} photo would be placed: see the rings on the image.", "{n} photos would be placed: see the rings on the image.", inside.length)),
-      nameList(t("Outside the image"), outside.map(({ name, problem }) => `${name}: ${problem}`)),
-      nameList(t("Not found on the track"), seen.unmatched.map(({ name, reason }) => `${name}: ${reason}`)),
+      nameList(t("Outside the image"), outside.map(({ name, problem }) => labelled(name, problem))),
+      nameList(t("Not found on the track"), seen.unmatched.map(({ name, reason }) => labelled(name, reason))),
       suggestion(seen.suggested),
     ].filter(Boolean));
   };

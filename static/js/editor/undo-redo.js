@@ -1,7 +1,7 @@
 /** Undo and redo with words for what they do, and whether everything is saved. */
 
 import { byId } from "../shared/dom.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 
 /** What an edit was, as the words on its button. */
@@ -59,7 +59,7 @@ export function stepName({ kind, count }) {
 
 function label(button, word, step, keys) {
   const what = step ? stepName(step) : "";
-  const text = what ? `${word}: ${what}` : word;
+  const text = what ? labelled(word, what) : word;
   button.title = `${text} (${keys})`;
   button.setAttribute("aria-label", text);
 }

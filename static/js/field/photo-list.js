@@ -1,7 +1,6 @@
 /** The photos of this device as a list: what waits, what was answered, and what was refused. */
 
-import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
-import { isOffMap } from "../shared/answer/query-session.js";
+import { answerBadge } from "../shared/answer/answer-badge.js";
 import { h, icon, queryAll } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
 
@@ -62,10 +61,5 @@ function badge({ state, answer }) {
   if (state === "waiting") return h("span", { class: "badge badge--warning" }, t("waiting"));
   if (state === "added") return h("span", { class: "badge badge--success" }, t("added"));
   if (state === "refused") return h("span", { class: "badge badge--danger" }, t("rejected"));
-  if (isOffMap(answer)) return h("span", { class: "badge" }, t("not here"));
-  const [first] = answer.hypotheses;
-  const made = h("span", { class: "badge" }, percentText(first.probability));
-  const { fill, text } = probabilityColours(first.probability);
-  Object.assign(made.style, { backgroundColor: fill, color: text });
-  return made;
+  return answerBadge(answer);
 }

@@ -3,7 +3,7 @@
 import { Box3, Vector3 } from "three";
 import { busy, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
-import { duration, locale, t, tn } from "../shared/i18n.js";
+import { duration, labelled, locale, t, tn } from "../shared/i18n.js";
 import { roundLength } from "../shared/map/coords.js";
 import { mapCredit } from "../shared/photo-credit.js";
 import { toastError } from "../shared/toast.js";
@@ -213,7 +213,7 @@ function showLeftOut(cloud) {
   const out = cloud.left_out.reduce((sum, { photos }) => sum + photos.length, 0);
   byId("left-out").hidden = !out;
   byId("left-out-words").textContent = tn("{n} photo is joined, but not on the map", "{n} photos are joined, but not on the map", out);
-  byId("left-out-reasons").replaceChildren(...cloud.left_out.map(({ photos, reason }) => h("li", {}, `${photos.length}: ${reason}`)));
+  byId("left-out-reasons").replaceChildren(...cloud.left_out.map(({ photos, reason }) => h("li", {}, labelled(photos.length, reason))));
 }
 
 function scaleBar(stage, cloud) {

@@ -1,9 +1,10 @@
 /** Many photos, each localized by itself: a table of the answers, and all of them on the map. */
 
+import { answerBadge } from "../shared/answer/answer-badge.js";
 import { lengthText, percentText, probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
 import { byId, h } from "../shared/dom.js";
-import { t } from "../shared/i18n.js";
+import { labelled, t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
 import { printDialog } from "../shared/print-dialog.js";
 import { sentence } from "../shared/toast.js";
@@ -98,7 +99,7 @@ export class Batch {
     const [{ x_px: x, y_px: y, probability }] = answer.hypotheses;
     const { fill } = probabilityColours(probability);
     const mark = L.circleMarker(latLngOf([x, y]), { radius: RADIUS_PX, color: "#fff", weight: 2, fillColor: fill, fillOpacity: 1 });
-    mark.bindTooltip(`${row.name}: ${percentText(probability)}`);
+    mark.bindTooltip(labelled(row.name, percentText(probability)));
     mark.on("click", () => this.open(answer.id));
     this.marks.addLayer(mark);
   }
@@ -140,14 +141,10 @@ class Row {
   answer(answer) {
     const button = h("button", { class: "lo-batch__name", type: "button", onclick: () => this.open(answer.id) }, this.name);
     this.element.children[1].replaceChildren(button);
-    this.state.replaceWith(...(isOffMap(answer) ? [h("td", { colspan: 2 }, h("span", { class: "badge" }, t("not here")))] : cells(answer.hypotheses[0])));
+    this.state.replaceWith(h("td", { class: "small" }, isOffMap(answer) ? "" : where(answer.hypotheses[0])), h("td", {}, answerBadge(answer)));
   }
 }
 
-function cells({ probability, radius_m: m, radius_px: px, heading_deg: heading }) {
-  const { fill, text } = probabilityColours(probability);
-  const badge = h("span", { class: "badge" }, percentText(probability));
-  Object.assign(badge.style, { backgroundColor: fill, color: text });
-  const where = [px === null ? t("Area") : `± ${lengthText(m, px)}`, heading === null ? "" : `${Math.round(heading)}°`].filter(Boolean).join(" · ");
-  return [h("td", { class: "small" }, where), h("td", {}, badge)];
+function where({ radius_m: m, radius_px: px, heading_deg: heading }) {
+  return [px === null ? t("Area") : `± ${lengthText(m, px)}`, heading === null ? "" : `${Math.round(heading)}°`].filter(Boolean).join(" · ");
 }

@@ -5,7 +5,7 @@ import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
 import { leftText } from "../shared/format.js";
-import { t, tn } from "../shared/i18n.js";
+import { labelled, t, tn } from "../shared/i18n.js";
 import { sentence, toast } from "../shared/toast.js";
 
 const MOST_OF_ONE_SPOT = 8;
@@ -176,7 +176,7 @@ export class Localizer extends EventTarget {
 
   _problem({ message, hint, where }) {
     const oneOfSeveral = this.session.query?.files?.length > 1 && where;
-    const text = oneOfSeveral ? `${where}: ${message}` : sentence(message);
+    const text = oneOfSeveral ? labelled(where, message) : sentence(message);
     byId("notes").replaceChildren(note("danger", text, hint && sentence(hint)));
   }
 

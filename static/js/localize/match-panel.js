@@ -5,6 +5,7 @@ import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { PanoramaView } from "../shared/panorama-view.js";
 import { creditLine } from "../shared/photo-credit.js";
+import { term } from "../shared/term.js";
 import { matchView } from "./match-view.js";
 
 const ROOM_IN_PANEL = 0.85;
@@ -80,7 +81,7 @@ export class MatchPanel {
     view.replaceChildren(...(pair ? [matchView(pair, { all: this._all, shape: ROOM_IN_PANEL })] : []));
     byId("matches-around").hidden = !pair?.inside;
     this.around.show(pair?.inside ?? null, pair?.inside ? middleOf(pair.lines, pair.photo.width) : 0);
-    byId("matches-count").replaceChildren(...(pair ? [count(pair.lines), ...behind(pair.credit)] : []));
+    byId("matches-count").replaceChildren(...(pair ? [...count(pair.lines), ...behind(pair.credit)] : []));
   }
 
   get _all() {
@@ -93,7 +94,7 @@ export class MatchPanel {
     const shape = innerWidth / innerHeight;
     const dialog = openDialog(t("{query} and {photo}", { query: pair.query.name, photo: pair.photo.name }), [
       matchView(pair, { all: this._all, shape }),
-      h("p", { class: "small soft" }, count(pair.lines), ...behind(pair.credit), " · ", t("Zoom by wheel, pinch or double-click.")),
+      h("p", { class: "small soft" }, ...count(pair.lines), ...behind(pair.credit), " · ", t("Zoom by wheel, pinch or double-click.")),
     ]);
     dialog.classList.add("lo-dialog");
   }
@@ -111,5 +112,5 @@ const behind = (part) => (part ? [" · ", part] : []);
 
 function count({ inlier }) {
   const inliers = inlier.filter(Boolean).length;
-  return t("{inliers} inliers of {n} matches", { inliers, n: inlier.length });
+  return [t("{inliers} inliers of {n} matches", { inliers, n: inlier.length }), " ", term("inliers")];
 }

@@ -5,6 +5,7 @@ import { copy } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { term } from "../shared/term.js";
 import { debounce } from "../shared/timing.js";
 import { toast, toastError } from "../shared/toast.js";
 
@@ -40,11 +41,16 @@ async function showCoordinates({ session, server }) {
   asked = abort;
   const { position } = session;
   if (!position) return;
-  const pixels = row(t("Map"), `${numberText(position[0], 1)}, ${numberText(position[1], 1)} px`);
+  const pixels = row([t("Map")], `${numberText(position[0], 1)}, ${numberText(position[1], 1)} px`);
   try {
     const received = await server.coordinates(position, abort.signal);
     if (abort.signal.aborted) return;
-    const known = [[t("Decimal"), received.decimal], [t("Degrees"), received.dms], ["UTM", received.utm], ["MGRS", received.mgrs]];
+    const known = [
+      [[t("Decimal")], received.decimal],
+      [[t("Degrees")], received.dms],
+      [["UTM", " ", term("utm")], received.utm],
+      [["MGRS", " ", term("mgrs")], received.mgrs],
+    ];
     const rows = known.filter(([, text]) => text).flatMap(([name, text]) => row(name, text));
     byId("coordinates").replaceChildren(...(rows.length ? rows : pixels), ...poseRows(session));
   } catch (error) {
@@ -70,13 +76,14 @@ function poseRows({ spot, hypothesis }) {
   return facts.flatMap(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]);
 }
 
+/** @param {Array<string|Node>} name @param {string} text */
 function row(name, text) {
   const button = h(
     "button",
     { class: "lo-copy", type: "button", title: t("Copy"), "aria-label": t("Copy {text}", { text }), onclick: () => copy(text, t("Copied: {text}", { text })) },
     h("span", {}, text), icon("copy"),
   );
-  return [h("dt", {}, name), h("dd", {}, button)];
+  return [h("dt", {}, ...name), h("dd", {}, button)];
 }
 
 function actions(page) {

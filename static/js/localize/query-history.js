@@ -1,7 +1,6 @@
 /** What was asked of this map before: thumbnails, each a link to its answer. */
 
-import { percentText, probabilityColours } from "../shared/answer/answer-format.js";
-import { isOffMap } from "../shared/answer/query-session.js";
+import { answerBadge } from "../shared/answer/answer-badge.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { moment, t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
@@ -61,7 +60,7 @@ export class QueryHistory {
           h("span", { class: "lo-past__name" }, query.name),
           h("span", { class: "small soft" }, [query.who, moment(query.at)].filter(Boolean).join(" · "))),
         query.adopted !== null && h("span", { class: "lo-past__in", title: t("In the map") }, icon("check")),
-        verdict(query.answer)));
+        answerBadge(query.answer)));
   }
 
   _mark() {
@@ -70,14 +69,4 @@ export class QueryHistory {
       item.firstElementChild.toggleAttribute("aria-current", current);
     }
   }
-}
-
-/** The first hypothesis in its colour, or the word that it is not from this map. */
-function verdict(answer) {
-  if (isOffMap(answer)) return h("span", { class: "badge" }, t("not here"));
-  const [first] = answer.hypotheses;
-  const made = h("span", { class: "badge" }, percentText(first.probability));
-  const { fill, text } = probabilityColours(first.probability);
-  Object.assign(made.style, { backgroundColor: fill, color: text });
-  return made;
 }

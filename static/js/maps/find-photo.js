@@ -4,7 +4,7 @@ import { upload } from "../shared/api.js";
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
 import { usable } from "../shared/drop-files.js";
-import { locale, t, tn } from "../shared/i18n.js";
+import { labelled, locale, t, tn } from "../shared/i18n.js";
 
 const LIKELY = 0.5;
 const SHOWN = 5;
@@ -76,7 +76,7 @@ function row(name, probability, button = null) {
   const percent = probability < 0.01 ? `< ${text}` : probability > 0.99 ? `> ${text}` : text;
   return h("li", {},
     h("span", { class: "find-maps__name" }, name),
-    h("meter", { min: 0, max: 1, value: probability, "aria-label": `${name}: ${percent}` }),
+    h("meter", { min: 0, max: 1, value: probability, "aria-label": labelled(name, percent) }),
     h("span", { class: "number" }, percent),
     button);
 }
@@ -88,7 +88,7 @@ function notSearched({ not_searched: skipped, less_alike: further }) {
   if (!skipped.length) return rest;
   return [...rest, h("details", { class: "small" },
     h("summary", {}, tn("{n} map was not searched", "{n} maps were not searched", skipped.length)),
-    h("ul", {}, ...skipped.map(({ name, reason, hint }) => h("li", {}, `${name}: ${[reason, hint].filter(Boolean).join("; ")}`))))];
+    h("ul", {}, ...skipped.map(({ name, reason, hint }) => h("li", {}, labelled(name, [reason, hint].filter(Boolean).join("; "))))))];
 }
 
 /** Ask that map, which keeps the photo in its history, and go there. */

@@ -1,7 +1,7 @@
 /** Speed, height or distance over the time line; pointing at it points at the map, a click goes there. */
 
 import { byId, h, queryAll } from "../shared/dom.js";
-import { t } from "../shared/i18n.js";
+import { labelled, t } from "../shared/i18n.js";
 import { ThemeColours } from "../shared/theme-colours.js";
 import { debounce, rafThrottle } from "../shared/timing.js";
 import { toastError } from "../shared/toast.js";
@@ -130,7 +130,7 @@ export class Profile {
     pen.font = "12px system-ui, sans-serif";
     pen.textBaseline = "top";
     pen.fillStyle = ink.textSoft;
-    if (values.length) pen.fillText(`${name()}: ${text(low)} – ${text(high)}`, PAD.side, 2);
+    if (values.length) pen.fillText(labelled(name(), `${text(low)} – ${text(high)}`), PAD.side, 2);
     if (!this._timed) return;
     if (store.moment !== null) cursor(pen, x(store.moment), { height, colour: ink.text, width: 2 });
     if (this.hover !== null) this._pointed(pen, { x: x(this.hover), width, height, colour: ink.textSoft }, series);

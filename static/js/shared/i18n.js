@@ -32,6 +32,11 @@ export function tn(one, many, n, values = {}) {
   return fill(form, { n: n.toLocaleString(language), ...values });
 }
 
+/** "Label: value" as the language writes it: French has a space before the colon. */
+export function labelled(label, value) {
+  return t("{label}: {value}", { label, value });
+}
+
 /**
  * Format a duration, roughly.
  * @param {number} seconds

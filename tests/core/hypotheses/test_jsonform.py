@@ -16,8 +16,9 @@ from webapp.core.hypotheses.jsonform import (
 from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchStatistics
 
 KEYS = [
-    "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
-    "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
+    "query", "method", "features", "fov_deg", "fov_source", "verdict", "sentence", "hypotheses",
+    "other_probability", "off_map_probability", "statistics", "seconds", "map_revision", "map_kind",
+    "place_radius_px", "looks",
 ]  # fmt: skip
 HYPOTHESIS_KEYS = [
     "rank", "kind", "x_px", "y_px", "radius_px", "heading_deg", "lat", "lon", "radius_m", "probability",
@@ -50,6 +51,25 @@ def test_keys_are_those_of_the_interface() -> None:
     assert form["seconds"]["read"] is None
     assert form["map_revision"] == 3
     json.dumps(form, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("kind", "probability", "verdict", "sentence"),
+    [
+        ("position", 0.7, "place", "At x 100, y 200."),
+        ("area", 0.7, "place", "In the area at x 100, y 200."),
+        ("photo", 0.7, "place", "Near the photo with id 4 at x 100, y 200."),
+        ("position", 0.4, "perhaps_place", "Uncertain, perhaps at x 100, y 200."),
+        ("area", 0.4, "perhaps_place", "Uncertain, perhaps in the area at x 100, y 200."),
+        ("photo", 0.4, "perhaps_place", "Uncertain, perhaps near the photo with id 4 at x 100, y 200."),
+        ("photo", 0.1, "perhaps_off_map", "Uncertain, perhaps not on this map."),
+    ],
+)
+def test_an_answer_is_said_in_a_sentence(kind, probability, verdict, sentence) -> None:
+    place = replace(ANSWER.hypotheses[0], kind=kind, probability=probability)
+    answer = replace(ANSWER, hypotheses=(place,), other_probability=0.8 - probability)
+    form = answer_to_json(answer, query="q.jpg", source=AnswerSource("verified", "sift", None, 3))
+    assert (form["verdict"], form["sentence"]) == (verdict, sentence)
 
 
 def test_georeferenced_hypothesis_is_in_degrees_and_metres() -> None:

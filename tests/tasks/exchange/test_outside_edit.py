@@ -276,5 +276,51 @@ class TestControlPoints:
         assert there()["gate"]["x_px"] == 1.0
 
 
+def test_notes_are_taken_over_with_the_file_and_undone(
+    library, map_id, edit, write, take, undo, record, rows
+):
+    """Those of spots, of a placed photo, and of one in the tray; what the file does not have stays."""
+    gate, well = {"title": "Gate", **point(1.0)}, {"title": "Well", **point(2.0)}
+    first = {"note/1": gate, "note/2": well, "photo/2": {"x_px": None, "y_px": None}}
+    edit(map_id, first, kind="notes")
+    export.export_map(library, map_id)
+    file = library.cfg("park").with_name("map.json")
+    extras = json.loads(file.read_bytes())
+    extras["notes"] = [
+        {"id": 1, **gate, "text": "closed at night", "photos": [1, 77]},
+        {"id": 3, "title": "Tree", **point(3.0)},
+    ]
+    noted = [{"id": id, "photo": f"photos/{id}.jpg", "note": f"of {id}"} for id in range(3)]
+    extras |= {"experiences": noted[:2], "unplaced": noted[2:]}
+    file.write_text(json.dumps(extras))
+    write("0;photos/0.jpg;7;8", SAME[1])
+    shown = show(library, map_id)
+    assert (shown["notes"], shown["turned"]) == (["0.jpg", "1.jpg", "Gate", "Tree", "2.jpg"], [])
+    take()
+    there = {note["id"]: note for note in record(map_id).notes}
+    assert {id: note["title"] for id, note in there.items()} == {1: "Gate", 2: "Well", 3: "Tree"}
+    assert (there[1]["text"], there[1]["photos"]) == ("closed at night", [1])
+    assert {id: row.note for id, row in rows(map_id).items()} == {0: "of 0", 1: "of 1", 2: "of 2"}
+    undo()
+    assert [note["title"] for note in record(map_id).notes] == ["Gate", "Well"]
+    assert {row.note for row in rows(map_id).values()} == {None}
+
+
+def test_a_note_that_was_changed_here_since_the_file_was_written_stays(
+    library, map_id, edit, write, take, record
+):
+    note = {"title": "Gate", **point(1.0)}
+    edit(map_id, {"note/1": note}, kind="notes")
+    export.export_map(library, map_id)
+    file = library.cfg("park").with_name("map.json")
+    extras = json.loads(file.read_bytes()) | {"notes": [{"id": 1, **note, "text": "theirs"}]}
+    file.write_text(json.dumps(extras))
+    write("0;photos/0.jpg;7;8", *SAME[1:])
+    edit(map_id, {"note/1": note | {"text": "ours"}}, kind="notes")
+    assert show(library, map_id)["notes"] == []
+    take()
+    assert record(map_id).notes[0]["text"] == "ours"
+
+
 def point(x):
     return {"x_px": x, "y_px": 5.0, "photos": []}

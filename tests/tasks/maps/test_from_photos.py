@@ -142,12 +142,26 @@ def test_lund_is_placed_in_full(shared_data, tmp_path):
 
 
 def test_every_odd_photo_is_accounted_for(shared_data, tmp_path):
-    report = run(shared_data, tmp_path / "map.cfg", photos="odd_photos", copy=True)
+    Image.new("RGB", (720, 320)).save(tmp_path / "world.png")
+    corners = '{"top_left": {"lat": 80, "lon": -180}, "bottom_right": {"lat": -80, "lon": 180}}'
+    (tmp_path / "corners.json").write_text(corners)
+    source = GeoSource("corners", tmp_path / "corners.json")
+    image = {"satellite": tmp_path / "world.png", "source": source}
+    report = run(shared_data, tmp_path / "map.cfg", photos="odd_photos", copy=True, **image)
     names = {path.name for path in (shared_data / "odd_photos").iterdir()}
     assert {file.name for file in report.files} == names
     assert (report.count(FileState.PLACED), report.count(FileState.NO_POSITION)) == (6, 26)
     assert all(bool(file.reason) != (file.state is FileState.PLACED) for file in report.files)
-    assert "spread over" in report.warnings[0]
+
+
+def test_photos_of_two_cities_are_not_put_on_one_blank_plan(tmp_path):
+    photo(tmp_path / "photos" / "prague.jpg", 50.0, 14.0)
+    photo(tmp_path / "photos" / "brno.jpg", 49.0, 16.0)
+    photo(tmp_path / "photos" / "zlin.jpg", 49.0, 17.0)
+    with pytest.raises(UsageError, match=r"spread over 217 km, from prague.jpg to zlin.jpg") as refused:
+        run(tmp_path)
+    assert "a map of each place" in refused.value.hint
+    assert not (tmp_path / "map.cfg").exists()
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -24,6 +24,7 @@ from webapp.web.localize import api_localize
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
     "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
+    "verdict", "sentence",
 }  # fmt: skip
 """Of `expmap localize --json`."""
 
@@ -56,6 +57,21 @@ def test_a_query_is_found_and_remembered(client, sample, ask, queries):
 def test_a_photo_from_elsewhere_is_off_the_map(client, sample, ask, queries):
     answer = ask(client, queries / "off_map.jpg").get_json()
     assert answer["off_map_probability"] > max(h["probability"] for h in answer["hypotheses"])
+
+
+def test_an_answer_is_said_in_the_language_of_the_request(client, sample, ask, queries):
+    words = {
+        "off_map": ("Probably not on this map.", "Probablement pas sur cette carte."),
+        "perhaps_off_map": (
+            "Uncertain, perhaps not on this map.",
+            "Incertain, peut-être pas sur cette carte.",
+        ),
+    }
+    answer = ask(client, queries / "off_map.jpg").get_json()
+    address = f"/api/v1/maps/sample/queries/{answer['id']}"
+    french = client.get(address, headers={"Accept-Language": "fr"}).get_json()["answer"]
+    assert french["verdict"] == answer["verdict"]
+    assert (answer["sentence"], french["sentence"]) == words[answer["verdict"]]
 
 
 def test_the_matches_lie_in_the_photos(client, sample, ask, queries):

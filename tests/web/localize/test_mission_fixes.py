@@ -23,6 +23,7 @@ from webapp.tasks.maps.library_map import georeference
 KEYS = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",
     "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
+    "verdict", "sentence",
     "photo", "time", "lat", "lon", "heading_deg", "position_covariance_m2", "no_pose",
 }  # fmt: skip
 

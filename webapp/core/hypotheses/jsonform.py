@@ -13,6 +13,7 @@ from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.places import MapKind
+from webapp.core.hypotheses.verdict import sentence_of, verdict_of
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
 """Names of the times in `seconds`, in the order of the work."""
@@ -64,6 +65,8 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "features": source.features,
         "fov_deg": None if answer.fov is None else answer.fov.degrees,
         "fov_source": None if answer.fov is None else answer.fov.source,
+        "verdict": verdict_of(answer),
+        "sentence": sentence_of(answer),
         "hypotheses": [_hypothesis(h, source.georeference) for h in answer.hypotheses],
         "other_probability": answer.other_probability,
         "off_map_probability": answer.off_map_probability,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from webapp.core.blur import BlurBox
 from webapp.core.geo.blank import BlankPlan, draw, plan_around
@@ -136,7 +137,8 @@ def map_from_photos(
     Raises
     ------
     UsageError
-        The request cannot work: the map exists, photos or image lie outside its folder, no georeference ...
+        The request cannot work: the map exists, photos or image lie outside its folder, no georeference,
+        positions too far apart for a blank plan ...
     GeoreferenceError, TableError
         The georeference or the positions cannot be read.
     MapError
@@ -171,11 +173,12 @@ def map_from_photos(
     seen = [_own_file(s) if target.same(folder / s.name, own) else s for s in seen]
     plan = None
     if image is None:
-        latlon = [s.position for s in seen if isinstance(s.position, LatLon)]
+        latlon = {s.name: s.position for s in seen if isinstance(s.position, LatLon)}
         if not latlon:
             return PlaceReport(options.cfg, False, None, tuple(unplaced(s) for s in seen))
-        plan = plan_around(latlon)
-        image = MapImage(plan.width, plan.height, plan.georeference, warnings=_far_apart(plan))
+        plan = plan_around(list(latlon.values()))
+        _refuse_far_apart(plan, latlon)
+        image = MapImage(plan.width, plan.height, plan.georeference)
     placed = [_masked(place(s, image, photo=target.photo_name(s.name)), masked) for s in seen]
     files, next_id = with_ids(placed, before)
     experiences = tuple(f.experience for f in files if f.experience is not None)
@@ -237,11 +240,19 @@ def _own_file(surveyed: SurveyedFile) -> SurveyedFile:
     return SurveyedFile(surveyed.name, state=FileState.NOT_A_PHOTO, reason="it is the map's own image")
 
 
-def _far_apart(plan: BlankPlan) -> tuple[str, ...]:
-    extent = max(plan.width, plan.height) * plan.metres_per_pixel
-    if extent < _FAR_M:
-        return ()
-    return (f"the photos are spread over {extent / 1000:.0f} km: is the position of some of them wrong?",)
+def _refuse_far_apart(plan: BlankPlan, latlon: Mapping[str, LatLon]) -> None:
+    """Refuse a plan on which all photos of a place would be one dot: two places, or a wrong position."""
+    if max(plan.width, plan.height) * plan.metres_per_pixel < _FAR_M:
+        return
+    pixels = plan.georeference.pixel_from_latlon(list(latlon.values()))
+    along = pixels[:, int(plan.height > plan.width)]
+    first, last = (list(latlon)[int(end)] for end in (along.argmin(), along.argmax()))
+    extent_km = float(np.ptp(along)) * plan.metres_per_pixel / 1000.0
+    raise UsageError(
+        f"the photos are spread over {extent_km:.0f} km, from {first} to {last}",
+        where="--blank",
+        hint="make a map of each place, leave out wrong positions, or give an image with --satellite",
+    )
 
 
 class NewMapFolder:

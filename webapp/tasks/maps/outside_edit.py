@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,15 @@ from sqlalchemy.orm import Session
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Conflict, MapError, NotFound, UsageError
-from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.map_json import georeference_fields
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.maps import export
+from webapp.tasks.maps import export, outside_listed
 from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, salted
 from webapp.tasks.maps.export import changed_outside, file_sha256
-from webapp.tasks.maps.library_map import control_points
 from webapp.tasks.relative_paths import relative_text, show_relative_to
 
 Change = Mapping[str, Any] | None
@@ -58,7 +56,8 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
     dict or None
         None when nobody has changed the file. Else `sha256` of the file; `problem`, a sentence, where it
         cannot be taken over; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`,
-        sentences; `placements` and `control_points`, names; `georeference`, whether it changes.
+        sentences; `placements` and `control_points`, names; `notes`, titles; `georeference`, whether it
+        changes.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -150,17 +149,8 @@ def _record(found: MapRecord | None) -> MapRecord:
 
 
 def _plan_json(found: TakeOverPlan) -> dict[str, Any]:
-    return {
-        "moved": found.moved,
-        "turned": found.turned,
-        "added": found.added,
-        "removed": found.removed,
-        "kept": found.kept,
-        "left_out": found.left_out,
-        "placements": found.placements,
-        "control_points": found.control_points,
-        "georeference": found.georeference,
-    }
+    inner = ("changes", "new", "renamed")
+    return {part.name: getattr(found, part.name) for part in fields(found) if part.name not in inner}
 
 
 @dataclass(slots=True)
@@ -184,6 +174,8 @@ class TakeOverPlan:
         Names of further placements that change.
     control_points : list of str
         Names of control points that change.
+    notes : list of str
+        Titles of notes that change; of the note of a photo, the name of the photo.
     georeference : bool
         Whether it changes.
     """
@@ -199,6 +191,7 @@ class TakeOverPlan:
     left_out: list[str] = field(default_factory=list)
     placements: list[str] = field(default_factory=list)
     control_points: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     georeference: bool = False
 
 
@@ -230,10 +223,10 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
     made = _Planner(record, files, rows=rows)
     ids = made.take_photos(map_.experiences)
     made.take_placements(session, map_, ids)
-    made.take_control_points(session, map_, ids)
-    fields = georeference_fields(map_.georeference)
-    if fields != record.georeference and record.satellite_revision <= record.exported_revision:
-        made.plan.changes["map"] = {"georeference": fields}
+    made.take_listed(session, map_, ids)
+    georeference = georeference_fields(map_.georeference)
+    if georeference != record.georeference and record.satellite_revision <= record.exported_revision:
+        made.plan.changes["map"] = {"georeference": georeference}
         made.plan.georeference = True
     return made.plan
 
@@ -287,23 +280,20 @@ class _Planner:
             if name not in self.plan.placements:
                 self.plan.placements.append(name)
 
-    def take_control_points(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """Plan the control points; those that the file does not have stay."""
-        before = {point.name: point for point in control_points(self._record)}
-        in_tray = {photo.id for photo in map_.unplaced if photo.id in self._rows}
-        known = {id: id for id in in_tray.difference(ids.values())} | dict(ids)
-        for point in map_.control_points:
-            clicks = [
-                click._replace(photo=known[click.photo]) for click in point.clicks if click.photo in known
-            ]
-            after = replace(point, clicks=tuple(sorted(clicks)))
-            target = f"point/{point.name}"
-            if after == before.get(point.name) or (
-                edits.revision_of_listed(session, self._record, target) > self._record.exported_revision
-            ):
-                continue
-            self.plan.changes[target] = point_fields(after)
-            self.plan.control_points.append(point.name)
+    def take_listed(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
+        """Plan control points, and notes but those of placed photos; what the file does not have stays."""
+        in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in ids.values()}
+        known = {id: id for id in in_tray} | dict(ids)
+        points = outside_listed.changed_points(session, self._record, map_, known=known)
+        notes = outside_listed.changed_notes(session, self._record, map_, known=known)
+        self.plan.changes |= points | notes
+        self.plan.control_points += [target.removeprefix("point/") for target in points]
+        self.plan.notes += [fields["title"] for fields in notes.values()]
+        for id, photo in in_tray.items():
+            row = self._rows[id]
+            if photo.note not in (None, row.note) and not self._ours_is_newer(row):
+                self.plan.changes[f"photo/{id}"] = {"note": photo.note}
+                self.plan.notes.append(row.name)
 
     def _matched(
         self, experiences: list[Experience]
@@ -338,12 +328,14 @@ class _Planner:
             self.plan.kept.append(_named(row))
             return
         self.plan.changes[f"photo/{row.id}"] = differs
+        if "note" in differs:
+            self.plan.notes.append(row.name)
         if row.removed or row.x_px is None:
             self.plan.added.append(_named(row))
         elif "x_px" in differs:
             move = {"from": [row.x_px, row.y_px], "to": [e.position.x, e.position.y]}
             self.plan.moved.append({**_named(row), **move})
-        else:
+        elif "heading_deg" in differs:
             self.plan.turned.append(_named(row))
 
     def _new(self, e: Experience, *, taken: set[int]) -> int | None:
@@ -361,9 +353,9 @@ class _Planner:
         self._next_id = row.id + 1
         if same is not None or any(other.sha256 == row.sha256 for other in self.plan.new):
             row.sha256 = salted(row.sha256, row.id)
-        place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg")}
+        place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg", "note")}
         wanted = {**place, "removed": False}
-        row.x_px = row.y_px = row.radius_px = row.heading_deg = None
+        row.x_px = row.y_px = row.radius_px = row.heading_deg = row.note = None
         row.removed = True
         self.plan.new.append(row)
         self.plan.changes[f"photo/{row.id}"] = wanted
@@ -383,4 +375,6 @@ def _differences(e: Experience, row: Photo) -> dict[str, Any]:
         differs |= {"x_px": e.position.x, "y_px": e.position.y, "radius_px": e.radius_px}
     if e.heading_deg is not None and e.heading_deg != row.heading_deg:
         differs["heading_deg"] = e.heading_deg
+    if e.note is not None and e.note != row.note:
+        differs["note"] = e.note
     return differs

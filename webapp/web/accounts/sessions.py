@@ -104,7 +104,9 @@ def _of_token(token: str) -> Account:
     with database.read() as db:
         found = accounts.by_token(db, token)
     if found is None:
-        raise NotSignedIn("unknown token", hint="make a new one on the account page")
+        raise NotSignedIn(
+            "unknown token", hint="make a new one on the account page, or with expmap account token"
+        )
     account, known = found
     if known.used_at is None or now() - known.used_at > _USE_NOTED_EVERY:
         with database.write() as db:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 from apiflask import Schema
-from apiflask.fields import Boolean, Float, Integer, List, Nested, String
+from apiflask.fields import Boolean, Float, Function, Integer, List, Nested, String
+from flask_babel import gettext
 
+from webapp.core.hypotheses.jsonform import answer_from_json
 from webapp.core.hypotheses.places import MAP_KINDS
+from webapp.core.hypotheses.verdict import Verdict, sentence_parts, verdict_of
 from webapp.render.colours import INK, INLIER, OUTLIER, RGB, TRUTH, probability_colour, text_on
 
 _STEPS = 100
@@ -74,6 +77,15 @@ class SecondsOut(Schema):
     total = Float(allow_none=True)
 
 
+def _verdict(form: dict[str, Any]) -> Verdict:
+    return verdict_of(answer_from_json(form))
+
+
+def _sentence(form: dict[str, Any]) -> str:
+    text, values = sentence_parts(answer_from_json(form))
+    return str(gettext(text, **values))
+
+
 class Located(Schema):
     """Hypotheses, whose probabilities with `other_` and `off_map_probability` add up to 1."""
 
@@ -83,6 +95,18 @@ class Located(Schema):
     looks = List(String(), metadata={"description": "Features used, in order."})
     fov_deg = Float(allow_none=True)
     fov_source = String(allow_none=True, metadata={"enum": ["option", "exif", "guess", None]})
+    verdict = Function(
+        _verdict,
+        metadata={
+            "type": "string",
+            "enum": [*get_args(Verdict)],
+            "description": "What leads, and with `perhaps_` that it is less probable than all else together.",
+        },
+    )
+    sentence = Function(
+        _sentence,
+        metadata={"type": "string", "description": "The answer in the language of the request."},
+    )
     hypotheses = List(Nested(HypothesisOut), metadata={"description": "The most probable first."})
     other_probability = Float(metadata={"description": "Of places that were cut from the list."})
     off_map_probability = Float(

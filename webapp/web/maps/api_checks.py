@@ -107,6 +107,7 @@ class OutsideOut(Schema):
     left_out = List(String())
     placements = List(String())
     control_points = List(String(), metadata={"description": "Names of those that change."})
+    notes = List(String(), metadata={"description": "Titles of those that change; of photos, their names."})
     georeference = Boolean()
 
 

@@ -2,7 +2,7 @@
 
 import { byId, h, icon, queryAll, targetOf } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
-import { t, tn } from "../../shared/i18n.js";
+import { labelled, t, tn } from "../../shared/i18n.js";
 import { rafThrottle } from "../../shared/timing.js";
 import { PHOTOS_TYPE } from "./drop-photos.js";
 import { VirtualGrid } from "./virtual-grid.js";
@@ -200,7 +200,7 @@ export class PhotoGrid {
     box.hidden = !count || this.order.place === "placed";
     byId("tray-gps-count").textContent = tn("{n} photo has no GPS position", "{n} photos have no GPS position", count);
     byId("tray-gps-why").replaceChildren(...[...reasons].map(([reason, n]) =>
-      h("li", {}, tn("{n} photo", "{n} photos", n), ": ", reason)));
+      h("li", {}, labelled(tn("{n} photo", "{n} photos", n), reason))));
   }
 
   _emptyWords({ all, placed, unplaced }) {

@@ -1,4 +1,4 @@
-/** The answer in one sentence, by the rule of the terminal (`webapp/render/verdict.py`), and which places count little. */
+/** The answer in one sentence, by the rule of the terminal (`webapp/core/hypotheses/verdict.py`), and which places count little. */
 
 import { t } from "../i18n.js";
 import { isOffMap } from "./query-session.js";

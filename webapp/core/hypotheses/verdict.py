@@ -1,0 +1,54 @@
+"""The rule by which an answer is certain, uncertain, or not on the map, and the sentence that says it.
+
+Pages have the rule in `verdict.js`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from webapp.core.hypotheses.model import Answer
+
+Verdict = Literal["off_map", "perhaps_off_map", "perhaps_place", "place"]
+
+SENTENCES: dict[tuple[Verdict, str], str] = {
+    ("place", "position"): "At x %(x)s, y %(y)s.",
+    ("place", "area"): "In the area at x %(x)s, y %(y)s.",
+    ("place", "photo"): "Near the photo with id %(id)s at x %(x)s, y %(y)s.",
+    ("perhaps_place", "position"): "Uncertain, perhaps at x %(x)s, y %(y)s.",
+    ("perhaps_place", "area"): "Uncertain, perhaps in the area at x %(x)s, y %(y)s.",
+    ("perhaps_place", "photo"): "Uncertain, perhaps near the photo with id %(id)s at x %(x)s, y %(y)s.",
+    ("perhaps_off_map", ""): "Uncertain, perhaps not on this map.",
+    ("off_map", ""): "Probably not on this map.",
+}
+"""By verdict and kind of the first place, which counts only where a place leads."""
+
+_LIKELY = 0.5
+
+
+def verdict_of(answer: Answer) -> Verdict:
+    """Say what leads in an answer, and whether it is as probable as all else together."""
+    off_map = answer.off_map_probability
+    if answer.abstained:
+        return "off_map" if off_map is None or off_map >= _LIKELY else "perhaps_off_map"
+    # The shares of `vote`, which knows no "not on this map", are no probabilities.
+    certain = off_map is None or answer.hypotheses[0].probability >= _LIKELY
+    return "place" if certain else "perhaps_place"
+
+
+def sentence_parts(answer: Answer) -> tuple[str, dict[str, Any]]:
+    """Return one of `SENTENCES`, to be translated, and the values that it names."""
+    verdict = verdict_of(answer)
+    if verdict in ("off_map", "perhaps_off_map"):
+        return SENTENCES[verdict, ""], {}
+    best = answer.hypotheses[0]
+    values: dict[str, Any] = {"x": f"{best.position.x:.0f}", "y": f"{best.position.y:.0f}"}
+    if best.kind == "photo":
+        values["id"] = best.experiences[0]
+    return SENTENCES[verdict, best.kind], values
+
+
+def sentence_of(answer: Answer) -> str:
+    """Say an answer in one English sentence; places are in map pixels."""
+    text, values = sentence_parts(answer)
+    return text % values

@@ -1,0 +1,60 @@
+"""Control points and notes next to a changed `map.cfg`: those that differ from the records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from webapp.core.mapmodel.model import Map
+from webapp.files.maps.control_points import point_fields
+from webapp.files.maps.notes import note_fields
+from webapp.store.maps import edits
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.library_map import control_points, notes
+
+Fields = dict[str, Any]
+
+
+def changed_points(
+    session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
+) -> dict[str, Fields]:
+    """Give the control points that change, by target of an edit; those that the file does not have stay.
+
+    Parameters
+    ----------
+    known : mapping of int to int
+        Id in the records of each photo of the file.
+    """
+    after = {}
+    for point in map_.control_points:
+        clicks = [c._replace(photo=known[c.photo]) for c in point.clicks if c.photo in known]
+        after[f"point/{point.name}"] = point_fields(replace(point, clicks=tuple(sorted(clicks))))
+    before = {f"point/{point.name}": point_fields(point) for point in control_points(record)}
+    return _changed(session, record, before=before, after=after)
+
+
+def changed_notes(
+    session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
+) -> dict[str, Fields]:
+    """Give the notes on spots that change, as `changed_points` does control points."""
+    after = {}
+    for note in map_.notes:
+        photos = tuple(known[id] for id in note.photos if id in known)
+        after[f"note/{note.id}"] = note_fields(replace(note, photos=photos))
+    before = {f"note/{note.id}": note_fields(note) for note in notes(record)}
+    return _changed(session, record, before=before, after=after)
+
+
+def _changed(
+    session: Session, record: MapRecord, *, before: Mapping[str, Fields], after: Mapping[str, Fields]
+) -> dict[str, Fields]:
+    """Leave out what is the same, and what was changed in the library since the file was written."""
+    return {
+        target: fields
+        for target, fields in after.items()
+        if fields != before.get(target)
+        and edits.revision_of_listed(session, record, target) <= record.exported_revision
+    }
