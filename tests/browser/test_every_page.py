@@ -1,4 +1,4 @@
-"""Every page: nothing serious for axe-core, nothing off a phone's screen, light, dark, Czech."""
+"""Every page, wide and on a phone, light and dark: nothing serious for axe-core, nothing off the screen."""
 
 import pytest
 from playwright.sync_api import expect
@@ -21,30 +21,32 @@ PAGES = {
     "jobs": "/maps/sample/jobs",
     "settings": "/maps/sample/settings",
     "field": "/field",
+    "missions": "/missions",
     "help": "/help/photos",
     "public": "/public",
     "nowhere": "/nowhere",
 }
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
-LOOKS = {"wide-light": {}, "phone-dark": {"viewport": PHONE, "color_scheme": "dark", **TOUCH}}
+SCREENS = {"wide": {}, "phone": {"viewport": PHONE, **TOUCH}}
 CALM = """
 () => document.getAnimations().every((animation) =>
   animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
 """
 
 
-@pytest.fixture(scope="module", params=LOOKS)
-def look(request):
-    """How the browser shows pages."""
-    return LOOKS[request.param]
+@pytest.fixture(scope="module", params=SCREENS)
+def screen(request):
+    """What the browser shows pages on."""
+    return request.param
 
 
 @pytest.fixture
-def visit(open_context, owner, look, sample_map):
-    """Open a page in a look; it is checked when it has come to rest."""
+def visit(open_context, owner, screen, sample_map):
+    """Open a page; it is checked when it has come to rest."""
 
     def visit(path, *, signed_in=True):
-        context = open_context(storage_state=owner if signed_in else None, reduced_motion="reduce", **look)
+        storage = owner if signed_in else None
+        context = open_context(storage_state=storage, reduced_motion="reduce", **SCREENS[screen])
         context.watch.expect(404)
         page = context.new_page()
         page.goto(path)
@@ -56,8 +58,11 @@ def visit(open_context, owner, look, sample_map):
 
 
 def check(page, within="html"):
-    """Look for what people would stumble over."""
-    assert axe.findings(page, within) == []
+    """Look for what people would stumble over, by day and by night."""
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_function(CALM)
+        assert axe.findings(page, within) == [], scheme
     overflow = page.evaluate("document.documentElement.scrollWidth - innerWidth")
     assert overflow <= 0, f"{overflow} pixels are outside the screen"
     assert page.title().strip(" ·") and page.locator("h1").count() == 1
@@ -81,3 +86,18 @@ def test_the_menu_and_a_dialog(visit):
     page.get_by_role("button", name="Rename").first.click()
     expect(page.get_by_role("dialog")).to_be_visible()
     check(page)
+
+
+def test_the_menus_of_the_editor_and_the_sheet_of_a_phone(visit, screen):
+    page = visit(PAGES["edit"])
+    for menu in ("#place-menu", ".ed-export + .menu"):
+        page.locator(f"{menu} > summary").click()
+        expect(page.locator(f"{menu} > .menu__list")).to_be_visible()
+        check(page, f"{menu} > .menu__list")
+        box = page.locator(f"{menu} > .menu__list").bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= page.viewport_size["width"]
+        page.keyboard.press("Escape")
+    if screen == "phone":
+        page.locator("#side-toggle").click()
+        expect(page.locator("#side-body")).to_be_visible()
+        check(page, "#side")

@@ -310,7 +310,7 @@ def test_the_oldest_answers_are_forgotten(library, sample, record):
                 width=1,
                 height=1,
                 options={},
-                answer={},
+                answer={"hypotheses": []},
                 evidence=[],
             )
             gone = stored.add(session, record(), row=row, most=3)

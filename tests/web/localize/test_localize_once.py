@@ -113,5 +113,5 @@ def test_shared_answers_are_not_forgotten(library, park, owner, send, asked):
 
 
 def row():
-    facts = {"options": {}, "answer": {}, "evidence": [], "width": 1, "height": 1}
+    facts = {"options": {}, "answer": {"hypotheses": []}, "evidence": [], "width": 1, "height": 1}
     return QueryRecord(name="b.jpg", file="b.jpg", **facts)

@@ -99,7 +99,7 @@ def answer_from_json(form: Mapping[str, Any]) -> Answer:
     )
     return Answer(
         hypotheses,
-        form["off_map_probability"],
+        form.get("off_map_probability"),
         form.get("other_probability", 0.0),
         no_pose=None if hypotheses else NoPose("nothing on this map matches"),
         statistics=MatchStatistics(0, 0, 0, None, None, None, None),
