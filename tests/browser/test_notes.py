@@ -4,6 +4,14 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.edit_page import spots
+
+TAP = """([x, y]) => {
+  const at = { bubbles: true, clientX: x, clientY: y, pointerType: "touch", pointerId: 7, button: 0 };
+  const under = document.elementFromPoint(x, y);
+  for (const kind of ["pointerdown", "pointerup"]) under.dispatchEvent(new PointerEvent(kind, at));
+}"""
+"""What a finger does before the focus moves."""
 
 
 def test_a_note_on_a_spot_is_written_by_a_right_click_and_undone(make_page, page):
@@ -65,3 +73,19 @@ def test_a_press_on_a_note_is_meant_for_the_note_alone(make_page, page, api):
     page.get_by_test_id("note-text").fill("By key.")
     page.get_by_test_id("note-save").click()
     expect(mark).to_be_focused()
+
+
+def test_a_note_stays_with_the_photo_that_it_was_written_on(make_page, page, api):
+    edit = make_page(2, placed=True)
+    names = [photo["name"] for photo in api.state(edit.slug)["photos"]]
+    edit.click(*spots(2)[0])
+    expect(edit.current).to_contain_text(names[0])
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    note = page.get_by_test_id("photo-note")
+    note.fill("The first.")
+    page.evaluate(TAP, list(edit.screen(*spots(2)[1])))
+    expect(edit.current).to_contain_text(names[1])
+    expect(note).to_have_value("")
+    note.blur()
+    edit.saved()
+    assert [photo["note"] for photo in api.state(edit.slug)["photos"]] == ["The first.", None]

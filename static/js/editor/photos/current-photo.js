@@ -1,6 +1,6 @@
 /** The current photo: large, with what is known of it and what can be done with it. */
 
-import { byId, h, icon, targetOf } from "../../shared/dom.js";
+import { byId, h, icon } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
 import { t } from "../../shared/i18n.js";
 import { latLonText } from "../../shared/map/coords.js";
@@ -28,6 +28,10 @@ export class CurrentPhoto {
     this.picture = new ProgressiveImage(byId("current-frame"), this.image);
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
     this.around = new PanoramaView(this.image);
+    this.note = byId("current-note", HTMLTextAreaElement);
+    this.heading = byId("current-heading", HTMLInputElement);
+    /** @type {?number} the photo that these are about */
+    this.shown = null;
     this._listen();
     this.store.on("current", () => {
       this.zoom.reset();
@@ -53,8 +57,8 @@ export class CurrentPhoto {
     on("selection-blur", () => this._blur(store.order.filter((id) => store.selection.has(id))));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
-    byId("current-note", HTMLTextAreaElement).addEventListener("change", (event) => commands.note(store.currentId, targetOf(event, HTMLTextAreaElement).value.trim()));
-    byId("current-heading", HTMLInputElement).addEventListener("change", (event) => this._heading(targetOf(event, HTMLInputElement)));
+    this.note.addEventListener("change", () => commands.note(this.shown, this.note.value.trim()));
+    this.heading.addEventListener("change", () => this._heading());
   }
 
   /** @param {number[]} ids */
@@ -79,12 +83,18 @@ export class CurrentPhoto {
     if (photo?.id !== this.store.look?.id) this._look();
   }
 
-  _heading(input) {
+  /** Keep what is being written: a finger chooses another photo before it takes the focus. */
+  _leave() {
+    [this.note, this.heading].find((field) => field === document.activeElement)?.blur();
+  }
+
+  _heading() {
+    const input = this.heading;
     const degrees = input.value.trim() === "" ? null : Number(input.value.replace(",", "."));
-    if (degrees === null || Math.abs(degrees) <= 360) this.commands.turn(this.store.currentId, degrees);
+    if (degrees === null || Math.abs(degrees) <= 360) this.commands.turn(this.shown, degrees);
     else {
       this.commands.warn(t("“{text}” is not a heading.", { text: input.value }), t("Give degrees clockwise from north, 0 to 360."));
-      input.value = this._headingText(this.store.currentId);
+      input.value = this._headingText(this.shown);
     }
   }
 
@@ -96,6 +106,7 @@ export class CurrentPhoto {
   render() {
     const { store } = this;
     const photo = store.current;
+    if (store.currentId !== this.shown) this._leave();
     byId("current-none").hidden = Boolean(photo);
     byId("current-some").hidden = !photo;
     this._instruction(photo);
@@ -107,10 +118,9 @@ export class CurrentPhoto {
     byId("current-name").title = photo.name;
     byId("current-facts").replaceChildren(...this._facts(photo, position));
     this._buttons(photo, position);
-    const note = byId("current-note", HTMLTextAreaElement);
-    if (document.activeElement !== note) note.value = photo.note ?? "";
-    const input = byId("current-heading", HTMLInputElement);
-    if (document.activeElement !== input) input.value = this._headingText(photo.id);
+    this.shown = photo.id;
+    if (document.activeElement !== this.note) this.note.value = photo.note ?? "";
+    if (document.activeElement !== this.heading) this.heading.value = this._headingText(photo.id);
   }
 
   /** Fetch the next photo before it is asked for. */
