@@ -20,6 +20,7 @@ from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
 
 from benchmarks import derived_maps
+from docs.drawn_floors import SHOWN, SLUG, make_floors
 from docs.simulated_mission import Round
 from docs.simulated_survey import survey
 from tests.browser.api import Api
@@ -59,6 +60,7 @@ PAGES = {
     "control-points": ("/maps/sample/control-points", ("",)),
     "panorama": (f"/maps/{PANORAMAS}/edit?photo=1", ("", "-phone")),
     "panorama-mask": (f"/maps/{PANORAMAS}/edit?photo=1", ("",)),
+    "floors": (f"/maps/{SLUG}/edit?photo={SHOWN}", ("",)),
     "localize": ("/maps/sample/localize", ("", "-phone")),
     "localize-areas": (f"/maps/{AREAS}/localize", ("",)),
     "missions": ("/missions", ("",)),
@@ -121,6 +123,7 @@ def main() -> None:
         plan_photos(api)
         import_areas(api, app.library / "sample", scratch=Path(folder) / "areas")
         make_panoramas(api, app.library / "sample", scratch=Path(folder) / "survey")
+        make_floors(api, app.library / "sample")
         time.sleep(65)  # as long as pages show jobs that have ended
         for name, (path, looks) in PAGES.items():
             for look in looks:

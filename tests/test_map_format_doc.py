@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from webapp.core.blur import BlurBox
+from webapp.core.geo.floors import Floor, FloorImage
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
@@ -36,6 +37,7 @@ FULL = Map(
             by_gps=True,
             radius_px=7.5,
             note="It was blue.",
+            floor=1,
         ),
     ),
     Georeference("EPSG:4326", (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), "corners"),
@@ -45,6 +47,10 @@ FULL = Map(
     unplaced=(UnplacedPhoto(2, "b.jpg"),),
     control_points=(GroundControlPoint("gate", MapPixel(2.5, 7.0), (PhotoClick(0, 0.4, 0.6),), 0.05, 212.4),),
     notes=(MapNote(1, "Bench", MapPixel(2.5, 7.0), "Since May.", (0,)),),
+    floors=(
+        Floor(0, "Ground floor", 0.0),
+        Floor(1, "1st floor", 1.0, 4.5, FloorImage("b.png", 2, 2, (0.5, 0.0, 0.0, 0.0, 0.5, 0.0))),
+    ),
 )
 
 

@@ -17,7 +17,7 @@ const MAP = "/api/v1/maps/[^/]+";
 const KEPT_PAGES = /^\/($|field$|offline$|missions$|maps\/[^/]+\/(edit|localize)$)/;
 const KEPT_STATE = new RegExp(`^/api/v1/maps$|^${MAP}(/photos|/photo-plan)?$`);
 const PICTURES = [
-  { cache: "ground", most: 2000, path: new RegExp(`^${MAP}/(satellite|satellite/tiles/.+|thumbnail)$`), versioned: true },
+  { cache: "ground", most: 2000, path: new RegExp(`^${MAP}/(satellite|satellite/tiles/.+|thumbnail|floors/\\d+/image)$`), versioned: true },
   { cache: "thumbs", most: 3000, path: new RegExp(`^${MAP}/(photos|queries)/\\d+/thumb$`) },
   { cache: "previews", most: 200, path: new RegExp(`^${MAP}/(photos|queries)/\\d+/preview$`) },
 ];

@@ -66,7 +66,7 @@ test("a placement that was deleted is not shown any more", () => {
   assert.equal(store.placement, null);
 });
 
-const dotsOf = (ids) => ({ id: ids, x_px: ids.map((id) => id), y_px: ids.map(() => 2), heading_deg: ids.map(() => null), fov_deg: ids.map(() => 65) });
+const dotsOf = (ids) => ({ id: ids, x_px: ids.map((id) => id), y_px: ids.map(() => 2), heading_deg: ids.map(() => null), fov_deg: ids.map(() => 65), floor: ids.map(() => 0) });
 
 test("photos of which the page has only the dots are there, after those that it knows", () => {
   const store = new MapStore({ photos: [photo(7)], dots: dotsOf([3, 5]), placements: [], satellite: null });

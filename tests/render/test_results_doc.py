@@ -44,6 +44,8 @@ def test_every_field_of_localize_is_explained(form):
     answer = form["per_query"][0]["answer"]
     inside = {"hypotheses": "hypotheses[].", "statistics": "statistics.", "seconds": "seconds."}
     only_sometimes = {"sequence", "note"}
+    only_with_floors = {f"hypotheses[].{name}" for name in ("floor", "floor_name", "floor_height_m")}
+    only_sometimes |= only_with_floors
     camera = {f.name for f in fields(CameraPose)} | {"height_m"}
     only_by_landmarks = {"hypotheses[].camera"} | {f"hypotheses[].camera.{name}" for name in camera}
     assert documented("`localize --json`") == flat(answer, inside) | only_sometimes | only_by_landmarks

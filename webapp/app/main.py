@@ -89,6 +89,7 @@ map_group = LazyGroup(
         "from-photos": "webapp.cli.map:from_photos",
         "write-exif": "webapp.cli.map:write_exif",
         "print": "webapp.cli.print:print_command",
+        "floors": "webapp.cli.floors:floors",
         "plan": "webapp.cli.plan:plan",
         "place-rest": "webapp.cli.place_rest:place_rest",
         "street-photos": "webapp.cli.street:street_photos",

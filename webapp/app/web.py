@@ -34,6 +34,7 @@ from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import (
     api_checks,
     api_exchange,
+    api_floors,
     api_maps,
     api_notes,
     api_photos,
@@ -88,6 +89,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_photos.uploads_api,
     api_placing.placing_api,
     api_placing.placements_api,
+    api_floors.blueprint,
     api_notes.blueprint,
     api_plan.blueprint,
     api_print.blueprint,

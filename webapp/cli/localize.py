@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from webapp.cli.options import (
     sequence_options,
 )
 from webapp.cli.progressbar import terminal_progress
+from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
@@ -36,10 +38,15 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 from webapp.tasks.localize.sequence import by_time as by_time_of_capture
 
-_HEAD = ("", "probability", "x", "y", "radius", "heading", "latitude", "longitude", "inliers", "photos")
+_HEAD = (
+    *("", "probability", "floor", "x", "y", "radius", "heading"),
+    *("latitude", "longitude", "inliers", "photos"),
+)
 
 
-def answer_text(answer: Answer, *, query: str, georeference: Georeference | None) -> str:
+def answer_text(
+    answer: Answer, *, query: str, georeference: Georeference | None, floors: Sequence[Floor] = ()
+) -> str:
     """Lay out the hypotheses as a table, with "not on this map" as a line of its own.
 
     Parameters
@@ -48,10 +55,13 @@ def answer_text(answer: Answer, *, query: str, georeference: Georeference | None
         The photo, as it was named.
     georeference : Georeference or None
         Of the map; gives latitude, longitude and metres.
+    floors : sequence of Floor
+        Of the map.
     """
     if answer.no_pose is not None:
         return f"{query}: not on this map ({answer.no_pose.reason})"
-    rows = [_HEAD, *(_row(h, georeference) for h in answer.hypotheses)]
+    names = {floor.id: floor.name for floor in floors}
+    rows = [_HEAD, *(_row(h, georeference, floors=names) for h in answer.hypotheses)]
     shown = [i for i in range(len(_HEAD)) if i == 0 or any(r[i] for r in rows[1:])]
     width = [max(len(r[i]) for r in rows) for i in shown]
     lines = ["  ".join(r[i].rjust(w) for i, w in zip(shown, width, strict=True)) for r in rows]
@@ -70,7 +80,9 @@ def _verdict(answer: Answer) -> str:
     return sentence[0].lower() + sentence[1:]
 
 
-def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str, ...]:
+def _row(
+    hypothesis: Hypothesis, georeference: Georeference | None, *, floors: Mapping[int, str]
+) -> tuple[str, ...]:
     position, radius, heading = hypothesis.position, hypothesis.radius_px, hypothesis.heading_deg
     lat = lon = ""
     shown = "" if radius is None else f"{radius:.0f} px"
@@ -82,6 +94,7 @@ def _row(hypothesis: Hypothesis, georeference: Georeference | None) -> tuple[str
     return (
         str(hypothesis.rank),
         percent(hypothesis.probability).strip(),
+        floors.get(hypothesis.floor, ""),
         f"{position.x:.0f}",
         f"{position.y:.0f}",
         shown,
@@ -228,7 +241,9 @@ class _Output:
         return answer_to_json(answer, query=str(photo), source=source)
 
     def show(self, photo: Path, answer: Answer, *, last: bool) -> None:
-        click.echo(answer_text(answer, query=str(photo), georeference=self.pipeline.map.georeference))
+        the_map = self.pipeline.map
+        text = answer_text(answer, query=str(photo), georeference=the_map.georeference, floors=the_map.floors)
+        click.echo(text)
         if answer.fov is not None and answer.fov.source == "guess":
             click.echo(
                 f"the field of view of {photo.name} is not known, {answer.fov.degrees:.0f}° was taken; "

@@ -10,6 +10,8 @@ import click
 
 from webapp.cli.options import MAP_FILE
 from webapp.configuration import load_settings
+from webapp.core.geo.floors import BASE_FLOOR
+from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError
 from webapp.files.atomic import write_bytes
 from webapp.render.sheet.make import print_map
@@ -66,6 +68,9 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
     "--attribution", metavar="TEXT", default="", help="Whom the image is from; default: its tile service."
 )
 @click.option(
+    "--floor", metavar="NAME", help="Name or level of the floor; default: that of the map's own image."
+)
+@click.option(
     "--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
     help="What `expmap localize --json` printed: show the best place of each photo.",
 )  # fmt: skip
@@ -82,6 +87,7 @@ def print_command(
     extent: Extent,
     title: str | None,
     attribution: str,
+    floor: str | None,
     answers: Path | None,
 ) -> None:
     """Print a map on one sheet of paper: its image with the photos on it, legend, scale, north and date.
@@ -92,6 +98,7 @@ def print_command(
     form = out.suffix[1:].lower()
     if form not in SHEET_FORMATS:
         raise UsageError("the name of the file must end with .pdf or .png", where=str(out))
+    source = of_folder(cfg)
     options = SheetOptions(
         paper,
         orientation,
@@ -103,9 +110,10 @@ def print_command(
         extent,
         title,
         attribution,
+        _floor(source.map, floor),
     )
     data = print_map(
-        of_folder(cfg),
+        source,
         form=form,
         options=options,
         words=english(date.today().isoformat()),
@@ -114,6 +122,17 @@ def print_command(
     )
     write_bytes(out, data)
     click.echo(str(out))
+
+
+def _floor(map_: Map, wanted: str | None) -> int:
+    """Find a floor by its name or level."""
+    if wanted is None:
+        return BASE_FLOOR
+    for floor in map_.floors:
+        if wanted in (floor.name, f"{floor.level:g}"):
+            return floor.id
+    names = ", ".join(f"{floor.name} ({floor.level:g})" for floor in map_.floors) or "none"
+    raise UsageError(f"the map has no floor {wanted!r}", hint=f"its floors are: {names}")
 
 
 def _answers(file: Path) -> tuple[SheetAnswer, ...]:

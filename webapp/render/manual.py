@@ -20,6 +20,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "make-a-map",
         "first-map",
         "dozen-clicks",
+        "floors",
         "photos",
         "next-photos",
         "panoramas",

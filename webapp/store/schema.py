@@ -146,6 +146,8 @@ class MapRecord(Base):
     """As in `map.json`, by name; None where there are none."""
     notes: Mapped[list[dict[str, Any]] | None]
     """On spots of the map, as in `map.json`, by id; None where there are none."""
+    floors: Mapped[list[dict[str, Any]] | None]
+    """Several images of the map, as in `map.json`, by id; None where there is only its own."""
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)
@@ -214,6 +216,8 @@ class Photo(Base):
     """Of a photo that shows the whole sphere: the boxes that are `masked`, as in `map.json`."""
     note: Mapped[str | None]
     """What people have written on it."""
+    floor: Mapped[int] = mapped_column(default=0)
+    """Id of the floor that it is on; 0 is that of the map's own image."""
     removed: Mapped[bool] = mapped_column(default=False)
     """Taken out of the map; kept, so that it can be undone."""
     revision: Mapped[int] = mapped_column(default=0)

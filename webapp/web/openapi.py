@@ -38,6 +38,7 @@ Each error has one shape, whatever its status: `{"error": {"code", "message", "h
 _TAGS = {
     "Maps": "Maps, the places of their photos, and undo.",
     "Satellite image": "The image of a map, and where it is on the Earth.",
+    "Floors": "Several images of a map, one above the other.",
     "Photos": "Photos of a map, several in one request.",
     "Uploads": "Photos sent in pieces, which can be resumed.",
     "Placing": "Many photos placed at once.",

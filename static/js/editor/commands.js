@@ -30,7 +30,7 @@ export class Commands {
     if (!photo || !store.canEdit || !store.satellite) return;
     const wasPlaced = store.isPlaced(photo.id);
     const [x, y] = clamped(pixel, store.satellite);
-    this._edit(wasPlaced ? "move" : "place", [{ id: photo.id, x_px: x, y_px: y }]);
+    this._edit(wasPlaced ? "move" : "place", [{ id: photo.id, x_px: x, y_px: y, ...this._floor() }]);
     if (wasPlaced) {
       this.say(t("{name} moved to {x}, {y}", { name: photo.name, x: Math.round(x), y: Math.round(y) }));
       return;
@@ -58,9 +58,25 @@ export class Commands {
       this.placeCurrent(pixel);
     } else if (there.length) {
       const [x_px, y_px] = clamped(pixel, store.satellite);
-      this._edit(there.some((id) => store.isPlaced(id)) ? "move" : "place", there.map((id) => ({ id, x_px, y_px })));
+      this._edit(there.some((id) => store.isPlaced(id)) ? "move" : "place", there.map((id) => ({ id, x_px, y_px, ...this._floor() })));
       this.say(tn("{n} photo placed.", "{n} photos placed.", there.length));
     }
+  }
+
+  /** The floor that is shown, for what is put there; a further placement has the floors of the exact one. */
+  _floor() {
+    const { floor, floors, placement } = this.store;
+    return floors.length && placement === null ? { floor } : {};
+  }
+
+  /** Put photos on another floor, which is shown then. @param {number[]} ids @param {number} floor */
+  toFloor(ids, floor) {
+    const { store } = this;
+    const placed = ids.filter((id) => store.isPlaced(id) && store.floorOf(id) !== floor);
+    if (!placed.length) return;
+    this._edit("floor", placed.map((id) => ({ id, floor })));
+    store.showFloor(floor);
+    this.say(tn("{n} photo moved to {floor}.", "{n} photos moved to {floor}.", placed.length, { floor: store.floorNamed(floor)?.name ?? "" }));
   }
 
   /** Put photos elsewhere. @param {Map<number, [number, number]>} positions */

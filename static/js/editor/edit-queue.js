@@ -12,7 +12,7 @@ const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 /** Turns by key or hand come in many small steps: they are collected for so long. */
 const COLLECT_MS = 450;
 
-/** @typedef {{id: number, x_px?: ?number, y_px?: ?number, heading_deg?: ?number, taken_at?: string, removed?: boolean}} Change */
+/** @typedef {{id: number, x_px?: ?number, y_px?: ?number, heading_deg?: ?number, taken_at?: string, floor?: number, removed?: boolean}} Change */
 
 /**
  * @typedef {Object} Item
@@ -187,7 +187,7 @@ export class EditQueue extends EventTarget {
       const photo = this.store.photos.get(id);
       if (removed || !photo) return Boolean(removed) && !photo;
       const place = item.placement ? this.store.placements.get(item.placement)?.get(id) : [photo.x_px, photo.y_px];
-      const there = { x_px: place?.[0] ?? null, y_px: place?.[1] ?? null, heading_deg: photo.heading_deg, taken_at: photo.taken_at };
+      const there = { x_px: place?.[0] ?? null, y_px: place?.[1] ?? null, heading_deg: photo.heading_deg, taken_at: photo.taken_at, floor: photo.floor };
       return Object.entries(fields).every(([name, value]) => there[name] === value);
     });
   }

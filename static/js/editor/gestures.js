@@ -26,8 +26,8 @@ export class EditGestures {
     this.dots = dots;
     this.commands = commands;
     this.store = commands.store;
-    /** @type {?import("./measure.js").Measure} takes the clicks while it is active */
-    this.measure = null;
+    /** @type {Array<{active: boolean, add: function(number[]): void}>} each takes the clicks while it is active */
+    this.takers = [];
     /** @type {?Object<string, *>} what the pointer is doing */
     this.gesture = null;
     const { element } = view;
@@ -75,16 +75,21 @@ export class EditGestures {
     this.gesture = gesture;
   }
 
+  /** What takes the clicks now. */
+  get _taker() {
+    return this.takers.find(({ active }) => active) ?? null;
+  }
+
   /** What a press there would do when it moves. */
   _meaning(event, point, pointer) {
     const { store, dots } = this;
-    if (this.measure?.active) return { mode: "pan" };
+    if (this._taker) return { mode: "pan" };
     if (store.canEdit && dots.onHandle(point, pointer)) return { mode: "turn", target: store.currentId };
     const [hit] = dots.near(point, pointer);
     if (hit === undefined) return { mode: event.shiftKey ? "box" : "pan" };
     const chosen = store.selection.has(hit) || hit === store.currentId;
     if (!store.canEdit || (pointer === "touch" && !chosen)) return { mode: "pan" };
-    const ids = store.selection.has(hit) ? [...store.selection].filter((id) => store.isPlaced(id)) : [hit];
+    const ids = store.selection.has(hit) ? [...store.selection].filter((id) => store.isPlaced(id) && store.isOnFloor(id)) : [hit];
     return { mode: "drag", hit, from: new Map(ids.map((id) => [id, store.position(id)])) };
   }
 
@@ -157,8 +162,8 @@ export class EditGestures {
   _click(event, { point, pointer, mode }) {
     if (mode === "turn") return;
     const { store, dots } = this;
-    if (this.measure?.active) {
-      this.measure.add(clamped(this.view.pixelAt(event), store.satellite));
+    if (this._taker) {
+      this._taker.add(clamped(this.view.pixelAt(event), store.satellite));
       return;
     }
     const hits = dots.near(point, pointer);

@@ -1,11 +1,13 @@
 /** The page for the field: photos are kept on the device, sent once there is a network, and answered on the map. */
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { followFloor } from "../shared/answer/answer-floor.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { get } from "../shared/api.js";
 import { byId, h, metaOf, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
+import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -112,7 +114,7 @@ function keepWhatIsSeen() {
     if (!shown.slug) return;
     const state = await get(`/maps/${encodeURIComponent(shown.slug)}`);
     await get(`/maps/${encodeURIComponent(shown.slug)}/photo-plan`);
-    if (state.satellite) new Image().src = state.satellite.url;
+    for (const image of [state.satellite, ...state.floors]) if (image?.url) new Image().src = image.url;
   }, { once: true });
 }
 
@@ -139,6 +141,8 @@ function showMap(state) {
   const view = new MapView(byId("map-canvas"), store);
   const marks = new AnswerLayer(store, session).addTo(view.map);
   new NoteLayer(store, view.map);
+  new FloorSwitch(store, view.element.parentElement);
+  followFloor(session, store);
   const look = () => session.position && view.reveal(session.position, { margin: 70 });
   answerList(session, look);
   session.on("answer", look);

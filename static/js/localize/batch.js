@@ -6,6 +6,7 @@ import { isOffMap } from "../shared/answer/query-session.js";
 import { byId, h } from "../shared/dom.js";
 import { labelled, t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
+import { BASE_FLOOR } from "../shared/map/map-store.js";
 import { printDialog } from "../shared/print-dialog.js";
 import { sentence } from "../shared/toast.js";
 
@@ -15,23 +16,27 @@ const RADIUS_PX = 9;
 /** The tab *Several*; hidden until several photos were asked about. */
 export class Batch {
   /**
-   * @param {Object} page server, options, slug
+   * @param {Object} page server, store, options, slug
    * @param {import("../shared/map/map-view.js").MapView} view
    * @param {{show: function(): void, open: function(number): void}} tab shows this tab; opens an answer
    */
-  constructor({ server, options, slug }, view, { show, open }) {
+  constructor({ server, store, options, slug }, view, { show, open }) {
     this.server = server;
     this.options = options;
     this.base = `/api/v1/maps/${encodeURIComponent(slug)}/queries/answers`;
+    this.store = store;
     this.view = view;
     this.show = show;
     this.open = open;
     this.marks = L.layerGroup();
+    /** @type {Array<{mark: L.CircleMarker, floor: number}>} */
+    this._places = [];
+    store.on("floor", () => this._showFloor());
     this.ids = [];
     /** Whether an answer is known as latitude and longitude, which all but a table needs. */
     this.onEarth = false;
     byId("batch-stop").addEventListener("click", () => this.stop());
-    byId("batch-print").addEventListener("click", () => printDialog(slug, this._range()));
+    byId("batch-print").addEventListener("click", () => printDialog(store, this._range()));
   }
 
   /** Localize one photo after the other. @param {File[]} files */
@@ -39,6 +44,7 @@ export class Batch {
     this.stop();
     const abort = (this._abort = new AbortController());
     this.ids = [];
+    this._places = [];
     this.marks.clearLayers();
     byId("tab-batch").hidden = false;
     byId("batch-stop").hidden = false;
@@ -96,12 +102,19 @@ export class Batch {
 
   _mark(row, answer) {
     if (isOffMap(answer)) return;
-    const [{ x_px: x, y_px: y, probability }] = answer.hypotheses;
+    const [{ x_px: x, y_px: y, probability, floor = BASE_FLOOR }] = answer.hypotheses;
     const { fill } = probabilityColours(probability);
     const mark = L.circleMarker(latLngOf([x, y]), { radius: RADIUS_PX, color: "#fff", weight: 2, fillColor: fill, fillOpacity: 1 });
     mark.bindTooltip(labelled(row.name, percentText(probability)));
     mark.on("click", () => this.open(answer.id));
-    this.marks.addLayer(mark);
+    this._places.push({ mark, floor });
+    this._showFloor();
+  }
+
+  /** Of places on several floors those on the one that is shown. */
+  _showFloor() {
+    this.marks.clearLayers();
+    for (const { mark, floor } of this._places) if (!this.store.floors.length || floor === this.store.floor) this.marks.addLayer(mark);
   }
 
   _progress(done, all) {
@@ -145,6 +158,6 @@ class Row {
   }
 }
 
-function where({ radius_m: m, radius_px: px, heading_deg: heading }) {
-  return [px === null ? t("Area") : `± ${lengthText(m, px)}`, heading === null ? "" : `${Math.round(heading)}°`].filter(Boolean).join(" · ");
+function where({ floor_name: floor, radius_m: m, radius_px: px, heading_deg: heading }) {
+  return [floor, px === null ? t("Area") : `± ${lengthText(m, px)}`, heading === null ? "" : `${Math.round(heading)}°`].filter(Boolean).join(" · ");
 }

@@ -2,10 +2,12 @@
 
 import { colours } from "../shared/answer/answer-format.js";
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { followFloor } from "../shared/answer/answer-floor.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
+import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -34,6 +36,8 @@ const live = new MapPolling(store, server.changes);
 
 const view = new MapView(byId("map-canvas"), store);
 const marks = new AnswerLayer(store, session).addTo(view.map);
+new FloorSwitch(store, byId("map"));
+followFloor(session, store);
 new AnswerGestures(view, marks, session, say);
 instructions(session);
 

@@ -120,12 +120,18 @@ function toggle(session) {
   else byId("map-canvas").focus({ preventScroll: true });
 }
 
-function adopt({ session, server, refresh }, button) {
+/** A spot that is clicked is on the floor that is shown. */
+function shownFloor({ floor, floors }) {
+  return floors.length ? floor : null;
+}
+
+function adopt({ session, store, server, refresh }, button) {
   return busy(button, async () => {
     const { query, hypothesis, spot } = session;
+    const floor = spot ? shownFloor(store) : (hypothesis.floor ?? null);
     const [x_px, y_px] = session.position;
     try {
-      const done = await server.adopt(query.id, { x_px, y_px, heading_deg: spot ? null : hypothesis.heading_deg });
+      const done = await server.adopt(query.id, { x_px, y_px, heading_deg: spot ? null : hypothesis.heading_deg, floor });
       if (session.query?.id === query.id) session.setQuery({ ...query, adopted: done.id });
       session.setMode("look");
       await refresh();

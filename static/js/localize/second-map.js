@@ -30,12 +30,14 @@ export function connectSecondMap({ store, session, say }) {
     byId("maps").classList.toggle("has-two", Boolean(name));
     if (name) second ??= make({ store, session, say });
     second?.show(name);
+    second?.showFloor();
   };
   select.addEventListener("change", show);
   store.on("photos", () => {
     second?.update();
     choices();
   });
+  store.on("floor", () => second?.showFloor());
   choices();
 }
 
@@ -57,6 +59,7 @@ function make({ store, session, say }) {
       if (name) other.showPlacement(name);
     },
     update: () => other.merge(changesOf(store)),
+    showFloor: () => other.showFloor(store.floor),
   };
 }
 
@@ -70,6 +73,7 @@ function stateOf(store) {
 function changesOf(store) {
   return {
     photos: [...store.photos.values()],
+    floors: store.floors,
     placements: [...store.placements].map(([name, placed]) => ({ name, positions: Object.fromEntries(placed) })),
   };
 }

@@ -13,12 +13,12 @@ const USUAL_DPI = 200;
 
 /**
  * Open the dialog.
- * @param {string} slug
+ * @param {{slug: string, floors: import("./map/map-store.js").Floor[], floor: number}} map the floor that is shown is printed first
  * @param {{first: number, last: number}} [answers] ids of answers to one's own photos that are shown, too
  */
-export function printDialog(slug, answers) {
-  const base = `/maps/${encodeURIComponent(slug)}/print`;
-  const fields = sheetFields();
+export function printDialog(map, answers) {
+  const base = `/maps/${encodeURIComponent(map.slug)}/print`;
+  const fields = sheetFields(map);
   const preview = h("img", { class: "print-preview__sheet", alt: t("Preview of the sheet"), "data-testid": "print-preview" });
   const frame = h("div", { class: "print-preview" }, preview);
   const error = errorLine();
@@ -54,12 +54,13 @@ export function printDialog(slug, answers) {
 }
 
 /** The choices, and the question to the server that they make. */
-function sheetFields() {
+function sheetFields({ floors, floor }) {
   const chosen = {
     paper: choice([["a4", "A4"], ["a3", "A3"], ["letter", t("Letter")]]),
     orientation: choice([["auto", t("Automatic")], ["portrait", t("Portrait")], ["landscape", t("Landscape")]]),
     extent: choice([["image", t("The whole image")], ["photos", t("Around the photos")]]),
     labels: choice([["numbers", t("Numbers")], ["names", t("Names")], ["none", t("None")]]),
+    ...(floors.length && { floor: choice(floors.toReversed().map(({ id, name }) => [String(id), name]), String(floor)) }),
     dpi: choice(RESOLUTIONS.map((dpi) => [String(dpi), t("{n} dpi", { n: dpi })]), String(USUAL_DPI)),
   };
   const titled = h("input", { class: "input", maxlength: 300, placeholder: t("Name of the map"), autocomplete: "off" });
@@ -69,6 +70,7 @@ function sheetFields() {
   const notes = h("input", { type: "checkbox", checked: true });
   const elements = [
     field(t("Title"), titled),
+    ...(chosen.floor ? [field(t("Floor"), chosen.floor)] : []),
     h("div", { class: "print-dialog__pair" }, field(t("Paper"), chosen.paper), field(t("Orientation"), chosen.orientation)),
     h("div", { class: "print-dialog__pair" }, field(t("Part of the map"), chosen.extent), field(t("Labels"), chosen.labels)),
     h("div", { class: "stack stack--tight" },

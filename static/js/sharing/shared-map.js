@@ -1,12 +1,14 @@
 /** A shared map or answer, for visitors: look at it, and where the owner allows it, ask about a photo. */
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
+import { followFloor } from "../shared/answer/answer-floor.js";
 import { answerList } from "../shared/answer/answer-list.js";
 import { QuerySession } from "../shared/answer/query-session.js";
 import { verdictText } from "../shared/answer/verdict.js";
 import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
+import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -28,6 +30,8 @@ const marks = new AnswerLayer(store, session);
 byId("about").textContent = tn("{n} photo", "{n} photos", store.photos.size);
 new PhotoPanel(store, view);
 new NoteLayer(store, view.map);
+new FloorSwitch(store, view.element.parentElement);
+followFloor(session, store);
 listen();
 zoomButtons();
 loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}`)).catch(toastError);

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
@@ -124,3 +125,16 @@ def test_what_is_written_can_be_read_for_pictures() -> None:
     assert (read.off_map_probability, read.other_probability) == (0.2, 0.1)
     nothing = answer_from_json({"hypotheses": [], "off_map_probability": 1.0})
     assert nothing.abstained and nothing.no_pose is not None
+
+
+def test_a_place_names_its_floor_on_a_map_that_has_floors():
+    floors = (Floor(0, "Ground floor", 0.0), Floor(2, "1st floor", 1.0, 4.5))
+    there = replace(ANSWER, hypotheses=tuple(replace(h, floor=2) for h in ANSWER.hypotheses))
+    form = answer_to_json(
+        there, query="q.jpg", source=AnswerSource("verified", "sift", None, 0, floors=floors)
+    )
+    first = form["hypotheses"][0]
+    assert (first["floor"], first["floor_name"], first["floor_height_m"]) == (2, "1st floor", 4.5)
+    assert answer_from_json(form).hypotheses[0].floor == 2
+    without = answer_to_json(there, query="q.jpg", source=AnswerSource("verified", "sift", None, 0))
+    assert not {"floor", "floor_name", "floor_height_m"} & without["hypotheses"][0].keys()

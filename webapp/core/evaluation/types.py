@@ -32,6 +32,8 @@ class QueryResult:
         Why there is no answer.
     truth_heading_deg : float or None
         Where the camera looked, degrees clockwise from north, when that is known too.
+    truth_floor : int or None
+        Id of the floor where it was taken, when that is known too.
     """
 
     path: str
@@ -39,19 +41,26 @@ class QueryResult:
     answer: Answer | None
     error: str | None = None
     truth_heading_deg: float | None = None
+    truth_floor: int | None = None
 
     @property
     def errors_px(self) -> tuple[float, ...]:
-        """Distance of each hypothesis from the truth, map pixels, in the order of their ranks."""
+        """Distance of each hypothesis from the truth, map pixels, in the order of their ranks.
+
+        It is infinite on another floor than that of the truth.
+        """
         if self.answer is None:
             return ()
-        return tuple(math.dist(h.position, self.truth) for h in self.answer.hypotheses)
+        return tuple(
+            math.dist(h.position, self.truth) if self.truth_floor in (None, h.floor) else math.inf
+            for h in self.answer.hypotheses
+        )
 
     @property
     def error_px(self) -> float | None:
-        """Distance of the first hypothesis from the truth, map pixels; None without a hypothesis."""
+        """Distance of the first hypothesis from the truth, map pixels; None without one on its floor."""
         errors = self.errors_px
-        return errors[0] if errors else None
+        return errors[0] if errors and math.isfinite(errors[0]) else None
 
     @property
     def extract_seconds(self) -> float | None:

@@ -108,7 +108,12 @@ def cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius_px: float) -> l
     """Group hypotheses, each with the number of its photo or look, by place; the most probable first."""
     spots: list[PlaceCluster] = []
     for number, hypothesis in sorted(hypotheses, key=lambda pair: -pair[1].probability):
-        near = (s for s in spots if math.dist(s.lead.position, hypothesis.position) <= radius_px)
+        near = (
+            s
+            for s in spots
+            if s.lead.floor == hypothesis.floor
+            and math.dist(s.lead.position, hypothesis.position) <= radius_px
+        )
         spot = next(near, None)
         if spot is None:
             spot = PlaceCluster()

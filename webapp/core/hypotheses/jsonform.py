@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
@@ -35,6 +36,8 @@ class AnswerSource:
         How far off a right hypothesis may be.
     sequence : bool
         The photo was one of a sequence, and those before it count, too.
+    floors : tuple of Floor
+        Of the map.
     """
 
     method: str
@@ -44,6 +47,7 @@ class AnswerSource:
     map_kind: MapKind = "metric"
     place_radius_px: float | None = None
     sequence: bool = False
+    floors: tuple[Floor, ...] = ()
 
 
 def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[str, Any]:
@@ -67,7 +71,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
         "fov_source": None if answer.fov is None else answer.fov.source,
         "verdict": verdict_of(answer),
         "sentence": sentence_of(answer),
-        "hypotheses": [_hypothesis(h, source.georeference) for h in answer.hypotheses],
+        "hypotheses": [_hypothesis(h, source) for h in answer.hypotheses],
         "other_probability": answer.other_probability,
         "off_map_probability": answer.off_map_probability,
         "statistics": asdict(answer.statistics),
@@ -94,6 +98,7 @@ def answer_from_json(form: Mapping[str, Any]) -> Answer:
             experiences=tuple(h["experiences"]),
             inliers=h.get("inliers"),
             matches=h.get("matches", 0),
+            floor=h.get("floor", BASE_FLOOR),
         )
         for rank, h in enumerate(form["hypotheses"], 1)
     )
@@ -111,8 +116,9 @@ def failure_to_json(*, query: str, error: str) -> dict[str, Any]:
     return {"query": query, "error": error}
 
 
-def _hypothesis(hypothesis: Hypothesis, georeference: Georeference | None) -> dict[str, Any]:
+def _hypothesis(hypothesis: Hypothesis, source: AnswerSource) -> dict[str, Any]:
     lat = lon = radius_m = None
+    georeference = source.georeference
     if georeference is not None:
         lat, lon = (_known(v) for v in georeference.latlon_of(hypothesis.position))
         if lat is not None and hypothesis.radius_px is not None:
@@ -131,12 +137,21 @@ def _hypothesis(hypothesis: Hypothesis, georeference: Georeference | None) -> di
         "experiences": list(hypothesis.experiences),
         "inliers": hypothesis.inliers,
         "matches": hypothesis.matches,
+        **_floor(hypothesis.floor, source.floors),
         **(
             {}
             if hypothesis.camera is None
             else {"camera": _camera(hypothesis.camera, hypothesis.position, georeference)}
         ),
     }
+
+
+def _floor(id: int, floors: tuple[Floor, ...]) -> dict[str, Any]:
+    """Name the floor of a place on a map that has several."""
+    found = next((floor for floor in floors if floor.id == id), None)
+    if found is None:
+        return {}
+    return {"floor": id, "floor_name": found.name, "floor_height_m": found.height_m}
 
 
 def _camera(camera: CameraPose, at: MapPixel, georeference: Georeference | None) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, 
 
 def should_merge(a: Component, b: Component) -> bool:
     """Decide whether two components should be merged; the first is the heavier one."""
-    return _distance(a, b) <= _ALIKE
+    return a.hypothesis.floor == b.hypothesis.floor and _distance(a, b) <= _ALIKE
 
 
 def merge(components: Sequence[Component]) -> Component:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
@@ -38,6 +39,8 @@ class Hypothesis:
         Matches that speak for it before any geometry.
     camera : CameraPose or None
         How the camera was held, where that was solved from landmarks.
+    floor : int
+        Id of the floor that it is on.
     """
 
     rank: int
@@ -50,6 +53,7 @@ class Hypothesis:
     inliers: int | None
     matches: int
     camera: CameraPose | None = None
+    floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
@@ -49,11 +50,14 @@ class PathPrior:
     ----------
     photos : (n, 2) float64
         Their distinct positions, map pixels.
+    floor : (n,) int64
+        Ids of the floors of these.
     area_px2 : float
         Where a camera can be at all.
     """
 
     photos: Array
+    floor: NDArray[np.int64]
     place_radius_px: float
     area_px2: float
 
@@ -63,16 +67,25 @@ class PathPrior:
         return max(self.area_px2 / (math.pi * self.place_radius_px**2), 2.0)
 
 
-def fit_path_prior(position: Array, *, place_radius_px: float) -> PathPrior:
-    """Describe where the photos at (p, 2) map pixels were taken."""
+def fit_path_prior(
+    position: Array, *, place_radius_px: float, floor: NDArray[np.int64] | None = None
+) -> PathPrior:
+    """Describe where the photos at (p, 2) map pixels were taken; all on one floor unless `floor` is given."""
+    on = np.full(len(position), BASE_FLOOR) if floor is None else floor
     # Squares of a place radius that hold photos: a map is a path more often than it is a rectangle.
-    squares = np.unique(np.floor(position / place_radius_px), axis=0)
+    squares = np.unique(np.column_stack([np.floor(position / place_radius_px), on]), axis=0)
     area = max(len(squares), 1) * place_radius_px**2
-    return PathPrior(np.unique(position, axis=0), place_radius_px, area)
+    distinct = np.unique(np.column_stack([position, on]), axis=0)
+    return PathPrior(distinct[:, :2], distinct[:, 2].astype(np.int64), place_radius_px, area)
 
 
 def apply_path_prior(
-    position: MapPixel, variance: float, *, paths: PathPrior, weight: Array | None = None
+    position: MapPixel,
+    variance: float,
+    *,
+    paths: PathPrior,
+    weight: Array | None = None,
+    floor: int = BASE_FLOOR,
 ) -> tuple[MapPixel, Array]:
     """Join a position with where cameras are.
 
@@ -84,6 +97,8 @@ def apply_path_prior(
         Of it, along an axis, map pixels squared.
     weight : (n,) float64, optional
         How probable the surroundings of each of `paths.photos` are; all the same without it.
+    floor : int
+        Of the position; photos of others say nothing.
 
     Returns
     -------
@@ -94,6 +109,7 @@ def apply_path_prior(
     off = paths.photos - at
     window = (_WINDOW * paths.place_radius_px) ** 2
     near = np.exp(-0.5 * (off**2).sum(1) / window)
+    near = near * (paths.floor == floor)
     near = near if weight is None else near * weight
     mass = float(near.sum())
     if mass < _NONE:
@@ -132,6 +148,6 @@ def _on_paths(hypothesis: Hypothesis, paths: PathPrior, weight: Array | None) ->
     if hypothesis.kind != "position" or hypothesis.radius_px is None:
         return hypothesis
     position, variance = apply_path_prior(
-        hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight
+        hypothesis.position, hypothesis.radius_px**2, paths=paths, weight=weight, floor=hypothesis.floor
     )
     return replace(hypothesis, position=position, radius_px=math.sqrt(variance[1]))

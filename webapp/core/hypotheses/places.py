@@ -66,6 +66,22 @@ class MapPlaces:
     radius_px: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoGroups:
+    """Which photos belong together.
+
+    Attributes
+    ----------
+    experience : (p,) int64
+        Of which experience each photo is: views of one panorama are one.
+    floor : (p,) int64
+        Id of each photo's floor: what is above each other is not one place.
+    """
+
+    experience: NDArray[np.int64]
+    floor: NDArray[np.int64]
+
+
 def describe_places(
     position: NDArray[np.float64],
     *,
@@ -73,7 +89,7 @@ def describe_places(
     size: tuple[int, int],
     kind: MapKind | None = None,
     partner: NDArray[np.int64] | None = None,
-    experience: NDArray[np.int64] | None = None,
+    groups: PhotoGroups | None = None,
 ) -> MapPlaces:
     """Find out what kind of map it is.
 
@@ -94,51 +110,58 @@ def describe_places(
         What the user says it is.
     partner : (p,) int64, optional
         As `MapExtrinsics` has it: where positions are noisy, as by GPS, photos of one view are far apart.
-    experience : (p,) int64, optional
-        Of which experience each photo is: views of one panorama are one; by default each is its own.
+    groups : PhotoGroups, optional
+        By default each photo is an experience of its own, and all are on one floor.
     """
-    own = np.arange(len(position)) if experience is None else experience
+    if groups is None:
+        groups = PhotoGroups(np.arange(len(position)), np.zeros(len(position), np.int64))
+    own, on = groups.experience, groups.floor
     width, height = size
     if kind in (None, "mixed"):
-        area = _areas(position, trust, partner, experience=own)
+        area = _areas(_stands(position, on), trust, partner, experience=own)
     else:
-        area = _all_areas(position, kind == "areas")
+        area = _all_areas(_stands(position, on), kind == "areas")
     share = float((area >= 0).mean()) if len(area) else 0.0
     if share <= _FEW:
         area = np.full(len(position), -1, np.int64)
-        radius = place_radius_px(position, width=width, height=height)
+        radius = place_radius_px(position, width=width, height=height, floor=on)
         return MapPlaces(kind or "metric", area, max(radius, _noise_px(position, partner)))
     side = _SHARE_OF_SIDE * max(width, height)
-    spacing = spacing_px(position, of=position[area >= 0])
+    spacing = spacing_px(position, of=area >= 0, floor=on)
     radius = side if spacing is None else AREA_RADIUS_OVER_SPACING * spacing
     if share >= _MOST:
         return MapPlaces(kind or "areas", area, radius)
-    metric = place_radius_px(position[area < 0], width=width, height=height)
+    metric = place_radius_px(position[area < 0], width=width, height=height, floor=on[area < 0])
     if partner is not None:
         alone = (area < 0) & (area[partner] < 0)
         metric = max(metric, _noise_px(position, np.where(alone, partner, -1)))
     return MapPlaces("mixed", area, share * radius + (1.0 - share) * metric)
 
 
-def _all_areas(position: NDArray[np.float64], areas: bool) -> NDArray[np.int64]:
+def _stands(position: NDArray[np.float64], floor: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number the distinct positions on each floor; (p,)."""
+    if not len(position):
+        return np.zeros(0, np.int64)
+    spots = np.column_stack([position, floor])
+    return np.unique(spots, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def _all_areas(number: NDArray[np.int64], areas: bool) -> NDArray[np.int64]:
     """Take each distinct position for an area, or none; (p,)."""
-    if not areas or not len(position):
-        return np.full(len(position), -1, np.int64)
-    return np.unique(position, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    return number if areas else np.full(len(number), -1, np.int64)
 
 
 def _areas(
-    position: NDArray[np.float64],
+    number: NDArray[np.int64],
     trust: NDArray[np.float64] | None,
     partner: NDArray[np.int64] | None,
     *,
     experience: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Number the areas; (p,), -1 for photos in none."""
-    none = np.full(len(position), -1, np.int64)
-    if not len(position):
+    """Find which of the numbered positions are areas; (p,), -1 for photos in none."""
+    none = np.full(len(number), -1, np.int64)
+    if not len(number):
         return none
-    number = np.unique(position, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
     one_each = np.unique(experience, return_index=True)[1]
     count = np.bincount(number[one_each], minlength=number.max() + 1)
     large, shared = count[number] > _PANORAMA, count[number] >= _SHARED
@@ -176,31 +199,53 @@ def _noise_px(position: NDArray[np.float64], partner: NDArray[np.int64] | None) 
     return float(np.median(np.hypot(*(position[matched] - position[partner[matched]]).T)))
 
 
-def spacing_px(position: NDArray[np.float64], *, of: NDArray[np.float64] | None = None) -> float | None:
+def spacing_px(
+    position: NDArray[np.float64],
+    *,
+    of: NDArray[np.bool_] | None = None,
+    floor: NDArray[np.int64] | None = None,
+) -> float | None:
     """Compute the median distance from each distinct position to the nearest other.
 
     Parameters
     ----------
     position : (p, 2) float64
         Map pixels.
-    of : (n, 2) float64, optional
+    of : (p,) bool, optional
         Only for these of them.
+    floor : (p,) int64, optional
+        Ids of their floors: the nearest other is on the same one.
 
     Returns
     -------
     float or None
-        None when there are fewer than two distinct positions.
+        None when there are fewer than two distinct positions, on one floor.
     """
+    on = np.zeros(len(position), np.int64) if floor is None else floor
+    asked = np.ones(len(position), np.bool_) if of is None else of
+    away = [_nearest_px(position[on == one], of=asked[on == one]) for one in np.unique(on)]
+    known = np.concatenate(away) if away else np.zeros(0, np.float32)
+    return float(np.median(known)) if len(known) else None
+
+
+def _nearest_px(position: NDArray[np.float64], *, of: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Compute the distance from each distinct position to the nearest other; none where there is no other."""
     distinct = np.unique(position, axis=0).astype(np.float32)
-    if len(distinct) < 2:
-        return None
-    asked = distinct if of is None else np.unique(of, axis=0).astype(np.float32)
+    if len(distinct) < 2 or not of.any():
+        return np.zeros(0, np.float32)
+    asked = np.unique(position[of], axis=0).astype(np.float32)
     trees = cv2.flann_Index(distinct, {"algorithm": 4})
     _, squared = trees.knnSearch(asked, 2, params={"checks": -1})
-    return float(np.median(np.sqrt(squared[:, 1])))
+    return np.asarray(np.sqrt(squared[:, 1]), np.float32)
 
 
-def place_radius_px(position: NDArray[np.float64], *, width: int, height: int) -> float:
+def place_radius_px(
+    position: NDArray[np.float64],
+    *,
+    width: int,
+    height: int,
+    floor: NDArray[np.int64] | None = None,
+) -> float:
     """Choose the place radius of a map whose photos stand where they were taken.
 
     Parameters
@@ -209,6 +254,8 @@ def place_radius_px(position: NDArray[np.float64], *, width: int, height: int) -
         Of the map's photos, map pixels.
     width, height : int
         Of the satellite image.
+    floor : (p,) int64, optional
+        Ids of their floors.
 
     Returns
     -------
@@ -216,7 +263,7 @@ def place_radius_px(position: NDArray[np.float64], *, width: int, height: int) -
         Twice the median distance between neighbouring distinct positions; with fewer than two positions
         a twentieth of the image's longer side.
     """
-    spacing = spacing_px(position)
+    spacing = spacing_px(position, floor=floor)
     if spacing is None:
         return _SHARE_OF_SIDE * max(width, height)
     return RADIUS_OVER_SPACING * spacing

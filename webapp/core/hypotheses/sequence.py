@@ -191,6 +191,8 @@ def _combine(belief: Belief, later: Belief, motion: MotionModel) -> Belief:
         there = replace(component.hypothesis, position=component.position)
         components.append(replace(reverse_time(component), weight=belief.lost * component.weight))
         for t in belief.components:
+            if t.hypothesis.floor != component.hypothesis.floor:
+                continue
             both = kalman_update(t, there, mass=component.weight / density, variance=component.covariance[0])
             components.append(replace(both, hypothesis=t.hypothesis, seen=t.seen))
     lost = belief.lost * later.lost
@@ -232,6 +234,8 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
         near = NEARBY_SHARE * miss * hypothesis.probability / sum(h.probability for h in hypotheses)
         loose = _mass(near, wide, density=density, temper=temper)
         for component in belief.components:
+            if component.hypothesis.floor != hypothesis.floor:
+                continue  # by stairs a camera comes from nowhere
             components.append(kalman_update(component, hypothesis, mass=mass, variance=variance / temper))
             components.append(kalman_update(component, hypothesis, mass=loose, variance=wide / temper))
     total = belief.lost * missed + sum(component.weight for component in components)
@@ -289,9 +293,8 @@ def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> 
     share /= max(sum(t.weight for t in belief.components), 1e-300)
     left, places = [replace(t, weight=share * t.weight) for t in belief.components], []
     while left:
-        lead = left[0].position
-        near = [t for t in left if math.dist(t.position, lead) <= radius]
-        left = [t for t in left if math.dist(t.position, lead) > radius]
+        near = [t for t in left if _is_near(t, left[0], radius)]
+        left = [t for t in left if not _is_near(t, left[0], radius)]
         places.append(_place(near, motion))
     ranked = sorted(places, key=lambda h: -h.probability)[:top]
     listed = sum(h.probability for h in ranked)
@@ -308,11 +311,21 @@ def _answer(belief: Belief, frame: Answer, *, motion: MotionModel, top: int) -> 
     )
 
 
+def _is_near(one: Component, other: Component, radius_px: float) -> bool:
+    same = one.hypothesis.floor == other.hypothesis.floor
+    return same and math.dist(one.position, other.position) <= radius_px
+
+
 def _place(near: Sequence[Component], motion: MotionModel) -> Hypothesis:
     """Make one hypothesis of components within one place, the heaviest first."""
     whole = merge(near)
     spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
-    position, by_axis = apply_path_prior(whole.position, whole.covariance[0] + spread, paths=motion.paths)
+    position, by_axis = apply_path_prior(
+        whole.position,
+        whole.covariance[0] + spread,
+        paths=motion.paths,
+        floor=whole.hypothesis.floor,
+    )
     variance = float(by_axis.mean())
     inside = 1.0 - math.exp(-0.5 * motion.place_radius_px**2 / variance)
     of_frame = whole.hypothesis

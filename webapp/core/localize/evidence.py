@@ -9,11 +9,12 @@ place would have if the same votes had been cast for photos drawn at random (a p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.hypotheses.calibration import EVIDENCE
 from webapp.core.retrieval.indexed import IndexedMap
 
@@ -61,24 +62,31 @@ class Spots:
         Map pixels.
     area : (n,) int64
         The number of an area, or -1.
+    floor : (n,) int64
+        Ids of their floors; by default all are on one.
     """
 
     position: Array
     area: NDArray[np.int64]
+    floor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self) -> None:
+        if len(self.floor) != len(self.area):
+            object.__setattr__(self, "floor", np.full(len(self.area), BASE_FLOOR, np.int64))
 
 
 def photo_spots(indexed: IndexedMap, photo: NDArray[np.int64]) -> Spots:
     """Take the places of (n,) photos."""
-    return Spots(indexed.position[photo], indexed.area[photo])
+    return Spots(indexed.position[photo], indexed.area[photo], indexed.floor[photo])
 
 
 def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
     """Weigh spots by their distance from others: (m, n), 0 to 1.
 
-    A Gaussian; within an area 1, between an area and anything else 0.
+    A Gaussian; within an area 1, between an area and anything else 0, and so between floors.
     """
     squared = ((first.position[:, None] - second.position[None]) ** 2).sum(-1)
-    same = first.area[:, None] == second.area[None]
+    same = (first.area[:, None] == second.area[None]) & (first.floor[:, None] == second.floor[None])
     inside = first.area[:, None] >= 0
     return np.where(same, np.where(inside, 1.0, np.exp(-squared / (2.0 * reach_px**2))), 0.0)
 

@@ -92,6 +92,7 @@ def find_by_landmarks(
     at = Spots(
         np.array([place.position for place in places], np.float64).reshape(-1, 2),
         np.array([place.area for place in places], np.int64),
+        np.array([place.floor for place in places], np.int64),
     )
     voters = voters_of([*by_pose, *by_votes])
     evidence = evidence_vectors(indexed, voters, at=at, score=[p.score for p in places], alike=alike)
@@ -134,7 +135,11 @@ def _places(
     places: list[PlaceCandidate] = []
     for place in found:
         radius = indexed.tuning.places.apart * indexed.place_radius_px
-        if all(math.dist(place.position, other.position) > radius for other in places):
+        apart = (
+            place.floor != other.floor or math.dist(place.position, other.position) > radius
+            for other in places
+        )
+        if all(apart):
             places.append(place)
     return places
 
@@ -169,7 +174,11 @@ def _place(
         return None
     position = MapPixel(at.at.real, at.at.imag)
     score = sum(photo.weight for photo in supporting)
-    return PlaceCandidate("position", position, heading, sigma_px, supporting, score, position, camera=camera)
+    # a group may look across an atrium: the floor is that of the photo that shares most landmarks
+    floor = int(indexed.floor[supporting[0].matched.photo])
+    return PlaceCandidate(
+        "position", position, heading, sigma_px, supporting, score, position, camera=camera, floor=floor
+    )
 
 
 def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: LaidCloud) -> list[Lens]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
@@ -86,6 +87,8 @@ class PlaceCandidate:
         Number of the area; -1 for a place in none.
     camera : CameraPose or None
         How the camera was held, where that was solved from landmarks.
+    floor : int
+        Id of its floor.
     """
 
     kind: Literal["position", "photo", "area"]
@@ -97,6 +100,7 @@ class PlaceCandidate:
     anchor: MapPixel
     area: int = -1
     camera: CameraPose | None = None
+    floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +157,9 @@ def estimate_places(
         than a place radius apart; at most eight, or one of two photos that were checked.
     """
     places: list[PlaceCandidate] = []
-    others = [v for v in checked if not _has_extrinsics(indexed, v)]
-    for place in (*_from_poses(indexed, checked), *_from_bearings(indexed, others=others)):
-        if not _is_occupied(places, place.position, indexed):
+    by_pose, by_bearing = _by_floor(indexed, checked)
+    for place in (*by_pose, *by_bearing):
+        if not _is_occupied(places, place.position, indexed, floor=place.floor):
             places.append(place)
     most = max(indexed.tuning.places.most, len(checked) // 2)
     voting = [*checked, *further]
@@ -166,9 +170,27 @@ def estimate_places(
         if indexed.area[photo] >= 0:
             if all(p.area != indexed.area[photo] for p in places):
                 places.append(_area_place(indexed, voting, photo))
-        elif not _is_occupied(places, _position(indexed, photo), indexed):
+        elif not _is_occupied(places, _position(indexed, photo), indexed, floor=int(indexed.floor[photo])):
             places.append(_photo_place(indexed, [voting[n]], score=0.0))
     return places
+
+
+def _by_floor(
+    indexed: IndexedMap, checked: list[VerifiedPhoto]
+) -> tuple[list[PlaceCandidate], list[PlaceCandidate]]:
+    """Estimate places from poses and from bearings, each of photos of one floor; the best score first."""
+    by_pose: list[PlaceCandidate] = []
+    by_bearing: list[PlaceCandidate] = []
+    floors = [int(indexed.floor[v.matched.photo]) for v in checked]
+    for floor in dict.fromkeys(floors):
+        there = [v for v, own in zip(checked, floors, strict=True) if own == floor]
+        others = [v for v in there if not _has_extrinsics(indexed, v)]
+        by_pose += (replace(place, floor=floor) for place in _from_poses(indexed, there))
+        by_bearing += (replace(place, floor=floor) for place in _from_bearings(indexed, others=others))
+    if len(set(floors)) > 1:
+        by_pose.sort(key=lambda place: -place.score)
+        by_bearing.sort(key=lambda place: -place.score)
+    return by_pose, by_bearing
 
 
 def voters_of(checked: list[VerifiedPhoto]) -> Voters:
@@ -203,7 +225,8 @@ def _area_place(indexed: IndexedMap, checked: list[VerifiedPhoto], photo: int) -
     there = [v for v in checked if indexed.area[v.matched.photo] == area]
     position = _position(indexed, photo)
     order = sorted(there, key=lambda v: (-v.weight, -v.matched.votes))
-    return PlaceCandidate("area", position, None, 0.0, order, 0.0, position, area)
+    floor = int(indexed.floor[photo])
+    return PlaceCandidate("area", position, None, 0.0, order, 0.0, position, area, floor=floor)
 
 
 def _position(indexed: IndexedMap, photo: int) -> MapPixel:
@@ -296,9 +319,11 @@ def _bearings(indexed: IndexedMap, usable: list[VerifiedPhoto]) -> Bearings:
     )
 
 
-def _is_occupied(places: list[PlaceCandidate], position: MapPixel, indexed: IndexedMap) -> bool:
+def _is_occupied(
+    places: list[PlaceCandidate], position: MapPixel, indexed: IndexedMap, *, floor: int
+) -> bool:
     apart = indexed.tuning.places.apart * indexed.place_radius_px
-    return any(math.dist(p.position, position) <= apart for p in places)
+    return any(p.floor == floor and math.dist(p.position, position) <= apart for p in places)
 
 
 def _place_from_resection(
@@ -311,6 +336,7 @@ def _place_from_resection(
 
 
 def _photo_place(indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float) -> PlaceCandidate:
-    position = _position(indexed, photos[0].matched.photo)
+    photo = photos[0].matched.photo
+    position, floor = _position(indexed, photo), int(indexed.floor[photo])
     sigma_px = indexed.tuning.places.photo_sigma * indexed.place_radius_px
-    return PlaceCandidate("photo", position, None, sigma_px, photos, score, position)
+    return PlaceCandidate("photo", position, None, sigma_px, photos, score, position, floor=floor)

@@ -269,6 +269,7 @@ def _evidence_vectors(
     at = Spots(
         np.array([p.position for p in places], np.float64).reshape(-1, 2),
         np.array([p.area for p in places], np.int64),
+        np.array([p.floor for p in places], np.int64),
     )
     return evidence_vectors(indexed, voters_of(checked), at=at, score=[p.score for p in places], alike=alike)
 
@@ -289,6 +290,7 @@ def _hypothesis(
         inliers=best.inliers,
         matches=len(best.matched.query_row),
         camera=place.camera,
+        floor=place.floor,
     )
 
 

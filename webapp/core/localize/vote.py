@@ -59,6 +59,7 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
             experiences=(int(indexed.ids[p]),),
             inliers=None,
             matches=int(votes[p]),
+            floor=int(indexed.floor[p]),
         )
         for rank, p in enumerate(order, 1)
     )

@@ -40,6 +40,7 @@ class Code(StrEnum):
     MAP_JSON_POSITION = "map-json-position"
     MAP_JSON_STALE = "map-json-stale"
     NEXT_ID_TOO_SMALL = "next-id-too-small"
+    MISSING_FLOOR = "missing-floor-image"
     PLACEMENT_DAMAGED = "placement-damaged"
     PLACEMENT_STALE = "placement-stale"
 

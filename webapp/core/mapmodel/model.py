@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from webapp.core.blur import BlurBox
+from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
@@ -96,6 +97,8 @@ class Experience:
         or its GPS has.
     note : str or None
         What people have written on it.
+    floor : int
+        Id of the floor that it is on.
     """
 
     id: int
@@ -113,6 +116,7 @@ class Experience:
     by_gps: bool = False
     radius_px: float | None = None
     note: str | None = None
+    floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +161,8 @@ class Map:
         Counts the edits.
     unplaced : tuple of UnplacedPhoto
         Photos in the tray, by id.
+    floors : tuple of Floor
+        By id; none where the map has one image alone.
     """
 
     satellite: SatelliteImage
@@ -169,3 +175,8 @@ class Map:
     unplaced: tuple[UnplacedPhoto, ...] = ()
     control_points: tuple[GroundControlPoint, ...] = ()
     notes: tuple[MapNote, ...] = ()
+    floors: tuple[Floor, ...] = ()
+
+    def floor_named(self, id: int) -> Floor | None:
+        """Find a floor by its id; None where the map has none."""
+        return next((floor for floor in self.floors if floor.id == id), None)

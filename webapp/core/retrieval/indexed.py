@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.types import Features
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, MapExtrinsics
 from webapp.core.geometry.relative_pose import Camera
@@ -47,6 +48,8 @@ class IndexedMap:
         The user says what kind it is.
     area : (p,) int64
         Number of each photo's area, -1 where it stands where it was taken; by default all are -1.
+    floor : (p,) int64
+        Id of each photo's floor; by default all are on one.
     extrinsics : MapExtrinsics or None
         How the photos were held and how far away is what they see, where that is known.
     pair_matcher : PairMatcher or None
@@ -75,6 +78,7 @@ class IndexedMap:
     kind: MapKind = "metric"
     kind_is_given: bool = False
     area: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    floor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     extrinsics: MapExtrinsics | None = None
     pair_matcher: PairMatcher | None = None
     rematched: int | None = None
@@ -89,10 +93,12 @@ class IndexedMap:
     def __post_init__(self) -> None:
         if len(self.area) != len(self.ids):
             object.__setattr__(self, "area", np.full(len(self.ids), -1, np.int64))
+        if len(self.floor) != len(self.ids):
+            object.__setattr__(self, "floor", np.full(len(self.ids), BASE_FLOOR, np.int64))
         lengths = [np.diff(s.first) for s in self.segments]
         first = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]) if lengths else np.zeros(1)
         object.__setattr__(self, "first_row", first.astype(np.int64))
-        paths = fit_path_prior(self.position, place_radius_px=self.place_radius_px)
+        paths = fit_path_prior(self.position, place_radius_px=self.place_radius_px, floor=self.floor)
         object.__setattr__(self, "paths", paths)
         entry = np.full(len(self.ids), -1, np.int64)
         alive = np.flatnonzero(self.photo_of_entry >= 0)

@@ -25,6 +25,8 @@ class AnswerRow:
         Name of the photo's file.
     off_map_probability : float or None
         That it was not taken on the map.
+    floor : str or None
+        Name of the floor; where no answer has one, tables have no column for it.
     """
 
     id: int
@@ -37,6 +39,7 @@ class AnswerRow:
     lon: float | None
     radius_m: float | None
     heading_deg: float | None
+    floor: str | None = None
 
     @property
     def latlon(self) -> LatLon | None:
@@ -54,8 +57,10 @@ def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
     """
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\r\n")
-    lines.writerow([field.name for field in fields(AnswerRow)])
-    lines.writerows([plain_cell(value) for value in asdict(row).values()] for row in rows)
+    left_out: set[str] = set() if any(row.floor for row in rows) else {"floor"}
+    columns = [field.name for field in fields(AnswerRow) if field.name not in left_out]
+    lines.writerow(columns)
+    lines.writerows([plain_cell(getattr(row, column)) for column in columns] for row in rows)
     yield text.getvalue().encode("utf-8", "replace")
 
 
@@ -92,4 +97,5 @@ def format_answers_gpx(rows: Sequence[AnswerRow], *, title: str) -> Iterator[byt
 
 
 def _properties(row: AnswerRow) -> dict[str, object]:
-    return {name: value for name, value in asdict(row).items() if name not in ("id", "lat", "lon")}
+    left_out = {"id", "lat", "lon"} | (set() if row.floor else {"floor"})
+    return {name: value for name, value in asdict(row).items() if name not in left_out}

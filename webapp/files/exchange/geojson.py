@@ -24,7 +24,7 @@ def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iter
     bytes
         UTF-8. A photo whose place has no position on the Earth has no geometry. What is unknown is null.
     """
-    photos = ([_photo(e, georeference)] for e in map_.experiences)
+    photos = ([_photo(e, georeference, map_)] for e in map_.experiences)
     return write_collection(title, chain(photos, ([_note(note, georeference)] for note in map_.notes)))
 
 
@@ -83,8 +83,10 @@ def photo_properties(e: Experience) -> dict[str, object]:
     }
 
 
-def _photo(e: Experience, georeference: Georeference) -> str:
-    return point_feature(e.id, _latlon(e.position, georeference), properties=photo_properties(e))
+def _photo(e: Experience, georeference: Georeference, map_: Map) -> str:
+    floor = map_.floor_named(e.floor)
+    on = {} if floor is None else {"floor": floor.name, "level": floor.level}
+    return point_feature(e.id, _latlon(e.position, georeference), properties={**photo_properties(e), **on})
 
 
 def _note(note: MapNote, georeference: Georeference) -> str:

@@ -122,6 +122,7 @@ def read_map(cfg_path: Path) -> Map:
         unplaced=unplaced,
         control_points=extras.control_points,
         notes=extras.notes,
+        floors=extras.floors,
     )
 
 
@@ -202,6 +203,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
         by_gps=known.by_gps and is_as_known,
         radius_px=known.radius_px if is_as_known else None,
         note=known.note,
+        floor=known.floor,
     )
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from dataclasses import fields as dataclass_fields
 from datetime import datetime
 
 from webapp.core.blur import BlurBox
+from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
@@ -18,7 +20,9 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
 from webapp.files.maps.control_points import control_point_fields, parse_control_points
+from webapp.files.maps.floors import check_floors_of, floors_fields, parse_floors
 from webapp.files.maps.notes import notes_fields, parse_notes, parse_text
+from webapp.files.maps.sources import parse_source, source_fields
 
 FORMAT = "experience-map"
 VERSION = 1
@@ -53,6 +57,7 @@ class MapJsonPhoto:
     by_gps: bool = False
     radius_px: float | None = None
     note: str | None = None
+    floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,8 @@ class MapJson:
         By name.
     notes : tuple of MapNote
         By id.
+    floors : tuple of Floor
+        By id.
     """
 
     revision: int = 0
@@ -84,6 +91,7 @@ class MapJson:
     unplaced: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
     control_points: tuple[GroundControlPoint, ...] = ()
     notes: tuple[MapNote, ...] = ()
+    floors: tuple[Floor, ...] = ()
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
@@ -103,17 +111,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     """
     top = parse_json(data, where=where).record(
         required=("format", "version"),
-        optional=(
-            "title",
-            "revision",
-            "next_id",
-            "georeference",
-            "placements",
-            "experiences",
-            "unplaced",
-            "control_points",
-            "notes",
-        ),
+        optional=tuple(part.name for part in dataclass_fields(MapJson)),
     )
     if top["format"].value != FORMAT:
         raise top["format"].error(f"must be {FORMAT!r}", hint="this is another program's file: rename it")
@@ -127,16 +125,19 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         if name in placements:
             raise item.error(f"names the placement {name!r} a second time")
         placements[name] = positions
+    experiences, floors = by_id(top["experiences"], parse=_photo), parse_floors(top["floors"])
+    check_floors_of(top["experiences"], {id: photo.floor for id, photo in experiences.items()}, floors=floors)
     return MapJson(
         revision=top["revision"].integer(default=0, largest=MAX_NUMBER),
         next_id=top["next_id"].integer(default=0, largest=MAX_NUMBER + 1),
         georeference=_georeference(top["georeference"]),
         placements=placements,
-        experiences=by_id(top["experiences"], parse=_photo),
+        experiences=experiences,
         title=None if top["title"].missing else top["title"].text(),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
         control_points=parse_control_points(top["control_points"]),
         notes=parse_notes(top["notes"]),
+        floors=floors,
     )
 
 
@@ -175,6 +176,7 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
         **({"unplaced": [_photo_fields(photo) for photo in map_.unplaced]} if map_.unplaced else {}),
         **({"control_points": control_point_fields(map_.control_points)} if map_.control_points else {}),
         **({"notes": notes_fields(map_.notes)} if map_.notes else {}),
+        **({"floors": floors_fields(map_.floors)} if map_.floors else {}),
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
     data = f"{text}\n".encode("utf-8", "surrogatepass")
@@ -242,7 +244,9 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
 
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
-    fields = item.record(required=("id", "photo"), optional=("x_px", "y_px", "by_gps", "radius_px", *_FACTS))
+    fields = item.record(
+        required=("id", "photo"), optional=("x_px", "y_px", "by_gps", "radius_px", "floor", *_FACTS)
+    )
     x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
@@ -252,7 +256,9 @@ def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     # files of 0.7 do not say it
     guessed = facts.gps_accuracy_m is not None and radius_px is None
     by_gps = guessed if stated.missing else stated.boolean()
-    return fields["id"].integer(largest=MAX_NUMBER), replace(facts, by_gps=by_gps, radius_px=radius_px)
+    floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
+    known = replace(facts, by_gps=by_gps, radius_px=radius_px, floor=floor)
+    return fields["id"].integer(largest=MAX_NUMBER), known
 
 
 def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
@@ -275,7 +281,7 @@ def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJso
         taken_at=None if taken_at.missing else taken_at.text(),
         name=None if name.missing else name.text(),
         blurred=tuple(_box(box) for box in blurred.items()),
-        source=None if source.missing else _source(source),
+        source=None if source.missing else parse_source(source),
         panorama=None if panorama.missing else _panorama(panorama),
         note=parse_text(note),
     )
@@ -288,15 +294,6 @@ def _box(item: JsonField) -> BlurBox:
     if not box.inside:
         raise item.error("is not a box inside the photo")
     return box
-
-
-def _source(item: JsonField) -> PhotoSource:
-    """Read whom a photo is from; its address becomes a link in pages, so that it has to be a web address."""
-    fields = item.record(required=("service", "id", "licence"), optional=("author", "url"))
-    known = {name: field.text() for name, field in fields.items() if not field.missing}
-    if not known.get("url", "https://").startswith(("https://", "http://")):
-        raise fields["url"].error("is not a web address", hint="it begins with https://")
-    return PhotoSource(**known)
 
 
 def _panorama(item: JsonField) -> Panorama:
@@ -317,11 +314,6 @@ def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None
     MapJsonError
     """
     return None if value is None else _panorama(JsonField(value, where, "$"))
-
-
-def source_fields(source: PhotoSource | None) -> dict[str, str] | None:
-    """Return whom a photo is from as `map.json` has it; None stays None."""
-    return None if source is None else {name: text for name, text in asdict(source).items() if text}
 
 
 def _pixel(field: JsonField) -> float:
@@ -389,6 +381,8 @@ def _photo_fields(photo: Experience | UnplacedPhoto, *, by_gps_anywhere: bool = 
         present |= {"by_gps": True}
     elif photo.gps_accuracy_m is not None:
         present |= {"by_gps": False}
+    if photo.floor != BASE_FLOOR:
+        present |= {"floor": photo.floor}
     return {"id": photo.id, "photo": photo.photo, **position, **present}
 
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
+import cv2
+import numpy as np
+
+from webapp.core.geo.floors import BASE_FLOOR, Floor, FloorImage
+from webapp.errors import UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.laid import laid_on_map
+from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
 from webapp.render.sheet.page import SheetContent, draw_sheet, printed_part
 from webapp.settings import Settings
@@ -15,6 +22,9 @@ from webapp.tasks.exchange.export_source import Source
 from webapp.tasks.satellite.files import source_of
 
 MEDIA_TYPES = {"pdf": "application/pdf", "png": "image/png"}
+
+_FAINT = 0.35
+"""Opacity of the map's image around a floor."""
 
 _MOST_PX = 12_000
 """Longer side of the image that is read, however small the part of it that is printed."""
@@ -29,27 +39,63 @@ def print_map(
     settings: Settings,
     answers: tuple[SheetAnswer, ...] = (),
 ) -> bytes:
-    """Print a map on one sheet of paper, as PDF or PNG.
+    """Print a map on one sheet of paper, as PDF or PNG; of several floors one.
 
     Raises
     ------
+    UsageError
+        The map has no such floor.
     PhotoError
         The satellite image cannot be used.
     MapError
         Its path leads out of the map's folder.
     """
-    map_ = source.map
-    file = photo_path(source.cfg, map_.satellite.path)
-    with (
-        show_file_as(map_.satellite.path, file),
-        opened_raster(file, limits=settings.satellite) as raster,
-    ):
-        satellite = reduced(raster, _side(source, options))
+    source, floor = _of_floor(source, options.floor)
+    map_, side = source.map, _side(source, options)
+    satellite = _read(source, map_.satellite.path, lambda raster: reduced(raster, side), settings=settings)
+    if floor is not None and floor.image is not None:
+        satellite = _with_floor(source, satellite, floor.image, side=side, settings=settings)
     if not options.attribution:
         known = source_of(source.cfg.parent, map_.satellite.path).get("attribution")
         options = replace(options, attribution=known if isinstance(known, str) else "")
-    content = SheetContent(map_, satellite, map_.title or source.title, answers)
+    title = map_.title or source.title
+    if floor is not None:
+        title = f"{title} – {floor.name}"
+        answers = tuple(answer for answer in answers if answer.floor == floor.id)
+    content = SheetContent(map_, satellite, title, answers)
     return draw_sheet(content, form=form, options=options, words=words)
+
+
+def _of_floor(source: Source, id: int) -> tuple[Source, Floor | None]:
+    """Leave out the photos of other floors."""
+    map_ = source.map
+    floor = map_.floor_named(id)
+    if floor is None and (map_.floors or id != BASE_FLOOR):
+        names = ", ".join(one.name for one in map_.floors) or "none"
+        raise UsageError(f"the map has no floor {id}", where="floor", hint=f"its floors are: {names}")
+    there = tuple(e for e in map_.experiences if e.floor == id)
+    return replace(source, map=replace(map_, experiences=there)), floor
+
+
+def _with_floor(
+    source: Source, satellite: Pixels, image: FloorImage, *, side: int, settings: Settings
+) -> Pixels:
+    """Lay the image of a floor over that of the map, which is faint around it."""
+    size = source.map.satellite.width, source.map.satellite.height
+    laid = _read(
+        source, image.path, lambda raster: laid_on_map(raster, image, size=size, side=side), settings=settings
+    )
+    base = cv2.resize(satellite, (laid.shape[1], laid.shape[0]), interpolation=cv2.INTER_AREA)
+    opacity = laid[:, :, 3:].astype(np.float32) / 255.0
+    faint = _FAINT * base.astype(np.float32) + (1.0 - _FAINT) * 255.0
+    mixed = opacity * laid[:, :, :3] + (1.0 - opacity) * faint
+    return np.asarray(np.rint(mixed), np.uint8)
+
+
+def _read(source: Source, name: str, read: Callable[[Raster], Pixels], *, settings: Settings) -> Pixels:
+    file = photo_path(source.cfg, name)
+    with show_file_as(name, file), opened_raster(file, limits=settings.satellite) as raster:
+        return read(raster)
 
 
 def _side(source: Source, options: SheetOptions) -> int:

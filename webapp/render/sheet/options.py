@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 
 Paper = Literal["a4", "a3", "letter"]
@@ -56,6 +57,8 @@ class SheetOptions:
         Instead of the map's.
     attribution : str
         Whom the image is from.
+    floor : int
+        Id of the floor, on a map that has several.
     """
 
     paper: Paper = "a4"
@@ -68,6 +71,7 @@ class SheetOptions:
     extent: Extent = "image"
     title: str | None = None
     attribution: str = ""
+    floor: int = BASE_FLOOR
 
     def page_sizes(self) -> list[tuple[float, float]]:
         """Width and height of the paper in points, in each orientation that it may have."""
@@ -85,6 +89,7 @@ class SheetAnswer:
     probability: float
     radius_px: float | None = None
     heading_deg: float | None = None
+    floor: int = BASE_FLOOR
 
 
 def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer, ...]:
@@ -109,6 +114,7 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
                     float(best["probability"]),
                     best.get("radius_px"),
                     best.get("heading_deg"),
+                    int(best.get("floor") or BASE_FLOOR),
                 )
             )
     return tuple(found)

@@ -1,7 +1,7 @@
 """Edits of a map: applied, undone and redone, with conflicts between people and tabs noticed.
 
 An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`,
-`note/2`) with the
+`note/2`, `floor/1`) with the
 values of its fields before and after. Undo brings the values before back, but only where nobody has changed
 them since. Everyone undoes their own edits.
 """
@@ -15,16 +15,26 @@ from typing import Any
 from sqlalchemy import Select, func, select, update
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
-from webapp.store.maps import maps
+from webapp.store.maps import clashes, maps
 from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
 
 PHOTO_FIELDS = frozenset(
-    {"x_px", "y_px", "radius_px", "heading_deg", "taken_at", "removed", "panorama", "fov_deg", "note"}
+    {
+        "x_px",
+        "y_px",
+        "radius_px",
+        "heading_deg",
+        "taken_at",
+        "removed",
+        "panorama",
+        "fov_deg",
+        "note",
+        "floor",
+    }
 )
 POINTS_KIND = "control-points"
 """Kind of an edit of control points."""
@@ -32,13 +42,16 @@ POINTS_KIND = "control-points"
 NOTES_KIND = "notes"
 """Kind of an edit of notes on spots of the map."""
 
-_LISTED = {"point": ("control_points", "name"), "note": ("notes", "id")}
+FLOORS_KIND = "floors"
+"""Kind of an edit of the list of floors."""
+
+_LISTED = {"point": ("control_points", "name"), "note": ("notes", "id"), "floor": ("floors", "id")}
 """What is kept as a list in the record: the column, and by what the items of the list are known."""
 
 OUTSIDE_KIND = "outside"
 """Of the edit that takes over what was changed in the files of a map."""
 
-_KINDS_OF_LISTED = (POINTS_KIND, NOTES_KIND, "satellite", "georeference", OUTSIDE_KIND)
+_KINDS_OF_LISTED = (POINTS_KIND, NOTES_KIND, FLOORS_KIND, "satellite", "georeference", OUTSIDE_KIND)
 """Of edits that change what is kept as a list."""
 
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
@@ -87,7 +100,7 @@ def apply(
     ----------
     changes : mapping of str to mapping or None
         New values of fields by target; None takes a position in another placement, a control
-        point or a note away.
+        point, a note or a floor away.
         The position of a photo is exact where it comes without `radius_px`.
     kind : str
         A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
@@ -121,6 +134,9 @@ def apply(
             )
     if not steps:
         return None
+    clash = clashes.without_floor(session, record, {step["target"]: step["after"] for step in steps})
+    if clash:
+        raise Conflict(clash, hint="reload the page")
     _close_undone(session, record, account_id)
     _next_revision(record)
     for step in steps:
@@ -182,7 +198,10 @@ def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool)
             edit.state = "closed"
             return UndoResult(edit, _who_changed(rows, target=change["target"]))
     image = next((c[wanted] for c in edit.changes if "satellite_path" in (c[wanted] or {})), None)
-    if image is not None and (clash := _placed_on_present_image(session, record, edit, image=image)):
+    if image is not None and (clash := clashes.placed_on_present_image(session, record, edit, image=image)):
+        edit.state = "closed"
+        return UndoResult(edit, clash)
+    if clash := clashes.without_floor(session, record, {c["target"]: c[wanted] for c in edit.changes}):
         edit.state = "closed"
         return UndoResult(edit, clash)
     _next_revision(record)
@@ -191,36 +210,6 @@ def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool)
     edit.state = "undone" if back else "done"
     edit.turn = record.revision
     return UndoResult(edit, None)
-
-
-def _placed_on_present_image(
-    session: Session, record: MapRecord, edit: Edit, *, image: Mapping[str, Any]
-) -> str | None:
-    """Say who has placed photos on the present image since an edit set or removed it, if anybody has.
-
-    Parameters
-    ----------
-    edit : Edit
-        Is about to be undone or redone, which brings another image back.
-    image : mapping of str to Any
-        Fields of that image.
-    """
-    later = (
-        select(Edit, Account.name)
-        .join(Account, Account.id == Edit.account_id)
-        .where(Edit.map_id == record.id, Edit.turn > edit.turn, Edit.state == "done")
-        .where(Edit.account_id.is_distinct_from(edit.account_id))
-    )
-    for other, name in session.execute(later):
-        if any((change["after"] or {}).get("x_px") is not None for change in other.changes):
-            return f"{name} has placed photos on the satellite image in the meantime"
-    taken_along = {change["target"] for change in edit.changes}
-    width, height = (image.get(f"satellite_{side}", 0) or -1 for side in ("width", "height"))
-    placed = select(Photo).where(Photo.map_id == record.id, Photo.x_px.is_not(None))
-    left = [photo for photo in session.scalars(placed) if f"photo/{photo.id}" not in taken_along]
-    if all(inside(MapPixel(p.x_px or 0.0, p.y_px or 0.0), width=width, height=height) for p in left):
-        return None
-    return "photos were placed on the satellite image in the meantime"
 
 
 def revision_of_listed(session: Session, record: MapRecord, target: str) -> int:
@@ -365,6 +354,8 @@ def _who_changed(rows: _Rows, *, target: str) -> str:
         what = f"the control point {target.split('/', 1)[1]}"
     elif target.startswith("note/"):
         what = "the note"
+    elif target.startswith("floor/"):
+        what = "the floor"
     elif target != "map":
         what = f"the photo {rows.photo(target.rsplit('/', 1)[1]).name}"
     return f"{who} has changed {what} in the meantime"

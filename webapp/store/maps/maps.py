@@ -132,6 +132,7 @@ class Dot(NamedTuple):
     y_px: float | None
     heading_deg: float | None
     fov_deg: float | None
+    floor: int = 0
 
 
 def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
@@ -157,7 +158,7 @@ def photos_after(
 
 def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[Dot]:
     """List what is drawn of all photos that are not removed, by id; `placed` as for `first_photos`."""
-    columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg)
+    columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg, Photo.floor)
     rows = session.execute(columns.where(*_present(record, placed=placed)).order_by(Photo.id))
     return [Dot._make(row) for row in rows]
 

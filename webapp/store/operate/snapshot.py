@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
@@ -133,10 +134,17 @@ def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Sn
     maps: dict[int, str] = dict(database.execute("SELECT id, slug FROM map"))
     photos = database.execute("SELECT map.slug, path FROM photo JOIN map ON map.id = map_id").fetchall()
     images = database.execute("SELECT slug, satellite_path FROM map WHERE satellite_path IS NOT NULL")
+    with_floors = database.execute("SELECT slug, floors FROM map WHERE floors IS NOT NULL")
+    plans = [(slug, path) for slug, floors in with_floors for path in _images(floors)]
     queries = database.execute("SELECT map_id, file FROM query")
-    files = frozenset([*photos, *images])
+    files = frozenset([*photos, *images, *plans])
     parts = {name: read(database) for name, read in readers.items()}
     return SnapshotContents(maps, len(photos), files, frozenset(queries), parts)
+
+
+def _images(floors: str) -> list[str]:
+    """Name the images of floors."""
+    return [floor["image"]["path"] for floor in json.loads(floors) or () if floor.get("image")]
 
 
 def _storage_error(error: sqlite3.Error, path: Path) -> StorageError:

@@ -120,7 +120,13 @@ def evaluate_self(
         progress.note(scheme)
         trials = [
             _Trial(
-                QueryResult(own.photo, own.position, None, truth_heading_deg=own.heading_deg),
+                QueryResult(
+                    own.photo,
+                    own.position,
+                    None,
+                    truth_heading_deg=own.heading_deg,
+                    truth_floor=own.floor,
+                ),
                 map_folder / own.photo,
                 hidden(localizer.map, own, within_px=within),
             )
@@ -158,6 +164,7 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
         map_kind=subject.map_kind,
         place_radius_px=subject.place_radius_px,
         sequence=subject.sequence,
+        floors=subject.map.floors,
     )
     return {
         "method": subject.method,

@@ -21,6 +21,7 @@ from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks import staging
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
+from webapp.tasks.maps.library_map import floors
 from webapp.tasks.maps.show_photo import boxes_of
 
 _RECORD_FIELDS = (
@@ -31,6 +32,7 @@ _RECORD_FIELDS = (
     "georeference",
     "control_points",
     "notes",
+    "floors",
 )
 _NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
 """In `derived`: made for the other map."""
@@ -149,9 +151,10 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
 def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
     """List what belongs to a map, besides its texts, which are rewritten."""
     yield from (folder / photo.path for photo in photos)
-    if record.satellite_path is not None:
-        yield folder / record.satellite_path
-        yield (folder / record.satellite_path).with_suffix(".json")
+    for image in (record.satellite_path, *(floor.image.path for floor in floors(record) if floor.image)):
+        if image is not None:
+            yield folder / image
+            yield (folder / image).with_suffix(".json")
     previews = {
         preview_path(folder, photo.id, kind=kind, blurred=boxes_of(photo))
         for photo in photos

@@ -75,4 +75,5 @@ def _row(query: QueryRecord) -> AnswerRow:
         lon=first.get("lon"),
         radius_m=first.get("radius_m"),
         heading_deg=first.get("heading_deg"),
+        floor=first.get("floor_name"),
     )

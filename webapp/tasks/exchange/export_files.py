@@ -56,7 +56,8 @@ def export_map_zip(library: Library, map_id: int, *, progress: Progress | None =
 def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> Iterator[ZipMember]:
     for name, text in texts.items():
         yield ZipMember(name, text)
-    names = dict.fromkeys([source.map.satellite.path, *(e.photo for e in source.map.experiences)])
+    plans = (floor.image.path for floor in source.map.floors if floor.image)
+    names = dict.fromkeys([source.map.satellite.path, *plans, *(e.photo for e in source.map.experiences)])
     members = [*((name, name) for name in names), *_unplaced(source, taken=set(names))]
     progress.size(len(members))
     for member, name in members:

@@ -7,10 +7,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from statistics import mode
 from typing import TypeVar
 
 from sqlalchemy import select
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience
 from webapp.files.maps.folder import read_map, write_map
@@ -81,7 +83,12 @@ def accept_in_library(
         The map has no satellite image any more.
     """
     with library.changing(map_id) as change:
-        wanted = [_pose(photo, place) for photo, place in _photos_of(change, suggested) if photo.x_px is None]
+        pairs = [(photo, place) for photo, place in _photos_of(change, suggested) if photo.x_px is None]
+        others = {id for _, place in pairs for id in place.placed_by}
+        floors = {
+            id: photo.floor for id, photo in maps.photos_by_id(change.session, change.record, others).items()
+        }
+        wanted = [replace(_pose(photo, place), floor=_floor_of(place, floors)) for photo, place in pairs]
         placing = _place(change, wanted, account_id=account_id)
     return replace(placing, job=change.job)
 
@@ -127,6 +134,12 @@ def _pose(photo: Photo, place: SuggestedPlace | CorrectedPlace) -> RequestedPose
     return RequestedPose(photo, MapPixel(*place.position), place.heading_deg, place.radius_px)
 
 
+def _floor_of(place: SuggestedPlace, floors: Mapping[int, int]) -> int:
+    """Take the floor of most of the photos that it was placed by."""
+    by = [floors[id] for id in place.placed_by if id in floors]
+    return mode(by) if by else BASE_FLOOR
+
+
 def _place(change: MapChange, wanted: Sequence[RequestedPose], *, account_id: int) -> PlacingResult:
     image = needed_image(change.record, with_georeference=False)
     spots = find_spots(image, wanted)
@@ -142,6 +155,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
     """
     the_map = read_map(cfg)
     places = {one.id: one for one in suggested}
+    floors = {e.id: e.floor for e in the_map.experiences}
     placed = [
         Experience(
             photo.id,
@@ -155,6 +169,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
             source=photo.source,
             panorama=photo.panorama,
             radius_px=places[photo.id].radius_px,
+            floor=_floor_of(places[photo.id], floors),
         )
         for photo in the_map.unplaced
         if photo.id in places

@@ -199,5 +199,9 @@ def _solve(
     indexed = opened.indexed
     search = find_by_landmarks(indexed, query, fov_deg=fov_deg, laid=laid, hide=hide)
     solved = with_probabilities(indexed, search, calibration=DEFAULT, top=len(search.places))
-    close = (h for h in solved.hypotheses if math.dist(h.position, near.position) <= indexed.place_radius_px)
+    close = (
+        h
+        for h in solved.hypotheses
+        if h.floor == near.floor and math.dist(h.position, near.position) <= indexed.place_radius_px
+    )
     return next(close, None)

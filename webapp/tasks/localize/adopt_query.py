@@ -31,6 +31,7 @@ class Spot:
 
     position: MapPixel | None = None
     heading_deg: float | None = None
+    floor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,9 @@ def adopt_query(
         if record is None:
             raise NotFound("the map is gone")
         query = queries.find(session, record, query_id)
-        position, heading = _where(query, spot)
+        at = _where(query, spot)
+        position, heading = at.position, at.heading_deg
+        assert position is not None
         _check_inside(record, position)
     part = library.uploads / f"{secrets.token_hex(16)}.part"
     try:
@@ -90,7 +93,7 @@ def adopt_query(
             raise Conflict(
                 "this photo is on the map already", where=f"photo/{photo.id}", hint="move it in the editor"
             )
-        _place(session, record, photo=photo, at=Spot(position, heading), account_id=account_id)
+        _place(session, record, photo=photo, at=at, account_id=account_id)
         queries.find(session, record, query_id).adopted_id = photo.id
     return Adopted(photo.id, position, heading, change.job)
 
@@ -112,14 +115,15 @@ def link_or_copy(source: Path, target: Path) -> None:
             raise storage_error(error, where=target.name) from error
 
 
-def _where(query: QueryRecord, spot: Spot) -> tuple[MapPixel, float | None]:
+def _where(query: QueryRecord, spot: Spot) -> Spot:
     first = next(iter(query.answer["hypotheses"]), None)
     if spot.position is not None:
-        return spot.position, spot.heading_deg
+        return spot
     if first is None:
         raise UsageError("the position of this photo is unknown", where="x_px", hint="give it: x_px and y_px")
     heading = first["heading_deg"] if spot.heading_deg is None else spot.heading_deg
-    return MapPixel(first["x_px"], first["y_px"]), heading
+    floor = first.get("floor") if spot.floor is None else spot.floor
+    return Spot(MapPixel(first["x_px"], first["y_px"]), heading, floor)
 
 
 def _check_inside(record: MapRecord, position: MapPixel) -> None:
@@ -135,5 +139,5 @@ def _check_inside(record: MapRecord, position: MapPixel) -> None:
 def _place(session: Session, record: MapRecord, *, photo: Photo, at: Spot, account_id: int) -> None:
     assert at.position is not None
     image = needed_image(record, with_georeference=False)
-    spots = find_spots(image, [RequestedPose(photo, at.position, at.heading_deg)])
+    spots = find_spots(image, [RequestedPose(photo, at.position, at.heading_deg, floor=at.floor)])
     place_spots(session, record, spots=spots, kind="place", account_id=account_id)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.global_descriptor import GlobalDescriptor
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.retrieval.indexed import IndexedMap
@@ -156,7 +157,7 @@ def fit_trials(indexed: IndexedMap, trials: Sequence[Trial], *, start: Calibrati
     if not fitted.schematic:
         fitted = replace(fitted, photo_sigma=_photo_sigma(indexed, trials))
     located = [t.located(indexed, fitted) for t in trials]
-    errors = [_errors(at, t.truth) for at, t in zip(located, trials, strict=True)]
+    errors = [_errors(at, t) for at, t in zip(located, trials, strict=True)]
     cases = [_case(t, e, indexed.place_radius_px) for t, e in zip(trials, errors, strict=True)]
     slope, offset = fit(cases, start=start)
     scale = _radius_scale(trials, located, errors=errors, place_radius_px=indexed.place_radius_px)
@@ -167,8 +168,9 @@ def _case(trial: Trial, errors: NDArray[np.float64], place_radius_px: float) -> 
     return Case(trial.evidence, errors <= place_radius_px, trial.weight)
 
 
-def _errors(located: Sequence[LocatedPlace], truth: tuple[float, float]) -> NDArray[np.float64]:
-    return np.array([math.dist(one.position, truth) for one in located])
+def _errors(located: Sequence[LocatedPlace], trial: Trial) -> NDArray[np.float64]:
+    pairs = zip(located, trial.places, strict=True)
+    return np.array([trial.error_px(one.position, place.floor) for one, place in pairs])
 
 
 def _first_positions(trials: Sequence[Trial]) -> list[tuple[PlaceCandidate, Trial]]:
@@ -183,7 +185,9 @@ def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
         return indexed.kind == "schematic"
     limit = _OFF * indexed.place_radius_px
     firsts = _first_positions(trials)
-    off = [(math.dist(p.position, t.truth) > limit, math.dist(p.anchor, t.truth) > limit) for p, t in firsts]
+    off = [
+        (t.error_px(p.position, p.floor) > limit, t.error_px(p.anchor, p.floor) > limit) for p, t in firsts
+    ]
     contradicted = sum(position and not photo for position, photo in off)
     corrected = sum(photo and not position for position, photo in off)
     enough = len(firsts) >= _FEWEST_RADII
@@ -201,7 +205,7 @@ def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
         calibration = replace(DEFAULT, photo_sigma=sigma)
         errors = np.array(
             [
-                math.dist(locate(p, calibration=calibration, place_radius_px=radius).position, t.truth)
+                t.error_px(locate(p, calibration=calibration, place_radius_px=radius).position, p.floor)
                 for p, t in firsts
             ]
         )
@@ -238,4 +242,9 @@ def photo_keys(opened: OpenMap) -> frozenset[str]:
     """Describe each photo by its content and the cell, about a place radius wide, that it stands in."""
     cell = 2.0 ** round(math.log2(opened.indexed.place_radius_px))
     cells = np.floor(opened.indexed.position / cell).astype(int).tolist()
-    return frozenset(f"{c[:_PREFIX]}@{x},{y}" for c, (x, y) in zip(opened.contents, cells, strict=True) if c)
+    floors = [f",{on}" if on != BASE_FLOOR else "" for on in opened.indexed.floor.tolist()]
+    return frozenset(
+        f"{c[:_PREFIX]}@{x},{y}{on}"
+        for c, (x, y), on in zip(opened.contents, cells, floors, strict=True)
+        if c
+    )

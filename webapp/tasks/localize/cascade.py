@@ -6,7 +6,6 @@ learned features, and where the network that matches them is here it matches the
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -161,8 +160,9 @@ def fit_looks(
         places, evidence = looks.evidence_of_looks(
             [hypotheses for hypotheses, _ in found], [off for _, off in found], radius_px=radius
         )
-        answered = [looks.fuse_place(p, probability=0.0, place_radius_px=radius).position for p in places]
-        right = np.array([math.dist(at, pair[0].truth) <= radius for at in answered], np.bool_)
+        answered = [looks.fuse_place(p, probability=0.0, place_radius_px=radius) for p in places]
+        off = (pair[0].error_px(at.position, at.floor) for at in answered)
+        right = np.array([error <= radius for error in off], np.bool_)
         cases.append(Case(evidence, right, pair[0].weight))
     slope, offset = fit(cases, start=looks.DEFAULT)
     return replace(looks.DEFAULT, slope=slope, offset=offset, cases=len(cases))
@@ -185,6 +185,7 @@ def _hypotheses(trial: Trial, opened: OpenMap, calibration: Calibration) -> tupl
             experiences=(),
             inliers=None,
             matches=0,
+            floor=place.floor,
         )
-        for rank, (at, p) in enumerate(zip(located, probability, strict=True), 1)
+        for rank, (at, p, place) in enumerate(zip(located, probability, trial.places, strict=True), 1)
     ], off_map

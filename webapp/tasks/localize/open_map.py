@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
-from webapp.core.hypotheses.places import MapKind, describe_places
+from webapp.core.hypotheses.places import MapKind, PhotoGroups, describe_places
 from webapp.core.landmarks.cloud import LaidCloud
 from webapp.core.mapmodel.accuracy import inexact_positions
 from webapp.core.mapmodel.model import Experience, Map
@@ -138,7 +138,8 @@ class OpenMap:
     @property
     def map_hash(self) -> str:
         """Stands for the map's photos and positions, 16 hexadecimal characters."""
-        photos = [[e.id, c, *e.position] for e, c in zip(self.pictures, self.contents, strict=True)]
+        pairs = zip(self.pictures, self.contents, strict=True)
+        photos = [[e.id, c, *e.position, *([e.floor] if e.floor else [])] for e, c in pairs]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
 
 
@@ -356,13 +357,11 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
     ids = np.array([e.id for e in pictures], np.int64)
     position = np.array([e.position for e in pictures], np.float64).reshape(-1, 2)
     photo_of_entry = np.array([number.get(c, -1) for c in contents], np.int64)
+    floor = np.array([e.floor for e in pictures], np.int64)
     size = the_map.satellite
+    groups = PhotoGroups(experiences_of(ids), floor)
     places = describe_places(
-        position,
-        trust=None,
-        size=(size.width, size.height),
-        kind=options.map_kind,
-        experience=experiences_of(ids),
+        position, trust=None, size=(size.width, size.height), kind=options.map_kind, groups=groups
     )
     return IndexedMap(
         ids=ids,
@@ -381,6 +380,7 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
         kind=places.kind,
         kind_is_given=options.map_kind is not None,
         area=places.area,
+        floor=floor,
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import PAIR_MATCHERS
 from webapp.core.geometry.extrinsics import MapExtrinsics
-from webapp.core.hypotheses.places import MapPlaces, describe_places
+from webapp.core.hypotheses.places import MapPlaces, PhotoGroups, describe_places
 from webapp.core.mapmodel.panorama import experiences_of
 from webapp.core.reconstruction.depths import DepthObservations, triangulate_depths
 from webapp.core.reconstruction.orientation import estimate_extrinsics
@@ -253,7 +253,7 @@ def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: ND
         size=(size.width, size.height),
         kind=options.map_kind,
         partner=partner,
-        experience=experiences_of(opened.indexed.ids),
+        groups=PhotoGroups(experiences_of(opened.indexed.ids), opened.indexed.floor),
     )
     return replace(places, radius_px=options.right_within_px or places.radius_px)
 

@@ -268,7 +268,7 @@ class LocalizationPipeline:
         """Describe what gives the answers, for their JSON."""
         return AnswerSource(
             self.method, self.features, self.map.georeference, self.map.revision,
-            self.map_kind, self.place_radius_px, sequence,
+            self.map_kind, self.place_radius_px, sequence, self.map.floors,
         )  # fmt: skip
 
     @property

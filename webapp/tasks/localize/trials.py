@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.core.hypotheses.path_prior import PathPrior, apply_path_prior
@@ -70,6 +72,8 @@ class Trial:
     places : list of PlaceCandidate
         Their photos are left out.
     truth : (x, y)
+    floor : int
+        Id of its floor.
     strong : bool
         The best photo surely shows the same.
     seconds : float
@@ -82,11 +86,20 @@ class Trial:
     hidden: Hidden
     strong: bool
     seconds: float
+    floor: int = BASE_FLOOR
 
     @property
     def weight(self) -> float:
         """How much it counts in a fit."""
         return _OFF_MAP_WEIGHT if self.hidden == "surroundings" else 1.0
+
+    @property
+    def _has_floors(self) -> bool:
+        return any(floor != BASE_FLOOR for floor in (self.floor, *(p.floor for p in self.places)))
+
+    def error_px(self, at: MapPixel, floor: int) -> float:
+        """Compute how far a place is from the truth; infinitely far on another floor."""
+        return math.dist(at, self.truth) if floor == self.floor else math.inf
 
     def to_record(self) -> dict[str, Any]:
         """Give plain values."""
@@ -98,24 +111,27 @@ class Trial:
             "hidden": self.hidden,
             "strong": self.strong,
             "seconds": round(self.seconds, 4),
+            **({"floors": [self.floor, *(p.floor for p in self.places)]} if self._has_floors else {}),
         }
 
     @classmethod
     def from_record(cls, record: dict[str, Any]) -> Trial:
         """Build it from plain values."""
+        floor, *floors = record.get("floors") or [BASE_FLOOR] * (1 + len(record["places"]))
         places = [
-            PlaceCandidate(kind, MapPixel(x, y), None, sigma, [], 0.0, MapPixel(ax, ay), area)
-            for kind, x, y, sigma, ax, ay, area in record["places"]
+            PlaceCandidate(kind, MapPixel(x, y), None, sigma, [], 0.0, MapPixel(ax, ay), area, floor=on)
+            for (kind, x, y, sigma, ax, ay, area), on in zip(record["places"], floors, strict=True)
         ]
         evidence = np.array(record["evidence"], np.float64).reshape(-1, EVIDENCE)
         x, y = record["truth"]
-        return cls(evidence, places, (x, y), record["hidden"], record["strong"], record["seconds"])
+        strong, seconds = record["strong"], record["seconds"]
+        return cls(evidence, places, (x, y), record["hidden"], strong, seconds, floor)
 
     def located(self, indexed: IndexedMap, calibration: Calibration) -> list[LocatedPlace]:
         """Locate the places as an answer does."""
         radius = indexed.place_radius_px
         return [
-            _on_path(locate(p, calibration=calibration, place_radius_px=radius), indexed.paths)
+            _on_path(locate(p, calibration=calibration, place_radius_px=radius), indexed.paths, floor=p.floor)
             for p in self.places
         ]
 
@@ -148,7 +164,8 @@ def try_photos(
         By the number of the trial; photos that cannot be used are left out.
     """
     count = min(MOST_PHOTOS, len(indexed.ids))
-    same_place_px = _SAME_PLACE * (spacing_px(indexed.position) or indexed.place_radius_px)
+    spacing = spacing_px(indexed.position, floor=indexed.floor)
+    same_place_px = _SAME_PLACE * (spacing or indexed.place_radius_px)
     progress.size(count)
     looked = find or partial(find_places, indexed)
     trials = {}
@@ -196,7 +213,8 @@ def _try(
     )
     x, y = indexed.position[photo].tolist()
     strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS
-    return Trial(found.evidence, found.places, (x, y), hidden, strong, time.perf_counter() - started)
+    seconds, floor = time.perf_counter() - started, int(indexed.floor[photo])
+    return Trial(found.evidence, found.places, (x, y), hidden, strong, seconds, floor)
 
 
 def _hide(
@@ -206,7 +224,8 @@ def _hide(
     mine = experiences_of(indexed.ids)
     itself: NDArray[np.bool_] = mine == mine[photo]
     area = int(indexed.area[photo])
-    apart: NDArray[np.float64] = np.hypot(*(indexed.position - indexed.position[photo]).T)
+    away = np.hypot(*(indexed.position - indexed.position[photo]).T)
+    apart: NDArray[np.float64] = np.where(indexed.floor == indexed.floor[photo], away, np.inf)
     if hidden == "photo":
         return itself
     if area >= 0:
@@ -214,7 +233,9 @@ def _hide(
         return there if hidden == "surroundings" else there & _capture(indexed, itself, features)
     if hidden == "place":
         return apart <= same_place_px
-    within = min(_ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart, _MOST_HIDDEN)))
+    within = min(
+        _ELSEWHERE * indexed.place_radius_px, float(np.quantile(apart[np.isfinite(apart)], _MOST_HIDDEN))
+    )
     return apart <= within
 
 
@@ -227,8 +248,8 @@ def _capture(indexed: IndexedMap, itself: NDArray[np.bool_], features: Features)
     return itself | same
 
 
-def _on_path(located: LocatedPlace, paths: PathPrior) -> LocatedPlace:
+def _on_path(located: LocatedPlace, paths: PathPrior, *, floor: int) -> LocatedPlace:
     if located.kind != "position":
         return located
-    position, _ = apply_path_prior(located.position, located.sigma_px**2, paths=paths)
+    position, _ = apply_path_prior(located.position, located.sigma_px**2, paths=paths, floor=floor)
     return replace(located, position=position)

@@ -15,9 +15,11 @@ from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.maps.control_points import control_point_fields
+from webapp.files.maps.floors import floors_fields
 from webapp.files.maps.folder import MapFolder, read_map
-from webapp.files.maps.map_json import georeference_fields, panorama_fields, source_fields
+from webapp.files.maps.map_json import georeference_fields, panorama_fields
 from webapp.files.maps.notes import notes_fields
+from webapp.files.maps.sources import source_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_file
 from webapp.progress import Progress
@@ -168,6 +170,7 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     record.georeference = georeference_fields(map_.georeference)
     record.control_points = control_point_fields(map_.control_points) or None
     record.notes = notes_fields(map_.notes) or None
+    record.floors = floors_fields(map_.floors) or None
     photos = (*contents.photos, *contents.tray)
     _keep_gps(contents.photos, map_)
     for row in photos:
@@ -231,6 +234,7 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
         source=source_fields(e.source),
         panorama=panorama_fields(e.panorama),
         note=e.note,
+        floor=e.floor,
     )
     try:
         _look(row, files.path(e.photo), limits=limits)

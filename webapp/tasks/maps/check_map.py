@@ -20,7 +20,7 @@ from webapp.files.decode import check_decodes, image_size
 from webapp.files.listing import Spelling, list_photos, normal_name
 from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
-from webapp.files.maps.folder import MapFolder, json_path, placement_path, read_map_json
+from webapp.files.maps.folder import MapFolder, json_path, photo_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
@@ -34,11 +34,12 @@ _SEPARATORS = re.compile(r"[;,\t]")
 
 @dataclass(frozen=True, slots=True)
 class SideFiles:
-    """Findings about the files next to a `.cfg`, and what `map.json` gives: georeference and tray."""
+    """Findings about the files next to a `.cfg`, and what `map.json` gives: georeference, tray, floors."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None
-    in_tray: frozenset[str] = frozenset()
+    named: frozenset[str] = frozenset()
+    """Photos in the tray and images of floors."""
 
 
 def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
@@ -64,8 +65,22 @@ def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
         findings.append(Finding(Code.NEXT_ID_TOO_SMALL, 1, 1, message, fix, file))
     for name in known.placements:
         findings += _placement(cfg_path, name, pieces=pieces)
-    in_tray = frozenset(normal_name(record.photo) for record in known.unplaced.values())
-    return SideFiles(findings, known.georeference, in_tray)
+    plans = [floor.image.path for floor in known.floors if floor.image]
+    for name in plans:
+        findings += _floor_image(cfg_path, name, file=file)
+    named = frozenset(map(normal_name, (*(record.photo for record in known.unplaced.values()), *plans)))
+    return SideFiles(findings, known.georeference, named)
+
+
+def _floor_image(cfg_path: Path, name: str, *, file: str) -> Iterator[Finding]:
+    """Find an image of a floor that is not there, or that a link leads away from."""
+    try:
+        there = photo_path(cfg_path, name).is_file()
+    except MapError:
+        there = False
+    if not there:
+        fix = f"put {quoted(name)} into the folder, or delete the image of the floor in {file}"
+        yield Finding(Code.MISSING_FLOOR, 1, 1, f"there is no image {quoted(name)} of a floor", fix, file)
 
 
 def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterator[Finding]:
@@ -193,7 +208,7 @@ def check_map(
     side_files = check_side_files(cfg_path, pieces)
     findings = [*pieces.faults, *check_lines(pieces.image, pieces.photos), *side_files.findings]
     judge = _FileChecker(MapFolder(cfg_path), settings.photo, side_files.georeference)
-    facts = _folder_facts(cfg_path, judge, pieces=pieces, in_tray=side_files.in_tray, progress=progress)
+    facts = _folder_facts(cfg_path, judge, pieces=pieces, named=side_files.named, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
     return CheckReport(cfg_path, len(pieces.photos), tuple(findings), _places(pieces))
@@ -245,10 +260,10 @@ class _FileChecker:
 
 
 def _folder_facts(
-    cfg_path: Path, judge: _FileChecker, *, pieces: Scan, in_tray: frozenset[str], progress: Progress
+    cfg_path: Path, judge: _FileChecker, *, pieces: Scan, named: frozenset[str], progress: Progress
 ) -> FolderFacts:
     present = list_photos(cfg_path.parent)
-    orphans = [name for name in orphan_photos(cfg_path, pieces, present=present) if name not in in_tray]
+    orphans = [name for name in orphan_photos(cfg_path, pieces, present=present) if name not in named]
     listed, unused = Spelling(present), Spelling(orphans)
 
     def spelled(name: str, found: FileFacts) -> FileFacts:
@@ -258,9 +273,9 @@ def _folder_facts(
         return replace(found, actual=actual)
 
     photos: dict[str, FileFacts] = {}
-    named = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
-    progress.size(len(named))
-    for name in named:
+    wanted = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
+    progress.size(len(wanted))
+    for name in wanted:
         progress.check()
         found = judge.find(name)
         photos[name] = spelled(name, judge.photo(name) if found.state == "ok" else found)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.mapmodel.notes import text_problem
 from webapp.errors import UsageError
 from webapp.files.maps.map_json import panorama_fields, parse_panorama
@@ -18,7 +19,7 @@ from webapp.store.maps.edits import UndoResult
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
-KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "note", "remove")
+KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "note", "floor", "remove")
 """Words for a step."""
 
 
@@ -31,8 +32,8 @@ class RequestedEdit:
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note` or
-        `removed` by photo. x and y
+        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note`,
+        `floor` or `removed` by photo. x and y
         come together; None for both puts the photo back into the tray.
     placement : str or None
         Whose positions change; None for the main one.
@@ -71,7 +72,7 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         there = maps.present_photos(session, record, edit.changes)  # kept: the session forgets unused rows
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id in there:
-            fields = _with_panorama(there[id], edit.changes[id])
+            fields = _with_floor(record, there[id], _with_panorama(there[id], edit.changes[id]))
             changes |= _targets(record, id, fields=fields, placement=edit.placement)
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
@@ -124,6 +125,18 @@ def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]
             f"{photo.name} is no whole panorama, twice as wide as high", where=f"photo/{photo.id}"
         )
     return {**fields, "panorama": panorama_fields(panorama), "fov_deg": 360.0}
+
+
+def _with_floor(record: MapRecord, photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Check the floor; a photo in the tray is on none."""
+    if fields.get("x_px", ...) is None and photo.floor != BASE_FLOOR:
+        return {**fields, "floor": BASE_FLOOR}
+    known = {BASE_FLOOR, *(floor["id"] for floor in record.floors or ())}
+    if "floor" in fields and fields["floor"] not in known:
+        raise UsageError(
+            f"the map has no floor {fields['floor']}", where=f"photo/{photo.id}", hint="reload the page"
+        )
+    return fields
 
 
 def _heading(value: float, id: int) -> float:

@@ -12,6 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.blur import BlurBox
+from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
@@ -26,6 +27,7 @@ from webapp.core.mapmodel.model import (
 from webapp.core.mapmodel.notes import MapNote
 from webapp.files.json_fields import JsonField
 from webapp.files.maps.control_points import parse_control_points
+from webapp.files.maps.floors import parse_floors
 from webapp.files.maps.map_json import parse_georeference, parse_panorama
 from webapp.files.maps.notes import parse_notes
 from webapp.store.maps import maps
@@ -59,6 +61,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
         control_points=control_points(record),
         notes=notes(record),
+        floors=floors(record),
     )
 
 
@@ -75,6 +78,11 @@ def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
 def notes(record: MapRecord) -> tuple[MapNote, ...]:
     """Read the notes of a map."""
     return parse_notes(JsonField(record.notes, "$.notes", record.slug))
+
+
+def floors(record: MapRecord) -> tuple[Floor, ...]:
+    """Read the floors of a map."""
+    return parse_floors(JsonField(record.floors, "$.floors", record.slug))
 
 
 def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
@@ -102,6 +110,7 @@ def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
         **_facts(photo),
         by_gps=by_gps,
         radius_px=photo.radius_px,
+        floor=photo.floor,
     )
 
 

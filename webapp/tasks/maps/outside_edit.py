@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import Conflict, MapError, NotFound, UsageError
@@ -56,8 +57,8 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
     dict or None
         None when nobody has changed the file. Else `sha256` of the file; `problem`, a sentence, where it
         cannot be taken over; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`,
-        sentences; `placements` and `control_points`, names; `notes`, titles; `georeference`, whether it
-        changes.
+        sentences; `placements`, `control_points` and `floors`, names; `notes`, titles; `georeference`,
+        whether it changes.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -176,6 +177,8 @@ class TakeOverPlan:
         Names of control points that change.
     notes : list of str
         Titles of notes that change; of the note of a photo, the name of the photo.
+    floors : list of str
+        Names of floors that change.
     georeference : bool
         Whether it changes.
     """
@@ -192,6 +195,7 @@ class TakeOverPlan:
     placements: list[str] = field(default_factory=list)
     control_points: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    floors: list[str] = field(default_factory=list)
     georeference: bool = False
 
 
@@ -221,6 +225,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
         )
     rows = maps.photos(session, record)
     made = _Planner(record, files, rows=rows)
+    made.take_floors(session, map_)
     ids = made.take_photos(map_.experiences)
     made.take_placements(session, map_, ids)
     made.take_listed(session, map_, ids)
@@ -239,6 +244,7 @@ class _Planner:
         self._record, self._files = record, files
         self._rows = {row.id: row for row in rows}
         self._next_id = record.next_id
+        self._floors: set[int] = set()
 
     def take_photos(self, experiences: Iterable[Experience]) -> dict[int, int]:
         """TakeOverPlan for all photos; gives the id in the records of each id in the file."""
@@ -258,6 +264,15 @@ class _Planner:
                 self.plan.removed.append(_named(row))
                 self.plan.changes[f"photo/{row.id}"] = {"removed": True}
         return ids
+
+    def take_floors(self, session: Session, map_: Map) -> None:
+        """Plan the floors; those that the file does not have stay."""
+        changed = outside_listed.changed_floors(session, self._record, map_)
+        self.plan.changes |= changed
+        self.plan.floors += [fields["name"] for fields in changed.values()]
+        there = {floor["id"] for floor in self._record.floors or ()}
+        known = {BASE_FLOOR, *there, *(floor.id for floor in map_.floors)}
+        self._floors = known if map_.floors else set()
 
     def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
         """TakeOverPlan for the further placements."""
@@ -322,6 +337,8 @@ class _Planner:
 
     def _changed(self, e: Experience, row: Photo) -> None:
         differs = _differences(e, row)
+        if e.floor in self._floors and e.floor != row.floor:
+            differs["floor"] = e.floor
         if not differs:
             return
         if self._ours_is_newer(row):
@@ -332,7 +349,7 @@ class _Planner:
             self.plan.notes.append(row.name)
         if row.removed or row.x_px is None:
             self.plan.added.append(_named(row))
-        elif "x_px" in differs:
+        elif "x_px" in differs or "floor" in differs:
             move = {"from": [row.x_px, row.y_px], "to": [e.position.x, e.position.y]}
             self.plan.moved.append({**_named(row), **move})
         elif "heading_deg" in differs:
@@ -354,8 +371,9 @@ class _Planner:
         if same is not None or any(other.sha256 == row.sha256 for other in self.plan.new):
             row.sha256 = salted(row.sha256, row.id)
         place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg", "note")}
-        wanted = {**place, "removed": False}
+        wanted = {**place, "removed": False, **({"floor": e.floor} if e.floor != BASE_FLOOR else {})}
         row.x_px = row.y_px = row.radius_px = row.heading_deg = row.note = None
+        row.floor = BASE_FLOOR
         row.removed = True
         self.plan.new.append(row)
         self.plan.changes[f"photo/{row.id}"] = wanted

@@ -1,4 +1,4 @@
-"""Control points and notes next to a changed `map.cfg`: those that differ from the records."""
+"""Control points, notes and floors next to a changed `map.cfg`: those that differ from the records."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from sqlalchemy.orm import Session
 
 from webapp.core.mapmodel.model import Map
 from webapp.files.maps.control_points import point_fields
+from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.notes import note_fields
 from webapp.store.maps import edits
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps.library_map import control_points, notes
+from webapp.tasks.maps.library_map import control_points, floors, notes
 
 Fields = dict[str, Any]
 
@@ -45,6 +46,13 @@ def changed_notes(
         photos = tuple(known[id] for id in note.photos if id in known)
         after[f"note/{note.id}"] = note_fields(replace(note, photos=photos))
     before = {f"note/{note.id}": note_fields(note) for note in notes(record)}
+    return _changed(session, record, before=before, after=after)
+
+
+def changed_floors(session: Session, record: MapRecord, map_: Map) -> dict[str, Fields]:
+    """Give the floors that change, as `changed_points` does control points."""
+    after = {f"floor/{floor.id}": floor_fields(floor) for floor in map_.floors}
+    before = {f"floor/{floor.id}": floor_fields(floor) for floor in floors(record)}
     return _changed(session, record, before=before, after=after)
 
 

@@ -63,7 +63,7 @@ def put(
         }
         wanted = there if positions is None else positions
         if clusters_px is not None:
-            wanted = gather(there, radius_px=clusters_px)
+            wanted = _gathered(session, record, there, radius_px=clusters_px)
         if not wanted:
             raise UsageError("no photo is placed on the map yet", hint="place photos first")
         _check(record, wanted, there)
@@ -73,6 +73,18 @@ def put(
         changes |= {f"placed/{name}/{id}": {"x_px": at.x, "y_px": at.y} for id, at in wanted.items()}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
     return None if edit is None else edit.turn
+
+
+def _gathered(
+    session: Session, record: MapRecord, there: Mapping[int, MapPixel], *, radius_px: float
+) -> dict[int, MapPixel]:
+    """Gather the photos of each floor by themselves."""
+    floor_of = {photo.id: photo.floor for photo in maps.photos_by_id(session, record, there).values()}
+    wanted: dict[int, MapPixel] = {}
+    for floor in sorted(set(floor_of.values())):
+        on_it = {id: at for id, at in there.items() if floor_of[id] == floor}
+        wanted |= gather(on_it, radius_px=radius_px)
+    return wanted
 
 
 def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:

@@ -19,12 +19,13 @@ from webapp.tasks.maps.place_photos import MapImage, how_far
 
 @dataclass(frozen=True, slots=True)
 class RequestedPose:
-    """Where a photo shall be; a heading of None leaves its heading as it is, a radius of None is exact."""
+    """Where a photo shall be; a heading or floor of None stays as it is, a radius of None is exact."""
 
     photo: Photo
     position: LatLon | MapPixel
     heading_deg: float | None = None
     radius_px: float | None = None
+    floor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,7 @@ class PhotoSpot:
     problem: str | None
     heading_deg: float | None = None
     radius_px: float | None = None
+    floor: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,7 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
             pixel = image.georeference.pixel_of(pixel)
         on_it = inside(pixel, width=image.width, height=image.height)
         problem = None if on_it else how_far(pixel, image)
-        spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px))
+        spots.append(PhotoSpot(one.photo, pixel, problem, one.heading_deg, one.radius_px, one.floor))
     return spots
 
 
@@ -129,7 +131,7 @@ def place_spots(
         if spot.problem is not None:
             outside.append(OutsidePhoto(spot.photo.id, spot.photo.name, spot.problem))
             continue
-        known = {"heading_deg": spot.heading_deg, "radius_px": spot.radius_px}
+        known = {"heading_deg": spot.heading_deg, "radius_px": spot.radius_px, "floor": spot.floor}
         also = {name: value for name, value in known.items() if value is not None}
         changes[f"photo/{spot.photo.id}"] = {"x_px": spot.pixel.x, "y_px": spot.pixel.y, **also}
         placed.append(spot.photo.id)

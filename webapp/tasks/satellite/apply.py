@@ -12,17 +12,19 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.core.geo.affine import affine_through, apply_affine
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
 from webapp.files.maps.control_points import point_fields
+from webapp.files.maps.floors import floor_fields
 from webapp.files.maps.map_json import georeference_fields
 from webapp.files.maps.notes import note_fields
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.maps.library_map import control_points, notes
+from webapp.tasks.maps.library_map import control_points, floors, notes
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import image_of
 
@@ -179,6 +181,7 @@ def _apply(
     outside += _move_placements(session, record, change, changes=changes)
     _move_control_points(record, change, changes=changes)
     _move_notes(record, change, changes=changes)
+    _move_floors(record, change, changes=changes)
     # a photo whose place on the new georeference is gone goes to the tray: the image itself stays as it is
     if outside and not choice.tray and not change.same_file:
         raise _refusal(outside, change)
@@ -227,6 +230,22 @@ def _move_notes(
         moved = replace(note, position=spot if change.on_it(spot) else None)
         if moved != note:
             changes[f"note/{note.id}"] = note_fields(moved)
+
+
+def _move_floors(
+    record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
+) -> None:
+    """Keep the images of floors above the same spots."""
+    for floor in floors(record):
+        if floor.image is None:
+            continue
+        width, height = float(floor.image.width), float(floor.image.height)
+        corners = [MapPixel(0.0, 0.0), MapPixel(width, 0.0), MapPixel(0.0, height)]
+        moved = change.moved([apply_affine(floor.image.map_from_image, corner) for corner in corners])
+        laid = affine_through(np.asarray(corners), np.asarray(moved))
+        if laid is not None:
+            image = replace(floor.image, map_from_image=laid)
+            changes[f"floor/{floor.id}"] = floor_fields(replace(floor, image=image))
 
 
 def _refusal(outside: int, change: ImageChange) -> UsageError:

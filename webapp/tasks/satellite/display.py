@@ -13,12 +13,15 @@ from threading import BoundedSemaphore
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
+from webapp.core.geo.floors import Floor
 from webapp.errors import NotFound
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
+from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.progress import Progress
@@ -102,6 +105,45 @@ def copy(library: Library, record: MapRecord, *, settings: Settings) -> DisplayF
 def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
     """Return a small copy for lists; see `whole`."""
     return _small(library, record, _original(library, record), name="thumbnail", settings=settings)
+
+
+def floor_key(library: Library, record: MapRecord, *, floor: Floor) -> str | None:
+    """Return the key of the image of a floor as it is laid on the map; None where it has no file."""
+    original = _floor_original(library, record, floor=floor)
+    if original is None:
+        return None
+    assert floor.image is not None
+    laid = (*floor.image.map_from_image, record.satellite_width, record.satellite_height)
+    return hashlib.sha256(f"{original.key}|{laid}".encode()).hexdigest()[:16]
+
+
+def floor_picture(library: Library, record: MapRecord, *, floor: Floor, settings: Settings) -> DisplayFile:
+    """Return the image of a floor, resampled to cover the map.
+
+    Raises
+    ------
+    NotFound
+        The floor has no image of its own.
+    PhotoError, StorageError, Busy
+        It cannot be made.
+    """
+    original, key = _floor_original(library, record, floor=floor), floor_key(library, record, floor=floor)
+    if original is None or key is None or floor.image is None:
+        raise NotFound("the floor has no image of its own", where=f"floor/{floor.id}")
+    path = _derived(library.map_folder(record.slug), original.key) / f"floor-{key}.webp"
+    if not path.is_file():
+        size = (record.satellite_width or 1, record.satellite_height or 1)
+        with permit(_READING), opened_raster(original.path, limits=settings.satellite) as raster:
+            pixels = laid_on_map(raster, floor.image, size=size, side=DISPLAY_SIDE_PX)
+        _encode(path, cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGRA), cv2.IMWRITE_WEBP_QUALITY)
+    return DisplayFile(path, "image/webp", key)
+
+
+def _floor_original(library: Library, record: MapRecord, *, floor: Floor) -> DisplayFile | None:
+    if floor.image is None:
+        return None
+    path = photo_path(library.cfg(record.slug), floor.image.path)
+    return DisplayFile(path, "", _key(path, floor.image.path)) if path.is_file() else None
 
 
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
@@ -200,7 +242,7 @@ def _light(folder: Path, original: DisplayFile, *, settings: Settings) -> Displa
     if not path.is_file():
         with permit(_READING), opened_raster(original.path, limits=settings.satellite) as raster:
             pixels = reduced(raster, DISPLAY_SIDE_PX)
-        _encode(path, pixels, cv2.IMWRITE_WEBP_QUALITY)
+        _encode(path, cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), cv2.IMWRITE_WEBP_QUALITY)
     return DisplayFile(path, "image/webp", original.key)
 
 
@@ -249,12 +291,18 @@ def shrunk(pixels: NDArray[np.uint8], side: int) -> NDArray[np.uint8]:
 
 
 def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
-    _encode(path, shrunk(np.ascontiguousarray(pixels), side), cv2.IMWRITE_JPEG_QUALITY)
+    small = cv2.cvtColor(shrunk(np.ascontiguousarray(pixels), side), cv2.COLOR_RGB2BGR)
+    _encode(path, small, cv2.IMWRITE_JPEG_QUALITY)
 
 
-def _encode(path: Path, pixels: NDArray[np.uint8], quality: int) -> None:
-    """Write red, green and blue in the format that the name says; `quality` is OpenCV's flag for it."""
-    bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+def _encode(path: Path, bgr: MatLike, quality: int) -> None:
+    """Write blue, green, red and perhaps opacity in the format that the name says.
+
+    Parameters
+    ----------
+    quality : int
+        OpenCV's flag for it.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -28,6 +28,7 @@ from webapp.files.part_file import move_in
 from webapp.files.satellite.raster import Raster, opened_raster
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
+from webapp.store.maps.edits import FLOORS_KIND, OUTSIDE_KIND
 from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
@@ -194,14 +195,22 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def images_of(session: Session, record: MapRecord) -> set[str]:
-    """Name the satellite images that the map has, and has had: undo brings them back."""
-    found = select(Edit).where(Edit.map_id == record.id, Edit.kind == "satellite")
-    names = {record.satellite_path}
+    """Name the images that the map and its floors have, and have had: undo brings them back."""
+    kinds = ("satellite", FLOORS_KIND, OUTSIDE_KIND)
+    found = select(Edit).where(Edit.map_id == record.id, Edit.kind.in_(kinds))
+    names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
     for edit in session.scalars(found):
         for change in edit.changes:
             for side in (change["before"], change["after"]):
                 names.add((side or {}).get("satellite_path"))
+                if change["target"].startswith("floor/"):
+                    names.add(_image(side or {}))
     return {name for name in names if name}
+
+
+def _image(floor: Mapping[str, Any]) -> str | None:
+    image = floor.get("image")
+    return None if image is None else str(image["path"])
 
 
 @contextmanager

@@ -51,6 +51,9 @@ class HypothesisOut(Schema):
     experiences = List(Integer(), metadata={"description": "Ids of the photos that speak for it."})
     inliers = Integer(allow_none=True, metadata={"description": "Matches that agree with the geometry."})
     matches = Integer(allow_none=True)
+    floor = Integer(metadata={"description": "Id of its floor; missing on a map without floors."})
+    floor_name = String()
+    floor_height_m = Float(allow_none=True)
     camera = Nested(CameraOut, metadata={"description": "Where it was solved from landmarks."})
 
 

@@ -11,6 +11,7 @@ from flask import Response, url_for
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.errors import NotAllowed, UsageError
 from webapp.files.photos.preview import Kind
 from webapp.store import queries
@@ -93,6 +94,12 @@ class AdoptIn(Schema):
     x_px = Float(allow_none=True, load_default=None)
     y_px = Float(allow_none=True, load_default=None)
     heading_deg = Float(allow_none=True, load_default=None)
+    floor = Integer(
+        allow_none=True,
+        load_default=None,
+        validate=Range(0, MAX_NUMBER),
+        metadata={"description": "Id of its floor."},
+    )
 
 
 class AdoptOut(Schema):
@@ -167,11 +174,12 @@ def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, An
     if (x is None) != (y is None):
         raise UsageError("one of x_px and y_px is missing", where="x_px", hint="give both or neither")
     position = None if x is None or y is None else MapPixel(x, y)
+    floor = None if place["floor"] is None else int(place["floor"])
     done = adopt_query.adopt_query(
         library(),
         record.id,
         query_id=id,
-        spot=Spot(position, place["heading_deg"]),
+        spot=Spot(position, place["heading_deg"], floor),
         account_id=account().id,
         settings=settings(),
     )

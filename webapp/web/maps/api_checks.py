@@ -108,6 +108,7 @@ class OutsideOut(Schema):
     placements = List(String())
     control_points = List(String(), metadata={"description": "Names of those that change."})
     notes = List(String(), metadata={"description": "Titles of those that change; of photos, their names."})
+    floors = List(String(), metadata={"description": "Names of those that change."})
     georeference = Boolean()
 
 

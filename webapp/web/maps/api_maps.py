@@ -8,6 +8,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MOST_TEXT
 from webapp.errors import Conflict
 from webapp.store.maps import maps
@@ -25,7 +26,7 @@ blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps"
 _MOST = 10_000
 """Photos in one edit."""
 
-_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama", "note": "note"}
+_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama", "note": "note", "floor": "floor"}
 
 _EDITED = json_answer("What the edit changed.", EditAnswer)
 
@@ -93,6 +94,8 @@ class PhotoChange(Schema):
         validate=Length(max=MOST_TEXT),
         metadata={"description": "What people write on it; null or empty: nothing."},
     )
+
+    floor = Integer(validate=Range(0, MAX_NUMBER), metadata={"description": "Id of the floor that it is on."})
 
 
 class NumberedChange(PhotoChange):

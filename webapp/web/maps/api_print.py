@@ -12,6 +12,8 @@ from flask import Response
 from flask_babel import format_date, ngettext
 from flask_babel import gettext as _
 
+from webapp.core.geo.floors import BASE_FLOOR
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.render.sheet.make import MEDIA_TYPES, print_map
 from webapp.render.sheet.options import (
     EXTENTS,
@@ -77,6 +79,11 @@ class PrintIn(Schema):
         load_default="",
         validate=Length(max=MOST_TEXT),
         metadata={"description": "Whom the image is from; by default its tile service."},
+    )
+    floor = Integer(
+        load_default=BASE_FLOOR,
+        validate=Range(0, MAX_NUMBER),
+        metadata={"description": "Id of the floor, on a map that has several."},
     )
     answers = Boolean(
         load_default=False, metadata={"description": "Show the best places of answers, too: all, or some."}

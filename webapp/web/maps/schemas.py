@@ -67,6 +67,7 @@ class PhotoOut(Schema):
             "that of its GPS."
         },
     )
+    floor = Integer(metadata={"description": "Id of its floor; 0 is that of the map's own image."})
     heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
     fov_deg = Float(
         allow_none=True, metadata={"description": "Horizontal field of view of the upright photo."}
@@ -147,6 +148,20 @@ class NoteOut(Schema):
     photos = List(Integer(), metadata={"description": "Ids of the photos that it is about."})
 
 
+class FloorOut(Schema):
+    """A floor of the map."""
+
+    id = Integer(metadata={"description": "0 is the floor that the map's own image shows."})
+    name = String()
+    level = Float(metadata={"description": "Orders the floors; as OpenStreetMap's `level`."})
+    height_m = Float(allow_none=True)
+    url = String(
+        allow_none=True,
+        metadata={"description": "Of a picture that covers the map; null: the map's own image."},
+    )
+    attribution = String(allow_none=True)
+
+
 class StepOut(Schema):
     """An edit that can be undone or redone."""
 
@@ -189,6 +204,9 @@ class _Changed(Schema):
     photos = List(Nested(PhotoOut))
     placements = List(Nested(PlacementOut))
     notes = List(Nested(NoteOut))
+    floors = List(
+        Nested(FloorOut), metadata={"description": "The lowest first; none: the map has one image alone."}
+    )
     undo = Nested(StepOut, allow_none=True, metadata={"description": "Your last edit."})
     redo = Nested(StepOut, allow_none=True, metadata={"description": "Your last undone edit."})
 

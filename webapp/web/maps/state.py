@@ -10,6 +10,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import PhotoSource
@@ -18,7 +19,7 @@ from webapp.store.maps import edits, maps
 from webapp.store.maps.maps import Dot
 from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
-from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
@@ -89,6 +90,7 @@ def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str
         **image(record),
         "placements": _placements(session, record),
         "notes": notes_json(record),
+        "floors": floors_json(record),
         **_history(session, record, account=account),
     }
 
@@ -108,7 +110,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **(image(record) if record.satellite_revision > since else {}),
         "photos": _changed(record, changed),
         **({"placements": _placements(session, record)} if changed else {}),
-        **({"notes": notes_json(record)} if record.revision > since else {}),
+        **({"notes": notes_json(record), "floors": floors_json(record)} if record.revision > since else {}),
         **_history(session, record, account=account),
         "jobs": [
             translate_job(job_views.to_json(session, job, account_id=account.id))
@@ -133,6 +135,7 @@ def edited(session: Session, record: MapRecord, *, account: Account, revision: i
         "photos": _changed(record, changed),
         "placements": _placements(session, record),
         "notes": notes_json(record),
+        "floors": floors_json(record),
         **_history(session, record, account=account),
     }
 
@@ -198,6 +201,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "x_px": photo.x_px,
         "y_px": photo.y_px,
         "radius_px": photo.radius_px,
+        "floor": photo.floor,
         "heading_deg": photo.heading_deg,
         "fov_deg": photo.fov_deg,
         "taken_at": photo.taken_at,
@@ -219,6 +223,38 @@ def notes_json(record: MapRecord) -> list[dict[str, Any]]:
     """Return the notes on spots of a map."""
     empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": []}
     return [{**empty, **note} for note in record.notes or ()]
+
+
+def floors_json(record: MapRecord, *, base: str | None = None) -> list[dict[str, Any]]:
+    """Return the floors of a map, the lowest first; none where it has its own image alone.
+
+    Parameters
+    ----------
+    base : str, optional
+        Address below which the images are found, instead of the one for people of the map.
+
+    Returns
+    -------
+    list of dict
+        `id`, `name`, `level`, `height_m`, `url` of an image that covers the map, which is null where the
+        map's own image shows the floor, and `attribution`.
+    """
+    base = base or f"/api/v1/maps/{record.slug}/floors"
+    return [_floor(record, floor, base=base) for floor in sorted(floors(record), key=lambda f: f.level)]
+
+
+def _floor(record: MapRecord, floor: Floor, *, base: str) -> dict[str, Any]:
+    key = display.floor_key(library(), record, floor=floor)
+    folder = library().map_folder(record.slug)
+    source = {} if floor.image is None else source_of(folder, floor.image.path)
+    return {
+        "id": floor.id,
+        "name": floor.name,
+        "level": floor.level,
+        "height_m": floor.height_m,
+        "url": None if key is None else f"{base}/{floor.id}/image?v={key}",
+        "attribution": source.get("attribution"),
+    }
 
 
 def source_of_photo(photo: Photo) -> dict[str, str] | None:

@@ -21,13 +21,14 @@ from webapp.tasks.localize import show_query, upload
 from webapp.tasks.localize.upload import LocalizeRequest
 from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
+from webapp.tasks.satellite.floors import found_floor
 from webapp.web import metrics
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
 from webapp.web.counting import CountingStorage
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
-from webapp.web.maps.schemas import NoteOut, PageQuery
+from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
@@ -64,6 +65,7 @@ class SharedOut(Schema):
     georeference = Dict(allow_none=True)
     photos = List(Dict(), metadata={"description": "Those that have a place."})
     notes = List(Nested(NoteOut), metadata={"description": "On spots of the map."})
+    floors = List(Nested(FloorOut), metadata={"description": "The lowest first."})
     answer = Dict(allow_none=True, metadata={"description": "The shared answer; null for a shared map."})
 
 
@@ -121,6 +123,17 @@ def image(token: str) -> Response:
     opened = _opened(token)
     give = display.whole if opened.share.originals else display.copy
     return shared_state.send_display(give(library(), opened.map, settings=settings()))
+
+
+@blueprint.get(f"/floors/{_ID}/image")
+@public
+@blueprint.doc(responses=file_answer("A picture that covers the map.", "image/webp"))
+def floor_image(token: str, id: int) -> Response:
+    """Get the image of a floor."""
+    record = _opened(token).map
+    return shared_state.send_display(
+        display.floor_picture(library(), record, floor=found_floor(record, id), settings=settings())
+    )
 
 
 @blueprint.get("/satellite/tiles/<int:z>/<int:x>/<int:y>")

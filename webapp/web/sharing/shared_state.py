@@ -78,6 +78,7 @@ def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
         "satellite": found["satellite"],
         "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
         "notes": state.notes_json(record) if share.notes else [],
+        "floors": state.floors_json(record, base=f"/api/v1/shared/{token}/floors"),
         "answer": None if opened.query is None else _answer(opened, opened.query, token),
     }
 
@@ -178,6 +179,7 @@ def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
         "id": photo.id,
         "x_px": photo.x_px,
         "y_px": photo.y_px,
+        "floor": photo.floor,
         "heading_deg": photo.heading_deg,
         "width": photo.width,
         "height": photo.height,

@@ -138,6 +138,8 @@ export class CurrentPhoto {
     if (position) {
       const radius = this.store.radius(photo.id);
       const within = radius === null ? "" : ` ± ${offText(radius, this.store.georeference.metresPerPixel)}`;
+      const floor = this.store.floorNamed(this.store.floorOf(photo.id));
+      if (floor) facts.push(...fact(t("Floor"), floor.name));
       facts.push(...fact(t("Placed at"), this.view.positionText(position) + within));
     }
     if (photo.note && !this.store.canEdit) facts.push(...fact(t("Note"), photo.note));

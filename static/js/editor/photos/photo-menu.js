@@ -4,6 +4,7 @@ import { copy } from "../../shared/clipboard.js";
 import { openContextMenu } from "../../shared/context-menu.js";
 import { t, tn } from "../../shared/i18n.js";
 import { isInside } from "../../shared/map/coords.js";
+import { floorDialog } from "../floors/floor-dialog.js";
 import { headingDialog } from "./heading-dialog.js";
 import { openViewer } from "./photo-viewer.js";
 import { timeDialog } from "./time-dialog.js";
@@ -54,6 +55,7 @@ export class PhotoMenu {
       canEdit && byGps && !position && { icon: "target", label: t("Place by GPS"), run: () => commands.placeAt([id], [gps.x_px, gps.y_px]) },
       canEdit && ids.some((each) => store.photos.get(each)?.taken_at) && { icon: "clock", label: t("Time …"), run: () => timeDialog(commands, ids) },
       canEdit && !one && { icon: "compass", label: t("Heading …"), run: () => headingDialog(commands, ids) },
+      canEdit && store.floors.length > 0 && ids.some((each) => store.isPlaced(each)) && { icon: "layers", label: t("To another floor …"), run: () => floorDialog(commands, ids) },
       canEdit && ids.some((each) => store.isPlaced(each)) && { icon: "tray", label: t("Back to the tray"), run: () => commands.toTray(ids) },
       canEdit && { icon: "trash", label: t("Remove"), danger: true, run: () => commands.remove(ids) },
     ]);

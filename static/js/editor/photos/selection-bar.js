@@ -2,6 +2,7 @@
 
 import { byId } from "../../shared/dom.js";
 import { tn } from "../../shared/i18n.js";
+import { floorDialog } from "../floors/floor-dialog.js";
 import { headingDialog } from "./heading-dialog.js";
 import { timeDialog } from "./time-dialog.js";
 
@@ -12,6 +13,7 @@ export function connectSelection(commands) {
   byId("selection-heading").addEventListener("click", () => headingDialog(commands, selected()));
   byId("selection-time").addEventListener("click", () => timeDialog(commands, selected()));
   byId("selection-tray").addEventListener("click", () => commands.toTray(selected()));
+  byId("selection-floor").addEventListener("click", () => floorDialog(commands, selected()));
   byId("selection-remove").addEventListener("click", () => commands.remove(selected()));
   byId("selection-clear").addEventListener("click", () => store.setSelection([]));
   const render = () => {
@@ -20,8 +22,10 @@ export function connectSelection(commands) {
     byId("selection-bar").hidden = size === 0;
     byId("selection-count").textContent = tn("{n} selected", "{n} selected", size);
     byId("selection-time", HTMLButtonElement).disabled = !selected().some((id) => store.photos.get(id)?.taken_at);
+    byId("selection-floor").hidden = !store.canEdit || !store.floors.length;
+    byId("selection-floor", HTMLButtonElement).disabled = !selected().some((id) => store.isPlaced(id));
     byId("selection-tray", HTMLButtonElement).disabled = !selected().some((id) => store.isPlaced(id));
   };
-  store.on("selection photos placement", render);
+  store.on("selection photos placement floor", render);
   render();
 }

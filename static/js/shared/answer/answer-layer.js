@@ -29,7 +29,7 @@ export class AnswerLayer extends CanvasLayer {
     this.session = session;
     this.draft = null;
     this._spots = [];
-    store.on("photos placement satellite", this._draw);
+    store.on("photos placement satellite floor", this._draw);
     session.on("answer chosen hint spot", this._draw);
   }
 
@@ -58,13 +58,18 @@ export class AnswerLayer extends CanvasLayer {
   _all() {
     const { session } = this;
     this._hint(this.draft || session.hint);
-    this._spots = placesOf(session.answer, this.store).map((spot) => ({ ...spot, ...this._at(spot.position) }));
+    this._spots = placesOf(session.answer, this.store).filter(({ floor }) => this._isShown(floor)).map((spot) => ({ ...spot, ...this._at(spot.position) }));
     const chosen = this._spots.find(({ ranks }) => ranks.includes(session.chosen));
     const ordered = [...this._spots.filter((spot) => spot !== chosen), ...(chosen ? [chosen] : [])];
     for (const spot of ordered) this._reach(spot, spot === chosen);
     this._photos(chosen ? new Set(chosen.experiences) : new Set());
     for (const spot of ordered) this._marker(spot, spot === chosen && !session.spot);
     if (session.spot && this.store.placement === null) this._pin(this._at(session.spot));
+  }
+
+  /** Whether a place is on the floor that is shown. */
+  _isShown(floor) {
+    return !this.store.floors.length || floor === this.store.floor;
   }
 
   _at(position) {
@@ -83,7 +88,7 @@ export class AnswerLayer extends CanvasLayer {
     const drawn = new Set();
     const size = this._map.getSize();
     for (const id of this.store.order) {
-      const position = this.store.position(id);
+      const position = this.store.isOnFloor(id) && this.store.position(id);
       if (!position) continue;
       const { x, y } = this._at(position);
       if (x < -dot || y < -dot || x > size.x + dot || y > size.y + dot) continue;

@@ -97,13 +97,13 @@ function whatIs({ kind, rank, radius_m, radius_px }) {
   return radius_px === null ? place : `${place} ± ${lengthText(radius_m, radius_px)}`;
 }
 
-function details({ kind, experiences, heading_deg, inliers, matches }) {
+function details({ kind, experiences, floor_name, heading_deg, inliers, matches }) {
   const what = {
     position: () => tn("computed from {n} photo", "computed from {n} photos", experiences.length),
     area: () => tn("like {n} photo of the area", "like {n} photos of the area", experiences.length),
     photo: () => t("near one photo"),
   };
-  const parts = [(what[kind] || what.photo)(), " · ", inliers === null ? tn("{n} match", "{n} matches", matches) : strength(inliers)];
+  const parts = [...(floor_name ? [floor_name, " · "] : []), (what[kind] || what.photo)(), " · ", inliers === null ? tn("{n} match", "{n} matches", matches) : strength(inliers)];
   if (heading_deg !== null) parts.push(" · ", t("facing {heading}", { heading: headingText(heading_deg) }));
   return parts;
 }

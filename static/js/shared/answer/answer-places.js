@@ -4,11 +4,13 @@
  * probabilities add up: that is how a map of clusters answers "which part is it?".
  */
 
+import { BASE_FLOOR } from "../map/map-store.js";
+
 /**
  * @param {?Object} answer
  * @param {import("../map/map-store.js").MapStore} store
  * @returns {Array<{position: [number, number], probability: number, ranks: number[], radius: ?number,
- *   heading: ?number, experiences: number[]}>} the most probable last, so that it is drawn on top
+ *   heading: ?number, experiences: number[], floor: number}>} the most probable last, so that it is drawn on top
  */
 export function placesOf(answer, store) {
   if (!answer) return [];
@@ -17,7 +19,8 @@ export function placesOf(answer, store) {
     const exact = store.placement === null;
     const position = exact ? [hypothesis.x_px, hypothesis.y_px] : elsewhere(hypothesis, store);
     if (!position) continue;
-    const key = exact ? hypothesis.rank : position.join(";");
+    const floor = hypothesis.floor ?? BASE_FLOOR;
+    const key = exact ? hypothesis.rank : [...position, floor].join(";");
     const there = spots.get(key);
     if (there) {
       there.probability += hypothesis.probability;
@@ -31,6 +34,7 @@ export function placesOf(answer, store) {
         radius: exact ? reach(hypothesis, answer) : null,
         heading: hypothesis.heading_deg,
         experiences: [...hypothesis.experiences],
+        floor,
       });
     }
   }

@@ -4,7 +4,7 @@
  */
 
 /** @typedef {{rank: number, kind: "position"|"photo"|"area", x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
- *   probability: number, experiences: number[]}} Hypothesis */
+ *   probability: number, experiences: number[], floor?: number, floor_name?: string}} Hypothesis */
 
 /** Whether an answer says "not on this map". */
 export function isOffMap({ hypotheses: [first], off_map_probability: off }) {

@@ -8,8 +8,11 @@
 import { Georeference } from "./coords.js";
 
 /** @typedef {{x_px: ?number, y_px: ?number, heading_deg: ?number, removed: boolean}} View */
+/** @typedef {{id: number, name: string, level: number, height_m: ?number, url: ?string, attribution: ?string}} Floor */
 
 const NAMES = new Intl.Collator(undefined, { numeric: true });
+/** Of the map's own image. */
+export const BASE_FLOOR = 0;
 /** Of a photo of which nothing is known but its dot. */
 const DOT_REVISION = -1;
 
@@ -26,6 +29,10 @@ export class MapStore extends EventTarget {
     this.placements = placementsOf(state.placements);
     /** @type {import("./note-layer.js").Note[]} on spots of the map */
     this.notes = state.notes ?? [];
+    /** @type {Floor[]} the lowest first; none where the map has one image alone */
+    this.floors = state.floors ?? [];
+    /** Id of the floor that is shown; 0 is that of the map's own image. */
+    this.floor = BASE_FLOOR;
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
     this.preview = new Map();
@@ -98,6 +105,21 @@ export class MapStore extends EventTarget {
     return this.photos.get(id)?.radius_px ?? null;
   }
 
+  /** Id of the floor that the photo is on. */
+  floorOf(id) {
+    return this._over(id, "floor")?.floor ?? this.photos.get(id)?.floor ?? BASE_FLOOR;
+  }
+
+  /** Whether the photo is on the floor that is shown. */
+  isOnFloor(id) {
+    return !this.floors.length || this.floorOf(id) === this.floor;
+  }
+
+  /** The floor with an id; null where the map has none. @returns {?Floor} */
+  floorNamed(id) {
+    return this.floors.find((floor) => floor.id === id) ?? null;
+  }
+
   /** Where the photo looks, degrees clockwise from north; null where nobody knows. */
   heading(id) {
     const over = this._over(id, "heading_deg");
@@ -130,7 +152,7 @@ export class MapStore extends EventTarget {
     if (!this.preview.size && !this.pending.size) return null;
     const previewed = this.preview.get(id);
     if (previewed && field in previewed) return previewed;
-    const waiting = this.pending.get(pendingKey(field === "heading_deg" ? null : this.placement, id));
+    const waiting = this.pending.get(pendingKey(field === "x_px" ? this.placement : null, id));
     return waiting && field in waiting ? waiting : null;
   }
 
@@ -163,6 +185,7 @@ export class MapStore extends EventTarget {
       this.notes = changes.notes;
       this.emit("notes");
     }
+    if (changes.floors && JSON.stringify(changes.floors) !== JSON.stringify(this.floors)) this._setFloors(changes.floors);
     if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it is gone
     if ("undo" in changes) this.history = { undo: changes.undo, redo: changes.redo };
     if ("satellite" in changes) {
@@ -186,6 +209,19 @@ export class MapStore extends EventTarget {
     if (this.currentId === photo.id) this.setCurrent(null);
   }
 
+  _setFloors(floors) {
+    this.floors = floors;
+    if (!this.floorNamed(this.floor)) this.floor = BASE_FLOOR;
+    this.emit("floor");
+  }
+
+  /** Show a floor. @param {number} id */
+  showFloor(id) {
+    if (id === this.floor || !this.floorNamed(id)) return;
+    this.floor = id;
+    this.emit("floor");
+  }
+
   _setSatellite(satellite, georeference) {
     this.satellite = satellite;
     this.georeference = new Georeference(georeference, satellite);
@@ -194,6 +230,7 @@ export class MapStore extends EventTarget {
   /** Make a photo the current one; an unplaced one is ready to be placed then. */
   setCurrent(id) {
     this.currentId = id;
+    if (id !== null && this.isPlaced(id)) this.showFloor(this.floorOf(id));
     const place = this.canEdit && id !== null && !this.isPlaced(id);
     this.setTool(place ? "place" : "select");
     this.emit("current");
@@ -250,6 +287,7 @@ function photosOf({ photos, dots }) {
     y_px: dots.y_px[n],
     heading_deg: dots.heading_deg[n],
     fov_deg: dots.fov_deg[n],
+    floor: dots.floor[n],
     name: "",
     taken_at: null,
     revision: DOT_REVISION,

@@ -7,6 +7,12 @@ import { rafThrottle } from "../timing.js";
 import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
 
 const TILE = 256;
+/** Over the image of the map, under the dots. */
+const FLOOR_Z = 2;
+/** Opacity of the map's image where a floor is laid over it. */
+const UNDER_FLOOR = 0.35;
+/** Opacity of a floor that is compared with the map. */
+const BLENDED = 0.55;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 /** The map canvas with its satellite image. */
@@ -37,12 +43,16 @@ export class MapView {
     this._addControls();
     this._layer = null;
     this._shown = "";
+    /** @type {?{url: string, layer: L.ImageOverlay}} the image of the floor, over that of the map */
+    this._floor = null;
     store.on("satellite", () => this.showSatellite());
+    store.on("satellite floor", () => this._showFloor());
     store.on("photos", rafThrottle(() => this._credit()));
     this._whole = false;
     this.map.on("movestart zoomstart", () => (this._whole = false));
     new ResizeObserver(() => this._resize()).observe(element);
     this.showSatellite();
+    this._showFloor();
   }
 
   /** Show the image that the map has now; the view stays when only its georeference changed. */
@@ -63,6 +73,26 @@ export class MapView {
     this._limit();
     this.fit();
     this.map.setMinZoom(this.map.getBoundsZoom(bounds) - 1.5);
+  }
+
+  /** Lay the image of the floor over that of the map, which stays to be seen around it. */
+  _showFloor() {
+    const { satellite, floor } = this.store;
+    const url = (satellite && this.store.floorNamed(floor)?.url) || null;
+    if (url === (this._floor ? this._floor.url : null)) return;
+    const before = this._floor?.layer;
+    const layer = url && L.imageOverlay(url, imageBounds(satellite), { alt: "", zIndex: FLOOR_Z });
+    this._floor = layer && { url, layer };
+    this._layer?.setOpacity(layer ? UNDER_FLOOR : 1);
+    if (!layer) before?.remove();
+    else layer.once("load error", () => before?.remove()).addTo(this.map); // until then the floor before is seen
+    this._credit();
+  }
+
+  /** Let the image of the map be seen through that of the floor. @param {boolean} blend */
+  blendFloor(blend) {
+    this._floor?.layer.setOpacity(blend ? BLENDED : 1);
+    this._layer?.setOpacity(this._floor && !blend ? UNDER_FLOOR : 1);
   }
 
   /** Show the whole image. */
@@ -150,7 +180,8 @@ export class MapView {
   }
 
   _credit() {
-    const credits = [this.store.satellite?.attribution, mapCredit(this.store.photos.values())].filter(Boolean).join(" · ");
+    const known = [this.store.satellite?.attribution, this.store.floorNamed(this.store.floor)?.attribution, mapCredit(this.store.photos.values())];
+    const credits = [...new Set(known.filter(Boolean))].join(" · ");
     if (credits === this._credits) return;
     this._credits = credits;
     const leaflet = h("a", { href: "https://leafletjs.com", rel: "noopener", target: "_blank" }, "Leaflet");

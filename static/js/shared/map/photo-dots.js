@@ -32,7 +32,7 @@ export class PhotoDots extends CanvasLayer {
     this._stamps = new Map();
     /** @type {Map<number, {x: number, y: number}>} where spread dots are, from their spot on the screen */
     this._fan = new Map();
-    store.on("photos preview look current selection placement satellite", this._draw);
+    store.on("photos preview look current selection placement satellite floor", this._draw);
   }
 
   /** @override @param {L.Map} map */
@@ -127,7 +127,7 @@ export class PhotoDots extends CanvasLayer {
     this._scale = this._map.getZoomScale(this._map.getZoom(), 0);
     const seen = [];
     for (const id of store.order) {
-      const spot = this._spotOf(id);
+      const spot = store.isOnFloor(id) ? this._spotOf(id) : null;
       if (spot && spot.x > -WEDGE && spot.y > -WEDGE && spot.x < size.x + WEDGE && spot.y < size.y + WEDGE) seen.push(spot);
     }
     this._crowded = seen.length > CROWD;
@@ -327,7 +327,7 @@ export class PhotoDots extends CanvasLayer {
   _radiusCircle() {
     const { currentId } = this.store;
     const radius = currentId === null ? null : this.store.radius(currentId);
-    if (radius === null) return;
+    if (radius === null || !this.store.isOnFloor(currentId)) return;
     const { x, y } = this._map.latLngToContainerPoint(latLngOf(this.store.position(currentId)));
     this._pen.beginPath();
     this._pen.arc(x, y, Math.max(radius * this._scale, RADIUS), 0, 2 * Math.PI);

@@ -1,0 +1,9 @@
+/** The floor of the place that is looked at is the one that is shown. */
+
+/**
+ * @param {import("./query-session.js").QuerySession} session
+ * @param {import("../map/map-store.js").MapStore} store
+ */
+export function followFloor(session, store) {
+  session.on("chosen", () => session.hypothesis?.floor !== undefined && store.showFloor(session.hypothesis.floor));
+}

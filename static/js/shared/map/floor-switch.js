@@ -1,0 +1,43 @@
+/** The switch of floors on the map: a button for each level, the highest on top; hidden where there is one image alone. */
+
+import { h } from "../dom.js";
+import { locale, t } from "../i18n.js";
+
+/** A control of the map; follows the store. */
+export class FloorSwitch {
+  /**
+   * @param {import("./map-store.js").MapStore} store
+   * @param {HTMLElement} map around the canvas
+   */
+  constructor(store, map) {
+    this.store = store;
+    this.name = h("p", { class: "floor-switch__name", role: "status" });
+    this.levels = h("div", { class: "floor-switch__levels", role: "group", "aria-label": t("Floors") });
+    this.element = h("div", { class: "floor-switch", "data-testid": "floor-switch", hidden: true }, this.levels, this.name);
+    map.append(this.element);
+    store.on("floor", () => this.render());
+    this.render();
+  }
+
+  render() {
+    const { floors, floor } = this.store;
+    this.element.hidden = !floors.length;
+    this.name.textContent = this.store.floorNamed(floor)?.name ?? "";
+    const hadFocus = this.levels.contains(document.activeElement);
+    const buttons = floors.toReversed().map((one) => this._button(one));
+    this.levels.replaceChildren(...buttons);
+    if (hadFocus) buttons.find(({ ariaPressed }) => ariaPressed === "true")?.focus();
+  }
+
+  _button({ id, name, level }) {
+    return h("button", {
+      class: "icon-button number", type: "button", title: name, "aria-label": name, "aria-pressed": String(id === this.store.floor),
+      "data-floor": id, onclick: () => this.store.showFloor(id),
+    }, levelText(level));
+  }
+}
+
+/** A level as buttons show it. @param {number} level */
+export function levelText(level) {
+  return level.toLocaleString(locale, { maximumFractionDigits: 1 });
+}

@@ -1,0 +1,46 @@
+"""Floors of a map: added, switched, photos placed on them and moved; the switch on a shared answer."""
+
+import re
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import expect
+
+from tests.browser import axe
+
+
+def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page, api, tmp_path: Path):
+    edit = make_page(2)
+    plan = tmp_path / "plan.png"
+    Image.new("RGB", (300, 300), "#f5e3df").save(plan)
+    switch = page.get_by_test_id("floor-switch")
+    expect(switch).to_be_hidden()
+    page.locator("#place-menu > summary").click()
+    page.get_by_test_id("floors-button").click()
+    page.get_by_test_id("floor-name").fill("Gallery")
+    page.get_by_test_id("floor-file").set_input_files(plan)
+    page.get_by_test_id("floor-add").click()
+    expect(page.locator(".floor-list .floor-row")).to_have_count(2)
+    assert axe.findings(page) == []
+    page.keyboard.press("Escape")
+    shown = switch.get_by_role("button", pressed=True)
+    expect(shown).to_have_accessible_name("Gallery")
+    expect(page.locator(".leaflet-image-layer[src*='/floors/1/image']")).to_have_count(1)
+
+    edit.click(300, 300)
+    edit.saved()
+    placed = [photo for photo in api.state(edit.slug)["photos"] if photo["x_px"] is not None]
+    assert [photo["floor"] for photo in placed] == [1]
+    switch.get_by_role("button", name="Ground floor").click()
+    expect(page.locator(".leaflet-image-layer[src*='/floors/1/image']")).to_have_count(0)
+    edit.click(500, 300)
+    edit.saved()
+    floors = [photo["floor"] for photo in api.state(edit.slug)["photos"]]
+    assert sorted(floors) == [0, 1]
+
+    page.goto(re.sub(r"/edit.*", f"/edit?photo={placed[0]['id']}", page.url))
+    expect(shown).to_have_accessible_name("Gallery")
+    page.get_by_test_id("undo").click()
+    page.get_by_test_id("undo").click()
+    page.get_by_test_id("undo").click()
+    expect(switch).to_be_hidden()

@@ -1,0 +1,381 @@
+"""Floors of a map of the library: added, changed, aligned and removed, each as one edit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sqlalchemy import select
+
+from webapp.core.geo.affine import Affine, affine_through, apply_affine, compose, is_affine
+from webapp.core.geo.floors import (
+    BASE_FLOOR,
+    Floor,
+    FloorImage,
+    floor_name_problem,
+    floors_problem,
+    level_problem,
+    stretched,
+)
+from webapp.core.geo.types import MapPixel, inside
+from webapp.errors import GeoreferenceError, NotFound, UsageError
+from webapp.files.maps.floors import floor_fields
+from webapp.files.satellite.georeference_files import read_geotiff
+from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import edits, maps
+from webapp.store.maps.changing import MapChange
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.library_map import floors
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.maps.placing import needed_image
+from webapp.tasks.satellite.apply import TRAY
+from webapp.tasks.satellite.display import PREVIEW_PX
+from webapp.tasks.satellite.files import as_shown, keep_file, taken_back_if_refused
+
+MOST_PAIRS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class FloorEdit:
+    """An edit of a floor.
+
+    Attributes
+    ----------
+    id : int
+        Of the floor.
+    revision : int or None
+        Of the edit; None where everything was so already.
+    """
+
+    id: int
+    revision: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class NewFloor:
+    """A floor that a map shall have.
+
+    Attributes
+    ----------
+    floor : Floor
+        Without an image; its id is chosen when it is added.
+    base : Floor
+        What the map's own image shows; counts where the map has no floors yet.
+    file : Path or None
+        Its image, in the library's uploads folder; is gone afterwards. Without one, the floor is shown on the
+        map's own image.
+    """
+
+    floor: Floor
+    base: Floor
+    file: Path | None = None
+
+
+def add_floor(
+    library: Library, map_id: int, *, new: NewFloor, account_id: int, settings: Settings
+) -> FloorEdit:
+    """Add a floor.
+
+    Raises
+    ------
+    UsageError
+        The map has no image, or the floor is not valid.
+    PhotoError
+        The image cannot be used.
+    StorageError
+    """
+    with (
+        _kept_image(library, map_id, file=new.file, settings=settings) as image,
+        library.changing(map_id) as change,
+    ):
+        there = list(floors(change.record)) or [replace(new.base, id=BASE_FLOOR)]
+        floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
+        return FloorEdit(floor.id, _write(change, [*there, floor], account_id=account_id))
+
+
+def change_floor(
+    library: Library, map_id: int, *, id: int, fields: Mapping[str, Any], account_id: int
+) -> FloorEdit:
+    """Give a floor another `name`, `level` or `height_m`.
+
+    Raises
+    ------
+    UsageError, NotFound
+    """
+    with library.changing(map_id) as change:
+        changed = replace(found_floor(change.record, id), **fields)
+        return FloorEdit(id, _write(change, _with(change.record, changed), account_id=account_id))
+
+
+def set_floor_image(
+    library: Library, map_id: int, *, id: int, file: Path, account_id: int, settings: Settings
+) -> FloorEdit:
+    """Give a floor another image; photos stay where they are on the map.
+
+    Raises
+    ------
+    UsageError
+        It is the floor of the map's own image.
+    NotFound, PhotoError, StorageError
+    """
+    with (
+        _kept_image(library, map_id, file=file, settings=settings) as image,
+        library.changing(map_id) as change,
+    ):
+        changed = replace(_further(change.record, id), image=image)
+        return FloorEdit(id, _write(change, _with(change.record, changed), account_id=account_id))
+
+
+def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, account_id: int) -> FloorEdit:
+    """Remove a floor.
+
+    Parameters
+    ----------
+    to_tray : bool
+        Put its photos into the tray; else they are a reason to refuse.
+
+    Raises
+    ------
+    UsageError
+        There are photos on it, or the map's own image shows it.
+    NotFound
+    """
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
+        _further(record, id)
+        left = [floor for floor in floors(record) if floor.id != id]
+        own = (Photo.map_id == record.id, Photo.floor == id)
+        changes: dict[str, Mapping[str, Any] | None] = {}
+        standing = 0
+        for photo in session.scalars(select(Photo).where(*own)):
+            changes[f"photo/{photo.id}"] = {"floor": BASE_FLOOR, **(TRAY if photo.x_px is not None else {})}
+            standing += photo.is_placed
+        if standing and not to_tray:
+            raise photos_on_floor(standing)
+        revision = _write(change, left if len(left) > 1 else [], account_id=account_id, changes=changes)
+    return FloorEdit(id, revision)
+
+
+def align_floor(
+    library: Library,
+    map_id: int,
+    *,
+    id: int,
+    pairs: Sequence[tuple[MapPixel, MapPixel]],
+    account_id: int,
+) -> FloorEdit:
+    """Move the image of a floor over the map, and the photos on the floor with it.
+
+    Parameters
+    ----------
+    pairs : sequence of (MapPixel, MapPixel)
+        Where spots are shown now, and where they are to be. One moves the image; two turn and scale it, too;
+        from three on it may be sheared as well.
+
+    Raises
+    ------
+    UsageError
+        The floor has no image of its own, the spots do not say how to lay it, or photos would leave the map.
+    NotFound
+    """
+    with library.changing(map_id) as change:
+        session, record = change.session, change.record
+        floor = _further(record, id)
+        if floor.image is None:
+            raise UsageError("the floor has no image of its own", hint="give it one first")
+        move = _fit(pairs)
+        laid = compose(move, floor.image.map_from_image)
+        if not is_affine(laid):
+            raise UsageError("the spots do not say how to lay the image", hint="choose spots far apart")
+        changes = _moved_photos(maps.photos(session, record), record, floor=id, move=move)
+        moved = replace(floor, image=replace(floor.image, map_from_image=laid))
+        revision = _write(change, _with(record, moved), account_id=account_id, changes=changes)
+    return FloorEdit(id, revision)
+
+
+def _moved_photos(
+    photos: Sequence[Photo], record: MapRecord, *, floor: int, move: Affine
+) -> dict[str, Mapping[str, Any] | None]:
+    """Take the photos of a floor along with its image."""
+    image = needed_image(record, with_georeference=False)
+    a, _, _, d, _, _ = move
+    turn_deg = math.degrees(math.atan2(d, a))
+    changes: dict[str, Mapping[str, Any] | None] = {}
+    for photo in photos:
+        if photo.floor != floor or photo.x_px is None or photo.y_px is None or photo.removed:
+            continue
+        at = apply_affine(move, MapPixel(photo.x_px, photo.y_px))
+        if not inside(at, width=image.width, height=image.height):
+            raise UsageError(
+                f"{photo.name} would leave the map", hint="align the floor before photos are placed on it"
+            )
+        fields: dict[str, Any] = {"x_px": at.x, "y_px": at.y, "radius_px": photo.radius_px}
+        if photo.heading_deg is not None:
+            fields["heading_deg"] = (photo.heading_deg + turn_deg) % 360.0
+        changes[f"photo/{photo.id}"] = fields
+    return changes
+
+
+def _fit(pairs: Sequence[tuple[MapPixel, MapPixel]]) -> Affine:
+    """Fit the simplest transformation to pairs of spots by least squares: shift, similarity, affine."""
+    if not 0 < len(pairs) <= MOST_PAIRS:
+        raise UsageError(f"give 1 to {MOST_PAIRS} pairs of spots", where="pairs")
+    if len(pairs) == 1:
+        (x, y), (to_x, to_y) = pairs[0]
+        return (1.0, 0.0, to_x - x, 0.0, 1.0, to_y - y)
+    before, after = (np.array([pair[side] for pair in pairs], np.float64) for side in (0, 1))
+    if len(pairs) == 2:
+        start, end = (complex(*before[1] - before[0]), complex(*after[1] - after[0]))
+        if not start or not end:
+            raise UsageError("two of the spots are one", where="pairs", hint="choose spots far apart")
+        turn = end / start
+        shift = complex(*after[0]) - turn * complex(*before[0])
+        return (turn.real, -turn.imag, shift.real, turn.imag, turn.real, shift.imag)
+    found = affine_through(before, after)
+    if found is None:
+        raise UsageError("the spots are on one line", where="pairs", hint="choose spots all over the floor")
+    return found
+
+
+def _with(record: MapRecord, changed: Floor) -> list[Floor]:
+    return [changed if floor.id == changed.id else floor for floor in floors(record)]
+
+
+def found_floor(record: MapRecord, id: int) -> Floor:
+    """Find a floor of a map.
+
+    Raises
+    ------
+    NotFound
+    """
+    found = next((floor for floor in floors(record) if floor.id == id), None)
+    if found is None:
+        raise NotFound(f"the map has no floor {id}", hint="somebody may have removed it; reload the page")
+    return found
+
+
+def _further(record: MapRecord, id: int) -> Floor:
+    """Find a floor besides that of the map's own image."""
+    found = found_floor(record, id)
+    check_removable(id)
+    return found
+
+
+def check_removable(id: int) -> None:
+    """Refuse the floor of the map's own image.
+
+    Raises
+    ------
+    UsageError
+    """
+    if id == BASE_FLOOR:
+        raise UsageError(
+            "the map's own image shows this floor", hint="change that on the page Image", where=f"floor/{id}"
+        )
+
+
+def photos_on_floor(count: int) -> UsageError:
+    """Make the error that photos are on a floor that is to be removed."""
+    return UsageError(
+        f"{count} photos are on this floor",
+        hint="move them to another floor first, or put them into the tray (tray=1)",
+    )
+
+
+def _write(
+    change: MapChange,
+    wanted: Sequence[Floor],
+    *,
+    account_id: int,
+    changes: Mapping[str, Mapping[str, Any] | None] | None = None,
+) -> int | None:
+    """Have the map these floors, with other changes in the same edit."""
+    session, record = change.session, change.record
+    needed_image(record, with_georeference=False)
+    check_floors(wanted)
+    kept = {floor.id for floor in wanted}
+    gone = {f"floor/{floor.id}": None for floor in floors(record) if floor.id not in kept}
+    written = {f"floor/{floor.id}": floor_fields(floor) for floor in wanted}
+    done = edits.apply(
+        session,
+        record,
+        changes={**(changes or {}), **gone, **written},
+        kind=edits.FLOORS_KIND,
+        account_id=account_id,
+    )
+    return None if done is None else done.turn
+
+
+def check_floors(wanted: Sequence[Floor]) -> None:
+    """Refuse floors that no map can have.
+
+    Raises
+    ------
+    UsageError
+    """
+    for floor in wanted:
+        for what, problem in (
+            ("name", floor_name_problem(floor.name)),
+            ("level", level_problem(floor.level)),
+            ("height_m", None if math.isfinite(floor.height_m or 0.0) else "must be a finite number"),
+        ):
+            if problem:
+                raise UsageError(f"the {what} of a floor {problem}", where=what)
+    problem = floors_problem(wanted)
+    if problem:
+        raise UsageError(problem, where="level", hint="give each floor a level of its own")
+
+
+@contextmanager
+def _kept_image(
+    library: Library, map_id: int, *, file: Path | None, settings: Settings
+) -> Iterator[FloorImage | None]:
+    """Keep an image in the map's folder; it is gone again where the map refuses it."""
+    if file is None:
+        yield None
+        return
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        folder, base = library.map_folder(record.slug), needed_image(record, with_georeference=False)
+    with ExitStack() as cleanup:
+        cleanup.callback(file.unlink, missing_ok=True)
+        shown = as_shown(file, scratch=library.uploads, settings=settings)
+        cleanup.callback(shown.unlink, missing_ok=True)
+        with opened_raster(shown, limits=settings.satellite) as raster:
+            width, height = raster.width, raster.height
+            reduced(raster, PREVIEW_PX)  # reads all of it: what is damaged is refused before the map changes
+        laid = lay_plan(file, base, size=(width, height))
+        name = keep_file(shown, folder)
+    with taken_back_if_refused(library, map_id, name=name):
+        yield FloorImage(name, width, height, laid)
+
+
+def lay_plan(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
+    """Lay a new image where it is on the Earth, as far as it and the map know that, else on all of the map.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height of the image, pixels.
+    """
+    return _by_georeference(file, base, size=size) or stretched(*size, over=(base.width, base.height))
+
+
+def _by_georeference(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine | None:
+    with file.open("rb") as opened:
+        if base.georeference is None or opened.read(2) not in (b"II", b"MM"):
+            return None
+    try:
+        own = read_geotiff(file).georeference
+    except GeoreferenceError:  # it is an image all the same
+        return None
+    corners = np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]]])
+    there = base.georeference.pixel_from_latlon(own.latlon_from_pixel(corners))
+    return affine_through(corners, there)

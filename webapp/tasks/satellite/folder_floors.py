@@ -1,0 +1,89 @@
+"""Changes the floors of a map that is in no library, in its files."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+from webapp.core.geo.floors import BASE_FLOOR, FloorImage
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
+from webapp.errors import UsageError
+from webapp.files.atomic import write_bytes
+from webapp.files.maps.folder import read_map, write_map
+from webapp.files.satellite.raster import opened_raster
+from webapp.settings import Settings
+from webapp.tasks.maps.place_photos import MapImage
+from webapp.tasks.satellite.floors import NewFloor, check_floors, check_removable, lay_plan, photos_on_floor
+
+
+def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
+    """Add a floor; its image is copied next to the map, under its own name.
+
+    Raises
+    ------
+    MapError, UsageError, PhotoError, StorageError
+    """
+    the_map = read_map(cfg)
+    there = the_map.floors or (replace(new.base, id=BASE_FLOOR),)
+    image = None if new.file is None else _laid(new.file, the_map, settings=settings)
+    floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
+    check_floors((*there, floor))
+    if new.file is not None:
+        _copy(new.file, cfg.with_name(new.file.name))
+    write_map(cfg, replace(the_map, floors=(*there, floor)))
+
+
+def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
+    """Take a floor away; its image stays where it is.
+
+    Parameters
+    ----------
+    to_tray : bool
+        Put its photos into the tray; else they are a reason to refuse.
+
+    Raises
+    ------
+    MapError, UsageError, StorageError
+    """
+    the_map = read_map(cfg)
+    check_removable(id)
+    on_it = [e for e in the_map.experiences if e.floor == id]
+    if on_it and not to_tray:
+        raise photos_on_floor(len(on_it))
+    left = tuple(floor for floor in the_map.floors if floor.id != id)
+    gone = {e.id for e in on_it}
+    write_map(
+        cfg,
+        replace(
+            the_map,
+            floors=left if len(left) > 1 else (),
+            experiences=tuple(e for e in the_map.experiences if e.id not in gone),
+            placements=tuple(_without(placement, gone) for placement in the_map.placements),
+            unplaced=(*the_map.unplaced, *map(_in_tray, on_it)),
+        ),
+    )
+
+
+def _without(placement: Placement, ids: set[int]) -> Placement:
+    left = {id: at for id, at in placement.positions.items() if id not in ids}
+    return replace(placement, positions=left)
+
+
+def _in_tray(e: Experience) -> UnplacedPhoto:
+    return UnplacedPhoto(**{part.name: getattr(e, part.name) for part in fields(UnplacedPhoto)})
+
+
+def _laid(file: Path, the_map: Map, *, settings: Settings) -> FloorImage:
+    base = MapImage(the_map.satellite.width, the_map.satellite.height, the_map.georeference)
+    with opened_raster(file, limits=settings.satellite) as raster:
+        size = raster.width, raster.height
+    return FloorImage(file.name, *size, lay_plan(file, base, size=size))
+
+
+def _copy(file: Path, target: Path) -> None:
+    if target.exists() and target.resolve() != file.resolve():
+        raise UsageError(
+            "there is a file of this name next to the map", where=str(target), hint="rename the image"
+        )
+    if not target.exists():
+        write_bytes(target, file.read_bytes())

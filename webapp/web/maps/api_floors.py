@@ -1,0 +1,201 @@
+"""Floors of a map through the API: listed, added, changed, aligned, removed, and given as pictures."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import File, Float, List, Nested, String
+from apiflask.validators import Length, Range
+from flask import Response, request
+from flask_babel import gettext
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, MOST_FLOOR_NAME, Floor
+from webapp.core.geo.types import MapPixel
+from webapp.errors import UsageError
+from webapp.files.part_file import receive, show_file_as
+from webapp.store.schema import MapRecord
+from webapp.tasks.maps.add_photo import tidy_name
+from webapp.tasks.satellite import display, floors
+from webapp.tasks.satellite.floors import MOST_PAIRS, FloorEdit, NewFloor
+from webapp.web.concurrency import ConcurrencyLimit
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.fields import Boolean
+from webapp.web.maps import state
+from webapp.web.maps.schemas import EditAnswer, FloorOut
+from webapp.web.openapi import file_answer
+from webapp.web.sending import send_immutable
+
+blueprint = APIBlueprint("api_floors", __name__, url_prefix="/api/v1/maps/<slug>/floors", tag="Floors")
+
+_limit = ConcurrencyLimit("images of floors", share=0.125)
+blueprint.record(_limit.set_up)
+
+_ID = "<int(max=2147483647):id>"
+_OTHER_PARTS = 100_000
+"""Bytes of a form besides its image."""
+
+
+class FloorIn(Schema):
+    """What a floor is called, and where it is."""
+
+    name = String(validate=Length(1, MOST_FLOOR_NAME))
+    level = Float(validate=Range(-LARGEST_LEVEL, LARGEST_LEVEL))
+    height_m = Float(allow_none=True)
+
+
+class NewFloorIn(FloorIn):
+    """... with its image."""
+
+    name = String(required=True, validate=Length(1, MOST_FLOOR_NAME))
+    level = Float(required=True, validate=Range(-LARGEST_LEVEL, LARGEST_LEVEL))
+    file = File(  # type: ignore[no-untyped-call]
+        metadata={"description": "PNG, JPEG or TIFF; without one, the map's own image shows the floor."}
+    )
+    base_name = String(
+        load_default=None,
+        validate=Length(1, MOST_FLOOR_NAME),
+        metadata={"description": "Name of the floor that the map's own image shows; for the first floor."},
+    )
+    base_level = Float(load_default=0.0, validate=Range(-LARGEST_LEVEL, LARGEST_LEVEL))
+
+
+class FloorImageIn(Schema):
+    """An image."""
+
+    file = File(required=True)  # type: ignore[no-untyped-call]
+
+
+class PairIn(Schema):
+    """Where a spot is shown, and where it is to be: x and y, map pixels."""
+
+    shown = List(Float(), required=True, validate=Length(equal=2))
+    wanted = List(Float(), required=True, validate=Length(equal=2))
+
+
+class AlignIn(Schema):
+    """Spots by which the image of a floor is laid on the map."""
+
+    pairs = List(Nested(PairIn), required=True, validate=Length(1, MOST_PAIRS))
+
+
+class RemoveQuery(Schema):
+    """The treatment of photos on the floor."""
+
+    tray = Boolean(load_default=False, metadata={"description": "Put them into the tray."})
+
+
+class FloorsOut(Schema):
+    """The floors of a map."""
+
+    floors = List(Nested(FloorOut), metadata={"description": "The lowest first."})
+
+
+@blueprint.before_request
+def limit_bytes() -> None:
+    """Refuse what is too large while it is read."""
+    if request.method in ("POST", "PUT"):
+        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _OTHER_PARTS
+
+
+@blueprint.get("")
+@blueprint.output(FloorsOut)
+def show(slug: str) -> dict[str, Any]:
+    """List the floors of the map; none where it has one image alone."""
+    return {"floors": state.floors_json(open_map(slug))}
+
+
+@blueprint.post("")
+@blueprint.input(NewFloorIn, location="form_and_files", arg_name="given")
+@blueprint.output(EditAnswer, status_code=201)
+def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Add a floor, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    floor = Floor(BASE_FLOOR, given["name"].strip(), given["level"], given.get("height_m"))
+    base = Floor(BASE_FLOOR, (given["base_name"] or gettext("Ground floor")).strip(), given["base_level"])
+    with _limit.slot():
+        new = NewFloor(floor, base, _received(given.get("file")))
+        edit = floors.add_floor(library(), record.id, new=new, account_id=account().id, settings=settings())
+    return _answer(record, edit)
+
+
+@blueprint.patch(f"/{_ID}")
+@blueprint.input(FloorIn, arg_name="data")
+@blueprint.output(EditAnswer)
+def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
+    """Change name, level or height of a floor, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    fields = {**data, **({"name": data["name"].strip()} if "name" in data else {})}
+    edit = floors.change_floor(library(), record.id, id=id, fields=fields, account_id=account().id)
+    return _answer(record, edit)
+
+
+@blueprint.put(f"/{_ID}/image")
+@blueprint.input(FloorImageIn, location="files", arg_name="given")
+@blueprint.output(EditAnswer)
+def put_image(slug: str, id: int, given: dict[str, FileStorage]) -> dict[str, Any]:
+    """Replace the image of a floor, as one step that can be undone; photos stay where they are."""
+    record = open_map(slug, "editor")
+    with _limit.slot():
+        file = _received(given["file"])
+        if file is None:
+            raise UsageError("the image is missing", where="file")
+        edit = floors.set_floor_image(
+            library(), record.id, id=id, file=file, account_id=account().id, settings=settings()
+        )
+    return _answer(record, edit)
+
+
+@blueprint.post(f"/{_ID}/align")
+@blueprint.input(AlignIn, arg_name="data")
+@blueprint.output(EditAnswer)
+def align(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
+    """Move, turn and scale the image of a floor, with its photos, as one step that can be undone.
+
+    One pair of spots moves it, two also turn and scale it, from three on it may be sheared.
+    """
+    record = open_map(slug, "editor")
+    pairs = [(MapPixel(*pair["shown"]), MapPixel(*pair["wanted"])) for pair in data["pairs"]]
+    return _answer(
+        record, floors.align_floor(library(), record.id, id=id, pairs=pairs, account_id=account().id)
+    )
+
+
+@blueprint.delete(f"/{_ID}")
+@blueprint.input(RemoveQuery, location="query", arg_name="query")
+@blueprint.output(EditAnswer)
+def remove(slug: str, id: int, query: dict[str, bool]) -> dict[str, Any]:
+    """Remove a floor, as one step that can be undone."""
+    record = open_map(slug, "editor")
+    edit = floors.remove_floor(library(), record.id, id=id, to_tray=query["tray"], account_id=account().id)
+    return _answer(record, edit)
+
+
+@blueprint.get(f"/{_ID}/image")
+@blueprint.doc(responses=file_answer("A picture that covers the map.", "image/webp"))
+def image(slug: str, id: int) -> Response:
+    """Return the image of a floor, laid on the map."""
+    record = open_map(slug, binned=True)
+    shown = display.floor_picture(
+        library(), record, floor=floors.found_floor(record, id), settings=settings()
+    )
+    return send_immutable(shown.path, etag=shown.key)
+
+
+def _received(file: FileStorage | None) -> Path | None:
+    if file is None:
+        return None
+    part = library().uploads / f"{secrets.token_hex(16)}.image"
+    with show_file_as(tidy_name(file.filename or ""), part):
+        receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
+    return part
+
+
+def _answer(record: MapRecord, edit: FloorEdit) -> dict[str, Any]:
+    who = account()
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=who, revision=edit.revision)
