@@ -32,7 +32,7 @@ _PURPOSE = {
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
-    "cluster": "libraries in PostgreSQL, and metrics,",
+    "cluster": "libraries in PostgreSQL and metrics",
 }
 
 

@@ -108,6 +108,7 @@ def test_what_processes_count_is_added_up(tmp_path):
         assert f'expmap_map_cache_total{{result="open"}} {total}.0' in done.stdout, done.stderr
 
 
+@pytest.mark.usefixtures("sqlite_only")
 def test_without_the_client_library_it_says_what_to_install(settings, absent):
     absent("cluster")
     with pytest.raises(MissingPart, match="prometheus_client"):

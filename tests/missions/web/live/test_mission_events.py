@@ -12,7 +12,6 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.web import api_events
 from webapp.missions.web.state import cursor, read_cursor
 from webapp.settings import MissionSettings, Settings
-from webapp.store.backends.sqlite import Sqlite
 from webapp.store.database import Database
 
 CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0, "lon": 14.0}
@@ -145,7 +144,8 @@ def test_a_database_that_is_away_ends_the_stream(client, mission, monkeypatch):
 
 def test_what_changes_a_mission_is_announced(library, mission, monkeypatch):
     announced = []
-    monkeypatch.setattr(Sqlite, "announce", lambda _, connection, topic: announced.append(topic))
+    backend = type(library.database.backend)
+    monkeypatch.setattr(backend, "announce", lambda _, connection, topic: announced.append(topic))
     with library.database.write() as session:
         missions.put_into_bin(session.get_one(Mission, mission))
     with library.database.write() as session:
