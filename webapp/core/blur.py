@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -61,6 +62,21 @@ def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint
             small, (right - left, bottom - top), interpolation=cv2.INTER_LINEAR
         )
     return blurred
+
+
+def boxes_key(boxes: Iterable[BlurBox]) -> str:
+    """Return what sets these boxes apart from others."""
+    return hashlib.sha256(repr([tuple(box) for box in boxes]).encode()).hexdigest()[:12]
+
+
+def outside(boxes: Iterable[BlurBox], *, width: int, height: int) -> NDArray[np.bool_]:
+    """Return which pixels of a picture are in none of the boxes, (height, width)."""
+    free = np.ones((height, width), np.bool_)
+    for box in boxes:
+        left, right = _span(box.x, box.width, width)
+        top, bottom = _span(box.y, box.height, height)
+        free[top:bottom, left:right] = False
+    return free
 
 
 def _span(start: float, length: float, size: int) -> tuple[int, int]:

@@ -7,8 +7,10 @@ import zipfile
 import numpy as np
 import pytest
 from PIL import Image
+from sqlalchemy import select
 
 from webapp.core.blur import BlurBox
+from webapp.store.schema import MapRecord
 from webapp.tasks.maps import show_photo
 from webapp.web.maps import api_photos
 
@@ -113,6 +115,13 @@ def test_exports_with_pictures_are_blurred(client, full, library, exported_again
         pictures = [name for name in archive.namelist() if name.endswith(".jpg") and "0" in name]
         assert pictures
         assert max(contrast(archive.read(name)) for name in pictures) < 20
+
+
+def test_the_index_follows_where_the_photo_has_a_place(client, full, library):
+    blur(client, full, BOX)
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+        assert record.photos_revision == record.revision
 
 
 def test_it_can_be_taken_back(client, full):

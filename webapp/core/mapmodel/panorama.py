@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import BlurBox, boxes_key
 
 VIEWS = 6
 """Of a panorama, evenly all around; the first looks where its middle does."""
@@ -62,8 +62,7 @@ class LevelView:
     @property
     def key(self) -> str:
         """What sets it apart from other views of the same file."""
-        masked = hashlib.sha256(repr([tuple(box) for box in self.masked]).encode()).hexdigest()[:12]
-        return f"{self.turn_deg:03}" if not self.masked else f"{self.turn_deg:03}-{masked}"
+        return f"{self.turn_deg:03}" if not self.masked else f"{self.turn_deg:03}-{boxes_key(self.masked)}"
 
     def content(self, sha256: str) -> str:
         """Return what stands for its pixels, as the SHA-256 of a file does for a photo's."""

@@ -1,13 +1,15 @@
-"""The level views of a map's panoramas, in their places: what an index has."""
+"""What an index has: photos without what is blurred, and level views in the place of panoramas."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import TypeVar
 
+from webapp.core.blur import BlurBox, boxes_key
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
-from webapp.core.mapmodel.panorama import view_id
+from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
 
 OnePhoto = TypeVar("OnePhoto", bound=Experience | UnplacedPhoto)
 
@@ -18,13 +20,22 @@ def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
 
 
 def picture_of(photo: Experience | UnplacedPhoto) -> str:
-    """Return the name of a photo's file, and which view of it this is."""
-    return photo.photo if photo.view is None else f"{photo.photo}#{photo.view.key}"
+    """Return the name of a photo's file, and which part of it this is: a view, or what is not blurred."""
+    if photo.view is not None:
+        return f"{photo.photo}#{photo.view.key}"
+    return photo.photo if not photo.blurred else f"{photo.photo}#{boxes_key(photo.blurred)}"
 
 
 def content_of(photo: Experience | UnplacedPhoto, sha256: str) -> str:
-    """Return what stands for the pixels of a photo, or of a view, whose file has that SHA-256."""
-    return sha256 if photo.view is None else photo.view.content(sha256)
+    """Return what stands for the pixels that are used of a photo whose file has that SHA-256."""
+    return content_of_part(sha256, view=photo.view, blurred=photo.blurred)
+
+
+def content_of_part(sha256: str, *, view: LevelView | None, blurred: tuple[BlurBox, ...]) -> str:
+    """Return what stands for a view, or for what is not blurred, of a file with that SHA-256."""
+    if view is not None:
+        return view.content(sha256)
+    return sha256 if not blurred else hashlib.sha256(f"{sha256} {boxes_key(blurred)}".encode()).hexdigest()
 
 
 def _views(photo: OnePhoto) -> Iterator[OnePhoto]:
@@ -32,7 +43,8 @@ def _views(photo: OnePhoto) -> Iterator[OnePhoto]:
         yield photo
         return
     middle = photo.heading_deg
-    for number, view in enumerate(photo.panorama.views()):
+    masked = Panorama(photo.panorama.masked + photo.blurred)
+    for number, view in enumerate(masked.views()):
         heading = None if middle is None else (middle + view.turn_deg) % 360.0
         id = view_id(photo.id, number)
         yield replace(photo, id=id, heading_deg=heading, fov_deg=None, panorama=None, view=view)

@@ -188,7 +188,9 @@ def _describe(
     progress.advance(len(entries))
     nowhere = MapPixel(0.0, 0.0)
     new = [
-        Experience(n, one.photo, nowhere, view=one.view) for n, one in enumerate(photos) if n not in entries
+        Experience(n, one.photo, nowhere, view=one.view, blurred=one.blurred)
+        for n, one in enumerate(photos)
+        if n not in entries
     ]
     problems = {}
     for done in describe_all(

@@ -224,7 +224,17 @@ def _tasks(
         same = of_size.get(size, [])
         # Where all have one size, as without compression, size identifies nothing.
         indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
-        yield PhotoJob(e.id, request.cfg, e.photo, request.folder, request.choice, settings, indexed, e.view)
+        yield PhotoJob(
+            e.id,
+            request.cfg,
+            e.photo,
+            request.folder,
+            request.choice,
+            settings,
+            indexed,
+            e.view,
+            () if e.view is not None else e.blurred,
+        )
 
 
 def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> Iterator[PhotoDone]:

@@ -6,6 +6,7 @@ described is kept when the work is killed.
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,8 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.blur import blur
 from webapp.core.features.global_descriptor import GlobalDescriptor
-from webapp.core.mapmodel.panorama import LevelView
+from webapp.core.mapmodel.model import Experience
+from webapp.core.mapmodel.views import content_of
 from webapp.core.retrieval.global_descriptors import GlobalDescriptors
 from webapp.errors import InputError, MissingPart, PhotoError
 from webapp.files.localize import global_vectors
@@ -26,7 +29,6 @@ from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_file, read_upright
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize.extract_photo import picture_sha256
 from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0
@@ -90,7 +92,7 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
         for content, experience in todo.items():
             progress.check()
             path = photo_path(opened.cfg, experience.photo)
-            vector = _describe(path, content, view=experience.view, network=network, settings=settings)
+            vector = _describe(path, content, experience=experience, network=network, settings=settings)
             if vector is not None:
                 known[content] = vector.astype(np.float16)
             progress.advance()
@@ -106,16 +108,16 @@ def _describe(
     path: Path,
     content: str,
     *,
-    view: LevelView | None,
+    experience: Experience,
     network: GlobalDescriptor,
     settings: Settings,
 ) -> NDArray[np.float32] | None:
     """Describe a photo; None where the file is no longer the one that was indexed."""
     try:
         data = read_file(path, limits=settings.photo)
-        if picture_sha256(data, view) != content:
+        if content_of(experience, hashlib.sha256(data).hexdigest()) != content:
             return None
-        pixels = read_upright(data, limits=settings.photo)
+        pixels, view = blur(read_upright(data, limits=settings.photo), experience.blurred), experience.view
         return network.describe(pixels if view is None else cut_level_view(pixels, view)[0])
     except PhotoError:
         return None

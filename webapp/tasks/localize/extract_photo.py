@@ -16,17 +16,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.blur import BlurBox, outside
 from webapp.core.features.extract import extract
 from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Features
 from webapp.core.mapmodel.panorama import LevelView
+from webapp.core.mapmodel.views import content_of_part
 from webapp.core.retrieval.engines.segment import PhotoEntry
 from webapp.errors import IndexDamaged, MapError, PhotoError
 from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import photo_path
-from webapp.files.photos.panorama import CutView, read_level_view
+from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings, keep_freed_memory
 
@@ -52,6 +54,8 @@ class PhotoJob:
         SHA-256 of photos that the index holds already and that may be this one.
     view : LevelView or None
         Of the photo, which is a panorama.
+    blurred : tuple of BlurBox
+        Parts of any other photo in which nothing is to be recognised.
     """
 
     id: int
@@ -62,6 +66,7 @@ class PhotoJob:
     settings: Settings
     indexed: tuple[str, ...] = ()
     view: LevelView | None = None
+    blurred: tuple[BlurBox, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +120,7 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
     seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
     try:
         data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
-        content = picture_sha256(data, job.view)
+        content = content_of_part(hashlib.sha256(data).hexdigest(), view=job.view, blurred=job.blurred)
         target = IndexFolder(job.folder).spool_path(content)
         there = content in job.indexed or _finished(target)
         if not there:
@@ -132,12 +137,6 @@ def size_and_time(path: Path) -> tuple[int, int]:
     except OSError:
         return 0, 0
     return stat.st_size, stat.st_mtime_ns
-
-
-def picture_sha256(data: bytes, view: LevelView | None) -> str:
-    """Hash a photo's file, for a view of a panorama also which view it is."""
-    content = hashlib.sha256(data).hexdigest()
-    return content if view is None else view.content(content)
 
 
 def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
@@ -157,15 +156,19 @@ def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
         network=network(job.choice.model, settings.models, weights=job.choice.weights),
     )
     if cut is not None:
-        features = features.subset(_away_from_mask(features, cut))
+        features = features.subset(_away_from_mask(features, cut.used, scale=gray.scale))
+    elif job.blurred:
+        height, width = gray.pixels.shape
+        used = outside(job.blurred, width=width, height=height)
+        features = features.subset(_away_from_mask(features, used, scale=gray.scale))
     return PhotoEntry(content, math.nan if fov is None else fov, features)
 
 
-def _away_from_mask(features: Features, cut: CutView) -> NDArray[np.int64]:
-    """Number the keypoints that are not at a border of what is masked, which is no border in the world."""
-    used = cv2.erode(cut.used.astype(np.uint8), np.ones((_BORDER_PX, _BORDER_PX), np.uint8), borderValue=1)
+def _away_from_mask(features: Features, used: NDArray[np.bool_], *, scale: float) -> NDArray[np.int64]:
+    """Number the keypoints whose patches have nothing of what is masked, nor its border."""
+    used = cv2.erode(used.astype(np.uint8), np.ones((_BORDER_PX, _BORDER_PX), np.uint8), borderValue=1)
     height, width = used.shape
-    x, y = np.rint((features.xy + 0.5) * cut.photo.scale - 0.5).astype(np.int64).T
+    x, y = np.rint((features.xy + 0.5) * scale - 0.5).astype(np.int64).T
     return np.flatnonzero(used[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)])
 
 

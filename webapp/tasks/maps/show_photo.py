@@ -110,6 +110,8 @@ def blur_photo(
         record.revision += 1
         record.changed_at = now()
         photo.revision = record.revision
+        if photo.is_placed:
+            record.photos_revision = record.revision  # nothing is recognised by what is blurred now
         return record.revision
 
 
