@@ -381,7 +381,7 @@ def test_several_photos_are_a_table_and_marks_on_the_map(page, api, sample_map, 
     rows.first.get_by_role("button").click()
     expect(page.locator("#query-name")).to_have_text(names[0])
     expect(marks).to_have_count(0)
-    page.get_by_test_id("term-inliers").first.click()
+    page.locator("[data-testid=term-inliers]:visible").first.click()
     expect(page.get_by_role("note").filter(has_text="Inliers")).to_be_visible()
     page.keyboard.press("Escape")
     page.get_by_role("tab", name="History").click()
