@@ -1,6 +1,7 @@
 /** The place that is looked at: coordinates to copy, and the buttons that take the photo over into the map. */
 
 import { lengthText, numberText } from "../shared/answer/answer-format.js";
+import { placeName } from "../shared/answer/answer-list.js";
 import { copy } from "../shared/clipboard.js";
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
@@ -27,9 +28,9 @@ export function showPlace(page) {
   session.on("chosen spot query mode", render);
 }
 
-function title({ spot, chosen }) {
+function title({ spot, hypothesis }) {
   if (spot) return t("Position set by you");
-  return chosen === null ? t("Do you know where it was taken?") : t("Place {n}", { n: chosen });
+  return hypothesis ? placeName(hypothesis) : t("Do you know where it was taken?");
 }
 
 /** @type {?AbortController} of the request that is on its way */

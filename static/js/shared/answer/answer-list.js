@@ -92,9 +92,14 @@ function entry(hypothesis, { choose, faint }) {
   return h("li", { "data-testid": "hypothesis", dataset: data }, button);
 }
 
-function whatIs({ kind, rank, radius_m, radius_px }) {
-  const place = kind === "area" ? t("Area {n}", { n: rank }) : t("Place {n}", { n: rank });
-  return radius_px === null ? place : `${place} ± ${lengthText(radius_m, radius_px)}`;
+/** @param {{kind: string, rank: number}} hypothesis */
+export function placeName({ kind, rank }) {
+  return kind === "area" ? t("Area {n}", { n: rank }) : t("Place {n}", { n: rank });
+}
+
+function whatIs(hypothesis) {
+  const { radius_m, radius_px } = hypothesis;
+  return radius_px === null ? placeName(hypothesis) : `${placeName(hypothesis)} ± ${lengthText(radius_m, radius_px)}`;
 }
 
 function details({ kind, experiences, floor_name, heading_deg, inliers, matches }) {
