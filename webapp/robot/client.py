@@ -382,12 +382,12 @@ class RobotClient:
         """Wait where the server cannot or will not; return whether there may be more to send."""
         if step.outcome == "idle":
             return False
+        done = step.outcome == "progress"
+        self._report("" if done else step.reason)  # before anybody sees that the server is away
         self._online, self._refused = step.outcome != "retry", step.error
-        if step.outcome == "progress":
+        if done:
             self._backoff.reset()
-            self._problem = ""
             return True
-        self._report(step.reason)
         if step.wait_s:
             self._closing.wait(self._backoff.next_delay(at_least_s=step.wait_s))
         elif self._wake.wait(self._backoff.next_delay()):
@@ -395,6 +395,6 @@ class RobotClient:
         return True
 
     def _report(self, problem: str) -> None:
-        if problem != self._problem:
+        if problem and problem != self._problem:
             _log.warning("%s: %s", self._spool.folder, problem)
         self._problem = problem
