@@ -133,6 +133,16 @@ def test_a_library_of_four_times_as_many_photos_gets_a_new_basis(
     assert [ranked(place)[0] for place in range(3)] == [*SLUGS]
 
 
+def test_photos_that_are_on_two_maps_do_not_make_a_library_outgrow_its_basis(
+    add_map, built, library, describe, monkeypatch
+):
+    monkeypatch.setattr(describe_library, "GROWTH", 2)
+    shutil.copytree(built / "fen", built / "copy", dirs_exist_ok=True)
+    both = [add_map("fen"), add_map("copy")]
+    assert describe(*both) == 1
+    assert describe(*both) == 0
+
+
 def test_interrupted_it_goes_on_and_searches_use_the_old_basis(
     three, describe, ranked, library, quick, monkeypatch
 ):

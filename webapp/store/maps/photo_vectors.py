@@ -97,9 +97,14 @@ def add_basis(session: Session, basis: Basis, *, photos: int) -> int:
 
 
 def use_basis(session: Session, id: int) -> None:
-    """Have searches use a basis, and delete the others with all that is described with them."""
-    session.execute(delete(VectorBasis).where(VectorBasis.id != id))
-    session.get_one(VectorBasis, id).ready = True
+    """Have searches use a basis, and delete the others with all that is described with them.
+
+    Nothing happens where the basis is gone: another worker was faster with one of its own.
+    """
+    row = session.get(VectorBasis, id)
+    if row is not None:
+        session.execute(delete(VectorBasis).where(VectorBasis.id != id))
+        row.ready = True
 
 
 def vectors(session: Session, map_id: int, *, basis_id: int) -> dict[str, NDArray[np.float16]]:

@@ -161,22 +161,35 @@ def _keep(
 def _train(
     library: Library, records: Sequence[MapRecord], *, settings: Settings, progress: Progress
 ) -> tuple[Basis | None, int]:
-    """Train a basis on photos from everywhere; returns it and the number of photos there are."""
+    """Train a basis on photos from everywhere; returns it and the number of photos on all maps."""
     progress.note("learning what photos have in common")
-    everywhere: dict[str, tuple[Segment, int]] = {}
+    photos = 0
+    contents: set[str] = set()
+    for record in records:
+        own = {content for content, _, _ in _photos_of(library, record, settings=settings)}
+        progress.check()
+        photos += len(own)
+        contents |= own
+    # Those of their hashes come from everywhere.
+    chosen = {*sorted(contents)[:SAMPLE_PHOTOS]}
+    sample: dict[str, NDArray[np.uint8]] = {}
     for record in records:
         progress.check()
-        try:
-            for content, segment, number in indexed_photos(library.cfg(record.slug), settings=settings):
-                everywhere.setdefault(content, (segment, number))
-        except IndexDamaged as error:
-            _log.warning("the index of the map %s is left out: %s", record.slug, error)
-    # Those of their hashes come from everywhere.
-    chosen = [everywhere[content] for content in sorted(everywhere)[:SAMPLE_PHOTOS]]
-    if not chosen:
-        return None, 0
-    photos = [np.asarray(segment.entry(number).features.descriptors) for segment, number in chosen]
-    return photo_vectors.train(photos), len(everywhere)
+        for content, segment, number in _photos_of(library, record, settings=settings):
+            if content in chosen and content not in sample:
+                sample[content] = np.array(segment.entry(number).features.descriptors)
+    basis = photo_vectors.train([sample[content] for content in sorted(sample)]) if sample else None
+    return basis, photos
+
+
+def _photos_of(
+    library: Library, record: MapRecord, *, settings: Settings
+) -> Iterator[tuple[str, Segment, int]]:
+    """Go through the photos of a map's index; of one that is damaged, as far as it can be read."""
+    try:
+        yield from indexed_photos(library.cfg(record.slug), settings=settings)
+    except IndexDamaged as error:
+        _log.warning("the index of the map %s is left out: %s", record.slug, error)
 
 
 def indexed_photos(
