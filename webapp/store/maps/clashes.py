@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from webapp.core.geo.floors import Floor, floors_problem
 from webapp.core.geo.types import MapPixel, inside
 from webapp.store.schema import Account, Edit, MapRecord, Photo
 
@@ -45,7 +46,9 @@ def placed_on_present_image(
 def without_floor(
     session: Session, record: MapRecord, changes: Mapping[str, Mapping[str, Any] | None]
 ) -> str | None:
-    """Say that a change would leave photos on a floor that the map does not have, if it would."""
+    """Say why a change would leave floors that do not fit together, or photos on one that is not there."""
+    if any(target.startswith("floor/") for target in changes) and _floors_clash(record, changes):
+        return "the floors have been changed in the meantime"
     floors = {f"floor/{floor['id']}" for floor in record.floors or ()} | {"floor/0"}
     gone = {target for target, fields in changes.items() if target in floors and fields is None}
     floors |= {target for target, fields in changes.items() if target.startswith("floor/") and fields}
@@ -57,3 +60,11 @@ def without_floor(
     if left and any(f"photo/{id}" not in moved for id in session.scalars(there)):
         return "photos were placed on the floor in the meantime"
     return None
+
+
+def _floors_clash(record: MapRecord, changes: Mapping[str, Mapping[str, Any] | None]) -> bool:
+    """Return whether the floors would not fit together once they are changed."""
+    after: dict[str, Mapping[str, Any] | None] = {f"floor/{f['id']}": f for f in record.floors or ()}
+    after |= {target: fields for target, fields in changes.items() if target.startswith("floor/")}
+    left = [Floor(int(t.split("/")[1]), f["name"], f["level"]) for t, f in after.items() if f]
+    return floors_problem(left) is not None
