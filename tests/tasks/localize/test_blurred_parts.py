@@ -9,8 +9,10 @@ from webapp.core.features.table import FeatureChoice
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.folder import read_map, write_map
+from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.extract_photo import PhotoJob, extract_photo
+from webapp.tasks.localize.open_map import OpenOptions, open_index
 
 BOX = BlurBox(0.25, 0.3, 0.4, 0.5)
 
@@ -56,3 +58,20 @@ def test_a_blurred_photo_alone_is_described_again(make_map, tmp_path, build, des
     assert report.descriptors < before.descriptors
     write_map(cfg, the_map)
     assert build(cfg).descriptors == before.descriptors
+
+
+def test_a_photo_that_was_described_with_what_is_blurred_now_waits_for_the_index(make_map, tmp_path):
+    cfg = make_map(tmp_path, 4)
+
+    def opened(*, build):
+        options = OpenOptions(method="vote", features="sift", jobs=1, build=build)
+        return open_index(cfg, options, settings=Settings(), progress=Progress())
+
+    assert opened(build=True).not_indexed == 0
+    the_map = read_map(cfg)
+    first, *others = the_map.experiences
+    write_map(cfg, replace(the_map, experiences=(replace(first, blurred=(BOX,)), *others)))
+    before = opened(build=False)
+    assert (before.not_indexed, before.contents.count("")) == (1, 1)  # so that a server has it described
+    after = opened(build=True)
+    assert (after.not_indexed, after.contents.count("")) == (0, 0)

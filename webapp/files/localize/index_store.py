@@ -104,6 +104,11 @@ class Manifest:
     build_seconds: float = 0.0
     engine: Engine = "ivf"
 
+    def record_of(self, id: int, picture: str) -> PhotoRecord | None:
+        """Return the record of an experience, if it is about the picture of that name."""
+        record = self.photos.get(id)
+        return record if record is not None and record.photo == picture else None
+
 
 _OURS = frozenset({".features", ".ivf", ".vlad", ".codebook", ".tmp"})
 

@@ -186,8 +186,8 @@ def _photos(
 
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether the index holds the photo as it is on disk now, judged by path, size and time."""
-    record = manifest.photos.get(experience.id)
-    if record is None or record.photo != picture_of(experience) or record.error:
+    record = manifest.record_of(experience.id, picture_of(experience))
+    if record is None or record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 

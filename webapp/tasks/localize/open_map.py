@@ -132,8 +132,9 @@ class OpenMap:
 
     @property
     def not_indexed(self) -> int:
-        """How many photos of the map the index has not seen yet."""
-        return len({experience_of(e.id) for e in self.pictures if e.id not in self.manifest.photos})
+        """How many photos of the map the index does not have as they are now: new, renamed, blurred since."""
+        record = self.manifest.record_of
+        return len({experience_of(e.id) for e in self.pictures if record(e.id, picture_of(e)) is None})
 
     @property
     def map_hash(self) -> str:
@@ -299,8 +300,8 @@ def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
 
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether a photo that could not be used is still the same file, or still missing."""
-    record = manifest.photos[experience.id]
-    if not record.error or record.photo != picture_of(experience):
+    record = manifest.record_of(experience.id, picture_of(experience))
+    if record is None or not record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
 
@@ -326,8 +327,7 @@ def _load_latest(
 
 def _contents(pictures: Sequence[Experience], manifest: Manifest) -> list[str]:
     """Look up the content of each picture; empty where the index has none of it."""
-    same = ((manifest.photos.get(e.id), e) for e in pictures)
-    return [r.content if r is not None and r.photo == picture_of(e) else "" for r, e in same]
+    return [r.content if (r := manifest.record_of(e.id, picture_of(e))) else "" for e in pictures]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
