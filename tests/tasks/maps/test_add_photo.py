@@ -128,7 +128,7 @@ def test_previews_are_small_upright_and_say_nothing(desk):
             sizes[path.name] = image.size
             assert not image.getexif()
         assert b"Secret" not in path.read_bytes()
-    assert sizes == {"0-1600.jpg": (800, 1600), "0-256.jpg": (128, 256)}
+    assert sizes == {"0-1600.jpg": (800, 1600), "0-256.webp": (128, 256)}
 
 
 def test_a_photo_is_refused_as_a_whole_where_its_previews_cannot_be_kept(desk, monkeypatch):
@@ -168,7 +168,7 @@ def test_the_ending_is_that_of_the_content(desk):
     desk.give(file.getvalue(), "really.jpg")
     assert Path(desk.rows()[0].path).suffix == ".heic"
     assert (desk.folder / desk.rows()[0].path).read_bytes() == file.getvalue()
-    assert (desk.folder / "derived/previews/0-256.jpg").exists()
+    assert (desk.folder / "derived/previews/0-256.webp").exists()
 
 
 def bomb():

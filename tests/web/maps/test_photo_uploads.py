@@ -159,10 +159,10 @@ def test_pictures_and_the_original_come_back(send, client, park, library):
     data = jpeg(side=300)
     send((data, 'žluť "x".jpg'))
     base = f"/api/v1/maps/{park}/photos/0"
-    for kind, side in (("thumb", 256), ("preview", 300)):
+    for kind, side, mime in (("thumb", 256, "image/webp"), ("preview", 300, "image/jpeg")):
         picture = client.get(f"{base}/{kind}", buffered=True)
         assert Image.open(io.BytesIO(picture.data)).size == (side, side)
-        assert picture.mimetype == "image/jpeg"
+        assert picture.mimetype == mime
         assert picture.headers["Cache-Control"] == "private, max-age=31536000, immutable"
         again = client.get(
             f"{base}/{kind}", headers={"If-None-Match": picture.headers["ETag"]}, buffered=True
@@ -171,8 +171,10 @@ def test_pictures_and_the_original_come_back(send, client, park, library):
     original = client.get(f"{base}/original", buffered=True)
     assert original.data == data
     assert original.headers["Content-Disposition"].startswith("attachment")
-    (library.map_folder(park) / "derived/previews/0-256.jpg").unlink()
+    thumb = library.map_folder(park) / "derived/previews/0-256.webp"
+    former = thumb.rename(thumb.with_suffix(".jpg"))  # of 0.7.0
     assert client.get(f"{base}/thumb", buffered=True).status_code == 200
+    assert thumb.exists() and not former.exists()
 
 
 def test_no_address_leads_out(send, client, park, library, tmp_path):
@@ -199,7 +201,10 @@ def test_no_address_leads_out(send, client, park, library, tmp_path):
 
 def test_a_photo_missing_on_disk_is_reported(send, client, park, library):
     send((jpeg(), "a.jpg"))
-    for path in library.map_folder(park).rglob("*.jpg"):
+    for path in (
+        *library.map_folder(park).glob("photos/*"),
+        *library.map_folder(park).glob("derived/previews/*"),
+    ):
         path.unlink()
     for kind in ("thumb", "original"):
         answer = client.get(f"/api/v1/maps/{park}/photos/0/{kind}", buffered=True)

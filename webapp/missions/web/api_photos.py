@@ -147,7 +147,7 @@ def preview(mission_id: int, sha256: str) -> Response:
 
 
 @blueprint.get(f"/{_SHA}/thumb")
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(mission_id: int, sha256: str) -> Response:
     """Get a photo as a small picture."""
     return _preview(mission_id, sha256, "thumb")

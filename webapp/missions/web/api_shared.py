@@ -159,7 +159,7 @@ def photos(token: str) -> dict[str, Any]:
 
 @blueprint.get(f"/photos/{_SHA}/thumb")
 @public
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def photo_thumb(token: str, sha256: str) -> Response:
     """Get a photo as a small picture."""
     return _photo(token, sha256, "thumb")

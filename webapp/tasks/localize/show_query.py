@@ -8,7 +8,7 @@ from pathlib import Path
 from webapp.errors import NotFound
 from webapp.files.atomic import write_bytes
 from webapp.files.part_file import discard, show_file_as
-from webapp.files.photos.preview import SIDES, Kind, make_previews
+from webapp.files.photos.preview import SIDES, Kind, make_previews, preview_name
 from webapp.settings import Settings
 from webapp.store import queries
 from webapp.store.library import Library
@@ -53,10 +53,11 @@ def delete_files(library: Library, rows: Iterable[QueryRecord]) -> None:
     """Delete the files of queries whose records are gone."""
     for query in rows:
         for kind in SIDES:
-            discard(_preview_path(library, query, kind))
+            path = _preview_path(library, query, kind)
+            discard(path)
+            discard(path.with_suffix(".jpg"))  # as 0.7.0 named all of them
         discard(queries.folder(library, query.map_id) / query.file)
 
 
 def _preview_path(library: Library, query: QueryRecord, kind: Kind) -> Path:
-    stem = Path(query.file).stem
-    return queries.folder(library, query.map_id) / f"{stem}-{SIDES[kind]}.jpg"
+    return queries.folder(library, query.map_id) / preview_name(Path(query.file).stem, kind)

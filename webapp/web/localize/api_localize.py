@@ -141,7 +141,7 @@ def example(slug: str, name: str) -> Response:
 
 
 @blueprint.get("/examples/<string(maxlength=200):name>/thumb")
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def example_thumb(slug: str, name: str) -> Response:
     """Get a small picture of such a photo."""
     path = examples.thumb_of(library().cfg(open_map(slug).slug), name, limits=settings().photo)

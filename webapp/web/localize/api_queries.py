@@ -204,7 +204,7 @@ def preview(slug: str, id: int) -> Response:
 
 
 @blueprint.get(f"/{_ID}/thumb")
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(slug: str, id: int) -> Response:
     """Get a query as a small picture."""
     return _preview(slug, id, "thumb")

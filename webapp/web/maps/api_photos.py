@@ -135,7 +135,7 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
 
 
 @photos_api.get("/<int(max=2147483647):id>/thumb")
-@photos_api.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@photos_api.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(slug: str, id: int) -> Response:
     """Get a photo as a small picture."""
     return _preview(slug, id, "thumb")

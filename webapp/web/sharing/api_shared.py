@@ -146,7 +146,7 @@ def tile(token: str, *, z: int, x: int, y: int) -> Response:
 
 @blueprint.get(f"/photos/{_ID}/thumb")
 @public
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def photo_thumb(token: str, id: int) -> Response:
     """Get a photo of the map as a small picture."""
     return _photo_preview(token, id, "thumb")
@@ -175,7 +175,7 @@ def photo_original(token: str, id: int) -> Response:
 
 @blueprint.get("/query/thumb")
 @public
-@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/jpeg"))
+@blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def query_thumb(token: str) -> Response:
     """Get the photo of the shared answer as a small picture."""
     return _query_preview(token, "thumb")

@@ -25,9 +25,9 @@ def test_a_photo_comes_in_once(client, mission, add_photo, library, state):
 
 def test_its_pictures(client, mission, add_photo):
     photo = add_photo().json
-    for size in ("url", "thumb"):
+    for size, mime in (("url", "image/jpeg"), ("thumb", "image/webp")):
         with client.get(photo[size]) as picture:
-            assert (picture.status_code, picture.mimetype) == (200, "image/jpeg")
+            assert (picture.status_code, picture.mimetype) == (200, mime)
     with client.get(f"/api/v1/missions/{mission}/photos/{photo['sha256']}/original") as original:
         assert hashlib.sha256(original.data).hexdigest() == photo["sha256"]
     assert client.get(f"/api/v1/missions/{mission}/photos/{'0' * 64}/preview").status_code == 404
