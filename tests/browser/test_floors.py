@@ -44,3 +44,26 @@ def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page,
     page.get_by_test_id("undo").click()
     page.get_by_test_id("undo").click()
     expect(switch).to_be_hidden()
+
+
+def test_the_plan_of_a_floor_covers_a_new_image_of_the_map(make_page, page, api, tmp_path: Path):
+    edit = make_page(1)
+    plan, image = tmp_path / "plan.png", tmp_path / "wide.png"
+    Image.new("RGB", (300, 300), "#f5e3df").save(plan)
+    api.ask(
+        "POST", f"/maps/{edit.slug}/floors", multipart={
+            "name": "Gallery", "level": "1",
+            "file": {"name": plan.name, "mimeType": "image/png", "buffer": plan.read_bytes()},
+        },
+    )  # fmt: skip
+    page.get_by_test_id("floor-switch").get_by_role("button", name="Gallery").click()
+    overlay = page.locator(".leaflet-image-layer[src*='/floors/1/image']")
+    below = page.locator(".leaflet-image-layer:not([src*='/floors/'])")
+    expect(overlay).to_have_count(1)
+    Image.new("RGB", (900, 300), "#dfe8f5").save(image)
+    page.evaluate("document.querySelector(\".leaflet-image-layer[src*='/floors/']\").dataset.before = 'yes'")
+    upload = {"name": image.name, "mimeType": "image/png", "buffer": image.read_bytes()}
+    api.ask("PUT", f"/maps/{edit.slug}/satellite", multipart={"file": upload, "tray": "1"})
+    expect(page.locator("[data-before]")).to_have_count(0)
+    expect(overlay).to_have_count(1)
+    assert overlay.bounding_box() == below.bounding_box()

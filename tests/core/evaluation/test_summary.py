@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,16 @@ def test_summary_of_failures_only_says_what_it_does_not_know() -> None:
     assert summary.seconds_per_query_p50 is None
     assert summary.within[400] == 0.0
     assert "median_px" not in summary.intervals
+
+
+def test_a_wrong_floor_is_a_wrong_answer_with_the_probability_that_it_said() -> None:
+    right = dataclasses.replace(answered((5, 0.9)), truth_floor=0)
+    wrong = dataclasses.replace(answered((5, 0.9)), truth_floor=1)
+    summary = summarise([right, wrong], place_radius_px=20, rng=np.random.default_rng(0))
+    assert summary.ece == pytest.approx(0.4)  # 0.9 was said, half of it is right
+    assert sum(b.count for b in summary.reliability) == 2
+    assert summary.answered_at_99_precision == 0.0
+    assert summary.median_px == 5.0
 
 
 def test_only_the_first_five_hypotheses_count() -> None:

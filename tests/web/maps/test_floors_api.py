@@ -6,9 +6,11 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from sqlalchemy import select
 
 from webapp.errors import MapJsonError
 from webapp.files.maps.map_json import parse_map_json
+from webapp.store.schema import Photo
 from webapp.tasks.exchange.import_map import import_map
 from webapp.tasks.maps.export import export_late_maps
 
@@ -101,6 +103,25 @@ def test_photos_are_placed_and_moved_on_floors(client, url):
     assert place(client, url, 1, 60, 70, floor=7).status_code == 400
 
 
+def test_leaving_a_further_placement_is_not_leaving_the_floor(client, url):
+    add(client, url)
+    place(client, url, 1, 60, 70, floor=1)
+    client.put(f"{url}/placements/parts", json={"clusters_px": 50})
+    left = {"placement": "parts", "changes": [{"id": 1, "x_px": None, "y_px": None}]}
+    assert client.patch(f"{url}/experiences", json=left).status_code == 200
+    assert (photo(client, url, 1)["x_px"], photo(client, url, 1)["floor"]) == (60, 1)
+    (parts,) = client.get(url).json["placements"]
+    assert "1" not in parts["positions"]
+
+
+def test_a_new_image_without_the_place_of_a_photo_takes_it_off_its_floor(client, url):
+    add(client, url)
+    place(client, url, 1, 290, 190, floor=1)
+    small = {"file": (png((100, 100)), "s.png"), "tray": "1"}
+    assert client.put(f"{url}/satellite", data=small).status_code == 200
+    assert (photo(client, url, 1)["x_px"], photo(client, url, 1)["floor"]) == (None, 0)
+
+
 def test_clusters_are_gathered_on_each_floor_by_itself(client, url):
     add(client, url)
     place(client, url, 1, 60, 100, floor=1)
@@ -129,6 +150,62 @@ def test_what_others_have_put_on_a_floor_keeps_it(client, url, library, park):
     client.post(f"{url}/redo")
     client.post(f"{url}/redo")
     assert photo(client, url, 1)["floor"] == 1
+
+
+@pytest.fixture
+def other(client, url, new_account, sign_in):
+    """The browser of another editor of the map."""
+    ben = new_account("Ben")
+    assert client.post(f"{url}/members", json={"name": "Ben", "role": "editor"}).status_code in (200, 201)
+    return sign_in(ben)
+
+
+def test_an_undo_never_leaves_two_floors_of_one_level(client, url, other):
+    add(client, url)
+    client.patch(f"{url}/floors/1", json={"level": 2})
+    assert add(other, url, size=None, name="Mezzanine", level=1).status_code == 201
+    refused = client.post(f"{url}/undo")
+    assert refused.status_code == 409
+    assert "the floors have been changed in the meantime" in refused.json["error"]["message"]
+    assert [(f["name"], f["level"]) for f in floors(client, url)] == [
+        ("Ground floor", 0), ("Mezzanine", 1), ("1st floor", 2)
+    ]  # fmt: skip
+
+
+def test_a_redo_never_leaves_two_floors_of_one_level(client, url, other):
+    add(client, url)
+    client.patch(f"{url}/floors/1", json={"level": 2})
+    client.post(f"{url}/undo")
+    assert add(other, url, size=None, name="Attic", level=2).status_code == 201
+    assert client.post(f"{url}/redo").status_code == 409
+    assert [f["level"] for f in floors(client, url)] == [0, 1, 2]
+
+
+def test_the_undo_of_the_first_floor_never_leaves_further_ones_without_it(client, url, other):
+    add(client, url)
+    assert add(other, url, size=None, name="Attic", level=2).status_code == 201
+    assert client.post(f"{url}/undo").status_code == 409
+    assert [f["id"] for f in floors(client, url)] == [0, 1, 2]
+
+
+def test_the_undo_of_a_floor_is_refused_where_somebody_has_placed_a_photo_on_it(client, url, other):
+    add(client, url)
+    assert place(other, url, 1, 60, 70, floor=1).status_code == 200
+    refused = client.post(f"{url}/undo")
+    assert refused.status_code == 409
+    assert "photos were placed on the floor in the meantime" in refused.json["error"]["message"]
+    assert photo(client, url, 1)["floor"] == 1
+
+
+def test_a_photo_does_not_come_back_to_a_floor_that_somebody_has_removed(client, url, other):
+    add(client, url)
+    place(client, url, 1, 60, 70, floor=1)
+    client.patch(f"{url}/experiences", json={"kind": "floor", "changes": [{"id": 1, "floor": 0}]})
+    assert other.delete(f"{url}/floors/1").status_code == 200
+    refused = client.post(f"{url}/undo")
+    assert refused.status_code == 409
+    assert "the floor has been removed in the meantime" in refused.json["error"]["message"]
+    assert photo(client, url, 1)["floor"] == 0
 
 
 @pytest.mark.parametrize(
@@ -192,6 +269,20 @@ def test_an_image_is_aligned_by_pairs_of_spots_and_its_photos_go_along(client, u
     assert "would leave the map" in align(([0, 0], [290, 0])).json["error"]["message"]
     corner = np.asarray(Image.open(io.BytesIO(client.get(floors(client, url)[1]["url"], buffered=True).data)))
     assert (corner[0, -1, 3], corner[corner.shape[0] // 2, corner.shape[1] // 8, 3]) == (0, 255)
+
+
+def test_removed_photos_are_aligned_with_their_floor(client, url, library):
+    add(client, url)
+    for id, x in ((0, 100), (1, 290)):
+        place(client, url, id, x, 50, floor=1)
+        assert client.delete(f"{url}/experiences/{id}").status_code == 200
+    shifted = {"pairs": [{"shown": [0, 0], "wanted": [40, 10]}]}
+    assert client.post(f"{url}/floors/1/align", json=shifted).status_code == 200
+    with library.database.read() as session:
+        rows = session.scalars(select(Photo).order_by(Photo.id)).all()
+        assert [(p.removed, p.x_px, p.y_px, p.floor) for p in rows] == [
+            (True, 140, 60, 1), (True, None, None, 0)  # the second one would be off the map
+        ]  # fmt: skip
 
 
 def test_a_new_image_of_the_map_takes_the_floors_along(client, url, library, park):
@@ -274,3 +365,18 @@ def test_what_was_changed_in_the_files_is_taken_over(client, url, library, park)
     assert (photo(client, url, 0)["x_px"], photo(client, url, 0)["floor"]) == (59, 1)
     client.post(f"{url}/undo")
     assert (photo(client, url, 0)["x_px"], photo(client, url, 0)["floor"]) == (50, 0)
+
+
+def test_a_photo_that_was_renamed_outside_stays_on_its_floor(client, url, library, park):
+    add(client, url)
+    place(client, url, 0, 50, 100, floor=1)
+    cfg, _ = files(library, park)
+    path = library.cfg(park)
+    first, line = cfg.decode().splitlines()
+    name = line.split(";")[1]
+    (path.parent / name).rename(path.parent / "renamed.png")
+    path.write_text(f"{first}\n{line.replace(name, 'renamed.png')}\n")
+    shown = client.get(f"{url}/outside-edit").json
+    assert client.post(f"{url}/outside-edit/take", json={"sha256": shown["sha256"]}).status_code == 200
+    taken = photo(client, url, 0)
+    assert (taken["x_px"], taken["floor"]) == (50, 1)

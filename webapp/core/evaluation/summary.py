@@ -73,7 +73,7 @@ def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | No
         return lambda o: metrics.share_within(o.errors, radius)
 
     def stated(o: Outcomes) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        has = np.isfinite(o.errors)
+        has = np.isfinite(o.probabilities)  # also on a wrong floor, where the error is infinite
         return o.probabilities[has], o.errors[has] <= place_radius_px
 
     return {
@@ -106,7 +106,7 @@ def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np
     found = outcomes(results)
     recipes = figures(place_radius_px)
     values = {name: figure(found) for name, figure in recipes.items()}
-    has = np.isfinite(found.errors)
+    has = np.isfinite(found.probabilities)
     grades = Counter(metrics.grade(float(error), place_radius_px) for error in found.errors)
     return Summary(
         queries=len(results),

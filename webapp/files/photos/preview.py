@@ -24,7 +24,7 @@ SIDES: Mapping[Kind, int] = {"preview": 1600, "thumb": 256}
 """Pixels of the longer side, the larger first; a smaller photo stays as it is."""
 
 _SUFFIX: Mapping[Kind, str] = {"preview": ".jpg", "thumb": ".webp"}
-"""WebP saves a third of the bytes, but takes a tenth of a second for a large picture, thirty times as long."""
+"""WebP saves a third of the bytes; on a large picture it spends 0.1 s, thirty times as much as JPEG."""
 _ENCODING: Mapping[Kind, tuple[int, int]] = {
     "preview": (cv2.IMWRITE_JPEG_QUALITY, 85),
     "thumb": (cv2.IMWRITE_WEBP_QUALITY, 75),

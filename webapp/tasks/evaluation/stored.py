@@ -131,7 +131,7 @@ def _kept(form: dict[str, Any], at: datetime) -> Kept:
     results = form["per_query"]
     errors = np.array([math.inf if r["error_px"] is None else r["error_px"] for r in results], np.float64)
     stated = np.array([_stated(r["answer"]) for r in results], np.float64)
-    has = np.isfinite(errors)
+    has = np.isfinite(stated)
     bins = reliability_bins(stated[has], errors[has] <= form["place_radius_px"])
     figures = {name: value for name, value in form.items() if name != "per_query"}
     misses = _misses(results, radius=form["place_radius_px"])

@@ -72,7 +72,8 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         there = maps.present_photos(session, record, edit.changes)  # kept: the session forgets unused rows
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id in there:
-            fields = _with_floor(record, there[id], _with_panorama(there[id], edit.changes[id]))
+            fields = _with_panorama(there[id], edit.changes[id])
+            fields = _with_floor(record, there[id], fields, placement=edit.placement)
             changes |= _targets(record, id, fields=fields, placement=edit.placement)
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
@@ -127,9 +128,11 @@ def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]
     return {**fields, "panorama": panorama_fields(panorama), "fov_deg": 360.0}
 
 
-def _with_floor(record: MapRecord, photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Check the floor; a photo in the tray is on none."""
-    if fields.get("x_px", ...) is None and photo.floor != BASE_FLOOR:
+def _with_floor(
+    record: MapRecord, photo: Photo, fields: Mapping[str, Any], *, placement: str | None
+) -> Mapping[str, Any]:
+    """Check the floor; a photo in the tray is on none, but one that only leaves a further placement stays."""
+    if placement is None and fields.get("x_px", ...) is None and photo.floor != BASE_FLOOR:
         return {**fields, "floor": BASE_FLOOR}
     known = {BASE_FLOOR, *(floor["id"] for floor in record.floors or ())}
     if "floor" in fields and fields["floor"] not in known:

@@ -29,6 +29,7 @@ from webapp.tasks.maps import check_map, export, outside_edit
 from webapp.tasks.maps.adopt_map import add_removed, photo_row
 from webapp.tasks.maps.library_map import as_map, georeference
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
+from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.files import images_of
 
 FixName = Literal["to-tray", "remove", "swap", "adopt", "image-size", "outside-take", "outside-discard"]
@@ -295,7 +296,7 @@ def _resolve_outside(
 def _of_photo(record: MapRecord, photo: Photo, *, fix: str) -> Mapping[str, Any]:
     match fix:
         case "to-tray":
-            return {"x_px": None, "y_px": None}
+            return TRAY
         case "remove":
             return {"removed": True}
         case _:
@@ -317,7 +318,7 @@ def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
     changes: Changes = {"map": {"satellite_width": width, "satellite_height": height}}
     for photo in maps.photos(session, record):
         if photo.x_px is not None and photo.y_px is not None and (photo.x_px > width or photo.y_px > height):
-            changes[f"photo/{photo.id}"] = {"x_px": None, "y_px": None}
+            changes[f"photo/{photo.id}"] = TRAY
     return changes
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -364,7 +364,8 @@ class _Planner:
         same = next((r for r in self._rows.values() if r.sha256 == row.sha256), None)
         if same is not None and same.id not in taken and same.id not in self.plan.renamed:
             self.plan.renamed[same.id] = e.photo
-            self._changed(e, same)
+            # map.json, which knows photos by their names, says nothing of this one
+            self._changed(replace(e, floor=same.floor) if e.floor == BASE_FLOOR else e, same)
             return same.id
         row.id = max(e.id, self._next_id)
         self._next_id = row.id + 1

@@ -13,6 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.affine import affine_through, apply_affine
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel, inside
 from webapp.errors import Conflict, UsageError
@@ -42,7 +43,8 @@ _AT_GPS_PX = 0.01
 """A photo so close to where its GPS says was put there by it."""
 
 _SAME_DEG = 0.05
-TRAY: dict[str, Any] = {"x_px": None, "y_px": None}
+TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
+"""Fields of a photo in the tray: it is on no floor."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,7 +155,7 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
         changes: dict[str, Mapping[str, Any] | None] = {}
         standing = 0
         for photo in session.scalars(select(Photo).where(*own)):
-            changes[f"photo/{photo.id}"] = {"floor": BASE_FLOOR, **(TRAY if photo.x_px is not None else {})}
+            changes[f"photo/{photo.id}"] = TRAY
             standing += photo.is_placed
         if standing and not to_tray:
             raise photos_on_floor(standing)
@@ -209,10 +209,14 @@ def _moved_photos(
     turn_deg = math.degrees(math.atan2(d, a))
     changes: dict[str, Mapping[str, Any] | None] = {}
     for photo in photos:
-        if photo.floor != floor or photo.x_px is None or photo.y_px is None or photo.removed:
+        if photo.floor != floor or photo.x_px is None or photo.y_px is None:
             continue
         at = apply_affine(move, MapPixel(photo.x_px, photo.y_px))
-        if not inside(at, width=image.width, height=image.height):
+        on_map = inside(at, width=image.width, height=image.height)
+        if photo.removed and not on_map:
+            changes[f"photo/{photo.id}"] = TRAY  # should the removal be undone
+            continue
+        if not on_map:
             raise UsageError(
                 f"{photo.name} would leave the map", hint="align the floor before photos are placed on it"
             )

@@ -43,7 +43,7 @@ export class MapView {
     this._addControls();
     this._layer = null;
     this._shown = "";
-    /** @type {?{url: string, layer: L.ImageOverlay}} the image of the floor, over that of the map */
+    /** @type {?{shown: string, layer: L.ImageOverlay}} the image of the floor, and the two images it is made of */
     this._floor = null;
     store.on("satellite", () => this.showSatellite());
     store.on("satellite floor", () => this._showFloor());
@@ -79,10 +79,11 @@ export class MapView {
   _showFloor() {
     const { satellite, floor } = this.store;
     const url = (satellite && this.store.floorNamed(floor)?.url) || null;
-    if (url === (this._floor ? this._floor.url : null)) return;
+    const shown = url ? `${url} ${this._shown}` : null; // another image of the map has other bounds
+    if (shown === (this._floor ? this._floor.shown : null)) return;
     const before = this._floor?.layer;
     const layer = url && L.imageOverlay(url, imageBounds(satellite), { alt: "", zIndex: FLOOR_Z });
-    this._floor = layer && { url, layer };
+    this._floor = layer && { shown, layer };
     this._layer?.setOpacity(layer ? UNDER_FLOOR : 1);
     if (!layer) before?.remove();
     else layer.once("load error", () => before?.remove()).addTo(this.map); // until then the floor before is seen
