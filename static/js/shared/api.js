@@ -7,6 +7,7 @@ import { t } from "./i18n.js";
 
 const BASE = "/api/v1";
 const WAIT_MS = [300, 1000, 2000, 4000, 8000];
+const MOST_WAIT_S = 5;
 const SAFE = new Set(["GET", "HEAD"]);
 
 /** A request that the server refused, or that did not reach it (`code` is `offline`, `status` 0). */
@@ -133,18 +134,27 @@ async function once(path, options) {
   }
 }
 
-/** What changes nothing can be asked again when the network fails. */
+/** What changes nothing can be asked again when the network fails, or when a busy server asks for it. */
 async function patiently(path, options) {
-  for (const wait of WAIT_MS) {
+  for (let wait of WAIT_MS) {
     try {
-      return await once(path, options);
+      const response = await once(path, options);
+      const asked = busyMs(response);
+      if (asked === null) return response;
+      wait = Math.max(wait, asked);
     } catch (error) {
       if (error.code !== "offline") throw error;
-      await new Promise((resolve) => setTimeout(resolve, wait));
-      options.signal?.throwIfAborted();
     }
+    await new Promise((resolve) => setTimeout(resolve, wait));
+    options.signal?.throwIfAborted();
   }
   return once(path, options);
+}
+
+/** How long a busy server asks to wait, where that is a moment; else null. @param {Response} response */
+function busyMs(response) {
+  const seconds = Number(response.headers.get("Retry-After") || NaN);
+  return response.status === 503 && seconds <= MOST_WAIT_S ? seconds * 1000 : null;
 }
 
 async function read(response) {

@@ -2,13 +2,23 @@
 
 import io
 import zipfile
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.web.landmarks.conftest import AT
-from webapp.store.schema import Job, MapRecord
+from webapp.core.blur import BlurBox
+from webapp.core.mapmodel.views import content_of_part
+from webapp.errors import Busy
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
+from webapp.files.landmarks.points import POINTS_FILE
+from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks.show_cloud import lay_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.web.landmarks.cloud_answers import names_of
+from webapp.web.sharing.api_shared import visitors_limit
 
 NO_KEY = "0" * 32
 
@@ -149,6 +159,71 @@ def test_a_visit_lays_them_anew_in_nobodys_name(client, stranger, share, yard, l
     with library.database.read() as session:
         (job,) = session.query(Job).filter_by(kind="landmarks").all()
     assert (job.account_id, job.arguments) == (None, {"only_lay": True})
+
+
+def test_what_failed_is_not_queued_by_each_visit(client, stranger, share, yard, library):
+    _page, api, _share = share()
+
+    def place(x):
+        changes = [{"id": 1, "x_px": x, "y_px": 45}]
+        client.patch(f"{yard[0]}/experiences", json={"kind": "place", "changes": changes})
+
+    def states():
+        with library.database.read() as session:
+            return [job.state for job in session.query(Job).filter_by(kind="landmarks").order_by(Job.id)]
+
+    place(190)
+    stranger.get(api)
+    with library.database.write() as session:
+        session.query(Job).filter_by(kind="landmarks").one().state = "failed"
+    stranger.get(api)
+    assert states() == ["failed"]
+    place(180)  # perhaps that helps
+    stranger.get(api)
+    assert states() == ["failed", "queued"]
+
+
+def test_visitors_take_their_slot_of_the_server(app, stranger, share, seen):
+    page, api, _share = share(originals=True)
+    key = stranger.get(api).json["key"]
+    with app.app_context(), ExitStack() as held:
+        with suppress(Busy):
+            while True:
+                held.enter_context(visitors_limit.slot())
+        assert statuses(stranger, all_of(page, api, key)) == [200, 503, 503, 503, 503]
+    assert statuses(stranger, all_of(page, api, key)[:4]) == [200] * 4
+
+
+def test_points_that_only_photos_in_the_tray_see_are_not_given_out(client, stranger, share, seen, library):
+    folder = landmarks_folder(library.cfg(seen.slug))
+    stored = read_cloud(folder / CLOUD_FILE)
+    alone = replace(  # the fourth point is seen by the third photo alone, which is in the tray
+        stored.cloud,
+        first=np.array([0, 3, 6, 10]),
+        seen_point=np.array([0, 1, 2, 0, 1, 2, 0, 1, 2, 3], np.int32),
+        seen_xy=np.zeros((10, 2), np.float32),
+        descriptors=np.zeros((10, 128), np.uint8),
+    )
+    write_cloud(folder / CLOUD_FILE, StoredCloud(alone, stored.key))
+    (folder / POINTS_FILE).unlink()
+    lay_in_library(library, seen)
+    _page, api, _share = share(originals=True)
+    own, theirs = client.get(f"/api/v1/maps/{seen.slug}/landmarks").json, stranger.get(api).json
+    assert (own["points"], theirs["points"]) == (4, 3)
+    plain = {"Accept-Encoding": "identity"}
+    assert len(stranger.get(f"{api}/points/{theirs['key']}/0", headers=plain).data) == 30
+    assert b"element vertex 3\n" in stranger.get(f"{api}/points.ply").data[:300]
+
+
+def test_models_name_a_blurred_photo_by_what_is_not_blurred_in_it(client, seen, library):
+    box = {"x": 0.1, "y": 0.2, "width": 0.3, "height": 0.4}
+    url = f"/api/v1/maps/{seen.slug}/photos/0/blur"
+    assert client.put(url, json={"boxes": [box]}).status_code == 200
+    with library.database.read() as session:
+        photo = session.query(Photo).filter_by(map_id=seen.id, id=0).one()
+    content = content_of_part(photo.sha256, view=None, blurred=(BlurBox(**box),))
+    # a model of before, which has what is in the box, has it under the SHA-256 of the whole file
+    assert names_of({"0-0.jpg": photo}) == {content: "0-0.jpg"}
 
 
 def test_the_settings_offer_it_where_there_are_landmarks(client, seen, new_map, owner):

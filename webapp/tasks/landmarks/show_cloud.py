@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,9 @@ from webapp.tasks.maps.library_map import as_map
 BLOCK_POINTS = 131_072
 """Points that are sent at once; each block has points of everywhere."""
 
-_VERSION = 3
+_VERSION = 4
+_BY_PLACED = "seen_by_placed"
+"""In what is said about points: how many of them a placed photo sees. These come first."""
 _GREY = 128
 _MOST_SEEN = 255
 _STEPS = 65_535
@@ -71,6 +73,10 @@ class ShownCloud:
     is_current: bool
     new_photos: int = 0
 
+    def for_visitors(self) -> ShownCloud:
+        """Leave out the points that only photos of the tray see."""
+        return replace(self, points=None if self.points is None else seen_by_placed(self.points))
+
 
 def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
     """Read the landmarks of a map as they were laid on it last."""
@@ -81,6 +87,12 @@ def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
 def stored_points(library: Library, record: MapRecord) -> MapPoints | None:
     """Read the points alone, as they were laid last."""
     return read_points(landmarks_folder(library.cfg(record.slug)) / POINTS_FILE)
+
+
+def seen_by_placed(points: MapPoints) -> MapPoints:
+    """Leave out the points that only photos of the tray see; all of them, where that is not known yet."""
+    some = slice(points.about.get(_BY_PLACED, 0))
+    return replace(points, xyz=points.xyz[some], rgb=points.rgb[some], times_seen=points.times_seen[some])
 
 
 def lay_in_library(library: Library, record: MapRecord) -> None:
@@ -182,6 +194,8 @@ def _lay(task: _Task) -> MapPoints:
     frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
     cloud = lay_cloud(stored.cloud, pieces.pieces, laid=laid, frame=frame)
     order = np.random.default_rng(0).permutation(len(cloud.point))
+    by_placed = _by_placed(stored, of_cloud)[cloud.point]
+    order = order[np.argsort(~by_placed[order], kind="stable")]
     rows = cloud.point[order]
     times = np.bincount(stored.cloud.seen_point, minlength=len(stored.cloud.point))
     return MapPoints(
@@ -192,6 +206,7 @@ def _lay(task: _Task) -> MapPoints:
         {
             **_about(frame, cloud),
             "coloured": task.rgb is not None,
+            _BY_PLACED: int(by_placed.sum()),
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
             "left_out": _left_out(pieces, laid, of_cloud),
             "residuals": [
@@ -200,6 +215,16 @@ def _lay(task: _Task) -> MapPoints:
             ],
         },
     )
+
+
+def _by_placed(stored: StoredCloud, photos: Sequence[AnyPhoto | None]) -> NDArray[np.bool_]:
+    """Return for each point of the cloud whether a placed photo sees it."""
+    cloud = stored.cloud
+    found = np.zeros(len(cloud.point), np.bool_)
+    for number, one in enumerate(photos):
+        if isinstance(one, Experience):
+            found[cloud.seen_point[cloud.rows_of(number)]] = True
+    return found
 
 
 def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:

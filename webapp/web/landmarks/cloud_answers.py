@@ -13,6 +13,8 @@ from apiflask.fields import Float, Integer, List, Nested, String
 from apiflask.validators import OneOf
 from flask import Response, send_file
 
+from webapp.core.mapmodel.panorama import Panorama
+from webapp.core.mapmodel.views import content_of_part
 from webapp.errors import NotFound
 from webapp.extras import require
 from webapp.files.landmarks.points import MapPoints, as_ply
@@ -20,8 +22,16 @@ from webapp.files.maps.map_json import parse_panorama
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
-from webapp.tasks.landmarks.show_cloud import BLOCK_POINTS, ShownCloud, block, scaling, stored_points
+from webapp.tasks.landmarks.show_cloud import (
+    BLOCK_POINTS,
+    ShownCloud,
+    block,
+    scaling,
+    seen_by_placed,
+    stored_points,
+)
 from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.maps.show_photo import boxes_of
 from webapp.web.compression import accepts_gzip, gzipped
 from webapp.web.context import library
 from webapp.web.fields import Boolean
@@ -145,14 +155,19 @@ def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> d
     }
 
 
-def send_block(record: MapRecord, *, key: str, number: int) -> Response:
+def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = False) -> Response:
     """Send a part of the points; browsers keep it, as another content has another key.
+
+    Parameters
+    ----------
+    visitor : bool
+        Whether points that only photos of the tray see are left out.
 
     Raises
     ------
     NotFound
     """
-    found = _points(record)
+    found = _points(record, visitor=visitor)
     if found.key != key:
         raise NotFound("these landmarks have changed", hint="load the page again")
     data = block(found, number)
@@ -164,14 +179,19 @@ def send_block(record: MapRecord, *, key: str, number: int) -> Response:
     return response
 
 
-def send_ply(record: MapRecord) -> Response:
+def send_ply(record: MapRecord, *, visitor: bool = False) -> Response:
     """Send the points as a file, in the frame of the map.
+
+    Parameters
+    ----------
+    visitor : bool
+        As for `send_block`.
 
     Raises
     ------
     NotFound
     """
-    return _to_save(Response(as_ply(_points(record)), mimetype=OCTETS), f"{record.slug}.ply")
+    return _to_save(Response(as_ply(_points(record, visitor=visitor)), mimetype=OCTETS), f"{record.slug}.ply")
 
 
 def send_colmap(
@@ -206,7 +226,10 @@ def send_colmap(
 
 
 def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
-    """Return what photos are called in models, by the SHA-256 of their files; views with their turns.
+    """Return what photos are called in models, by what stands for them there; views with their turns.
+
+    A model that was made before something was blurred in a photo has that photo under another content, and
+    so without a name.
 
     Parameters
     ----------
@@ -215,9 +238,12 @@ def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
     """
     names = {}
     for name, photo in photos.items():
-        names[photo.sha256] = name
+        blurred = tuple(boxes_of(photo))
         around = parse_panorama(photo.panorama, where=photo.path)
-        for view in () if around is None else around.views():
+        if around is None:
+            names[content_of_part(photo.sha256, view=None, blurred=blurred)] = name
+            continue
+        for view in Panorama(around.masked + blurred).views():
             names[view.content(photo.sha256)] = f"{name}#{view.turn_deg:03}"
     return names
 
@@ -228,8 +254,8 @@ def _to_save(response: Response, name: str) -> Response:
     return response
 
 
-def _points(record: MapRecord) -> MapPoints:
+def _points(record: MapRecord, *, visitor: bool) -> MapPoints:
     found = stored_points(library(), record)
     if found is None:
         raise NotFound(_NONE, hint=_HINT)
-    return found
+    return seen_by_placed(found) if visitor else found

@@ -13,10 +13,11 @@ from webapp.web.context import library
 _JOB = "landmarks"
 _JOBS = (_JOB, "place-rest")
 """Both make the landmarks."""
+_LAY = "lay"
 
 
 def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None) -> None:
-    """Queue it, unless it waits already; in nobody's name for visitors."""
+    """Queue it, unless it waits already."""
     with library().database.write() as session:
         jobs.enqueue(
             session,
@@ -24,8 +25,16 @@ def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None
             map_id=record.id,
             account_id=account_id,
             arguments={"only_lay": only_lay},
-            key="lay" if only_lay else "",
+            key=_LAY if only_lay else "",
         )
+
+
+def queue_for_visitors(record: MapRecord) -> None:
+    """Queue to lay them anew in nobody's name, unless just that has failed since the map was changed last."""
+    with library().database.read() as session:
+        last = jobs.newest(session, record.id, kind=_JOB, key=_LAY)
+    if last is None or last.state != "failed" or last.created_at < record.changed_at:
+        queue_landmarks(record, only_lay=True, account_id=None)
 
 
 def running_job(session: Session, record: MapRecord) -> int | None:

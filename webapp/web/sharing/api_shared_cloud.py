@@ -14,7 +14,7 @@ from webapp.tasks.landmarks.show_cloud import shown_cloud
 from webapp.web.context import library, public
 from webapp.web.landmarks import cloud_answers
 from webapp.web.landmarks.cloud_answers import ColmapIn, SharedCloudOut
-from webapp.web.landmarks.jobs import queue_landmarks
+from webapp.web.landmarks.jobs import queue_for_visitors
 from webapp.web.sharing import shared_state
 from webapp.web.sharing.api_shared import visitors_limit
 
@@ -34,11 +34,12 @@ def show(token: str) -> dict[str, Any]:
     with library().database.read() as session:
         opened = shared_state.open_landmarks(session, token)
         cameras = shared_state.cameras(session, opened, token=token)
-    shown = shown_cloud(library(), opened.map)
-    if not shown.is_current:
-        with suppress(StorageError):  # a full disk: what is there is shown all the same
-            queue_landmarks(opened.map, only_lay=True, account_id=None)
-    return cloud_answers.cloud_json(shown, cameras)
+    with visitors_limit.slot():
+        shown = shown_cloud(library(), opened.map)
+        if not shown.is_current:
+            with suppress(StorageError):  # a full disk: what is there is shown all the same
+                queue_for_visitors(opened.map)
+        return cloud_answers.cloud_json(shown.for_visitors(), cameras)
 
 
 @blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
@@ -48,7 +49,8 @@ def points(token: str, key: str, number: int) -> Response:
     """Get a part of the points; browsers keep it, as another content has another key."""
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token).map
-    return cloud_answers.send_block(record, key=key, number=number)
+    with visitors_limit.slot():
+        return cloud_answers.send_block(record, key=key, number=number, visitor=True)
 
 
 @blueprint.get("/points.ply")
@@ -58,7 +60,8 @@ def ply(token: str) -> Response:
     """Download the points, in the frame of the map, where the owner gives files out."""
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token, originals=True).map
-    return cloud_answers.send_ply(record)
+    with visitors_limit.slot():
+        return cloud_answers.send_ply(record, visitor=True)
 
 
 @blueprint.get("/colmap.zip")
