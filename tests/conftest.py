@@ -21,6 +21,8 @@ from webapp.progress import Progress
 from webapp.sample import make as make_sample
 from webapp.settings import Settings
 from webapp.store.library import INNER, SERVER, Library, open_library
+from webapp.tasks.localize.build_map import build_map
+from webapp.tasks.localize.open_map import OpenOptions
 
 if TYPE_CHECKING:
     from tests.postgresql_server import PostgresqlServer
@@ -130,15 +132,34 @@ def shared_models() -> Path:
 
 
 @pytest.fixture(scope="session")
-def sample_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The sample map, made once for all tests and test processes: nobody may change it."""
+def common_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all test processes of a run share."""
     base = tmp_path_factory.getbasetemp()
-    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    with FileLock(base / "sample.lock"):
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
+@pytest.fixture(scope="session")
+def sample_folder(common_folder: Path) -> Path:
+    """The sample map, made once for all tests and test processes: nobody may change it."""
+    with FileLock(common_folder / "sample.lock"):
         report = make_sample.make_sample(
-            base / "library" / "sample", settings=Settings(), progress=Progress()
+            common_folder / "library" / "sample", settings=Settings(), progress=Progress()
         )
     return report.cfg_path.parent
+
+
+@pytest.fixture(scope="session")
+def ready_sample(common_folder: Path, sample_folder: Path) -> Path:
+    """The same with its index and calibration, made once: nobody may change it, but copies are ready, too."""
+    folder = common_folder / "ready" / "sample"
+    with FileLock(common_folder / "ready.lock"):
+        if not (common_folder / "ready.done").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+            options = OpenOptions(jobs=1)
+            build_map(folder / "map.cfg", options, settings=Settings(), progress=Progress())
+            (common_folder / "ready.done").touch()
+    return folder
 
 
 def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:

@@ -1,6 +1,7 @@
 """`expmap localize` as it is typed: text, JSON, pictures, exit codes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -238,10 +239,15 @@ def test_map_photos_that_cannot_be_used_are_reported_when_the_index_is_built(exp
     assert expmap("localize", cfg, photo, "--method", "vote", "--json")[2] == ""
 
 
-def test_a_georeferenced_map_gives_latitude_and_metres(expmap, sample_folder, tmp_path):
-    queries = sorted((sample_folder / "queries").glob("*.jpg"))[:2]
-    index = ["--index", tmp_path / "index"]
-    code, out, _ = expmap("localize", sample_folder / "map.cfg", *queries, "--json", *index)
+@pytest.fixture
+def own_sample(ready_sample, tmp_path):
+    """A copy of the sample with its index."""
+    return shutil.copytree(ready_sample, tmp_path / "sample")
+
+
+def test_a_georeferenced_map_gives_latitude_and_metres(expmap, own_sample):
+    queries = sorted((own_sample / "queries").glob("*.jpg"))[:2]
+    code, out, _ = expmap("localize", own_sample / "map.cfg", *queries, "--json")
     answers = json.loads(out)
     assert code == 0
     for answer in answers:
@@ -249,15 +255,14 @@ def test_a_georeferenced_map_gives_latitude_and_metres(expmap, sample_folder, tm
         assert answer["fov_source"] == "exif"
         best = answer["hypotheses"][0]
         assert None not in (best["lat"], best["lon"], best["radius_m"])
-    code, out, err = expmap("localize", sample_folder / "map.cfg", queries[1], *index)
+    code, out, err = expmap("localize", own_sample / "map.cfg", queries[1])
     assert (code, err) == (0, "")
     assert "latitude" in out
     assert " m " in out
 
 
-def test_what_is_not_sure_can_be_looked_at_closer(expmap, sample_folder, tmp_path):
-    elsewhere = sample_folder / "queries" / "off_map.jpg"
-    asked = ["localize", sample_folder / "map.cfg", elsewhere, "--index", tmp_path / "index"]
+def test_what_is_not_sure_can_be_looked_at_closer(expmap, own_sample):
+    asked = ["localize", own_sample / "map.cfg", own_sample / "queries" / "off_map.jpg"]
     assert "expmap models fetch" in expmap(*asked)[2]
     assert "--method thorough" in expmap(*asked, "--method", "verified")[2]
     assert expmap(*asked, "--json")[2] == ""

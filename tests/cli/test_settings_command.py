@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 
 import pytest
 
@@ -64,9 +65,10 @@ def test_options_choose_what_is_computed_and_each_choice_has_an_index(
     assert "--keypoints" in err
 
 
-def test_the_shortlist_limits_what_is_verified(expmap, sample_folder, tmp_path):
-    cfg, photo = sample_folder / "map.cfg", sample_folder / "queries" / "query_02.jpg"
-    ask = ("localize", cfg, photo, "--json", "--index", tmp_path / "index", "--top", 50)
+def test_the_shortlist_limits_what_is_verified(expmap, ready_sample, tmp_path):
+    folder = shutil.copytree(ready_sample, tmp_path / "sample")
+    cfg, photo = folder / "map.cfg", folder / "queries" / "query_02.jpg"
+    ask = ("localize", cfg, photo, "--json", "--top", 50)
     found = {}
     for n in (1, 12):
         code, out, err = expmap(*ask, "--shortlist", n)
@@ -75,4 +77,4 @@ def test_the_shortlist_limits_what_is_verified(expmap, sample_folder, tmp_path):
         found[n] = {e for h in answer["hypotheses"] if h["inliers"] for e in h["experiences"]}
     assert len(found[1]) == 1
     assert len(found[12]) > 1
-    assert len(list((tmp_path / "index").rglob("calibration-verified-ivf*.json"))) == 2
+    assert len(list(folder.rglob("calibration-verified-ivf*.json"))) == 2

@@ -24,9 +24,9 @@ from webapp.tasks.localize.trials import try_photos
 
 
 @pytest.fixture(scope="module")
-def localizer(sample_folder, tmp_path_factory):
+def localizer(ready_sample, tmp_path_factory):
     folder = tmp_path_factory.mktemp("chain") / "sample"
-    shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+    shutil.copytree(ready_sample, folder)
     return open_pipeline(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
 
 

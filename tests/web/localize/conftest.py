@@ -6,23 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from webapp.progress import Progress
-from webapp.settings import Settings
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize import build_map
-from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.maps import adopt_map
 
 SLUG = "sample"
-
-
-@pytest.fixture(scope="session")
-def ready_sample(sample_folder, tmp_path_factory):
-    """The folder of the sample map with its index and calibration; nobody may change it."""
-    folder = tmp_path_factory.mktemp("ready") / SLUG
-    shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
-    build_map.build_map(folder / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
-    return folder
 
 
 @pytest.fixture
