@@ -324,3 +324,22 @@ def test_a_note_that_was_changed_here_since_the_file_was_written_stays(
 
 def point(x):
     return {"x_px": x, "y_px": 5.0, "photos": []}
+
+
+def test_notes_and_control_points_keep_photos_that_were_removed(
+    library, map_id, write, edit, record, take, undo
+):
+    note = {"title": "Gate", "photos": [0, 1, 2]}
+    clicks = [{"id": id, "x": 0.5, "y": 0.25} for id in (0, 1, 2)]
+    edit(map_id, {"note/1": note}, kind="notes")
+    edit(map_id, {"point/gate": {"x_px": 2.0, "y_px": 3.5, "photos": clicks}}, kind="control-points")
+    edit(map_id, {"photo/1": {"removed": True}})
+    export.export_map(library, map_id)
+    write("0;photos/0.jpg;7;8")  # without the photo that was removed here, and without another one
+    shown = show(library, map_id)
+    assert (shown["notes"], shown["control_points"]) == ([], [])
+    take()
+    assert record(map_id).notes == [{"id": 1, **note}]
+    assert record(map_id).control_points[0]["photos"] == clicks
+    undo()
+    assert record(map_id).notes == [{"id": 1, **note}]

@@ -27,7 +27,7 @@ def changed_points(
     Parameters
     ----------
     known : mapping of int to int
-        Id in the records of each photo of the file.
+        Id in the records of each photo that the file may name, removed ones included.
     """
     after = {}
     for point in map_.control_points:
