@@ -111,3 +111,27 @@ def test_what_is_computed_for_no_map_is_deleted_and_nothing_else(adopt, library)
     assert not gone.parent.exists()
     assert all((folder / "manifest.json").exists() for folder in kept)
     assert library.cfg("park").is_file()
+
+
+@pytest.mark.parametrize("faster", ["before it is looked at", "before it is moved", "with files"])
+def test_two_that_delete_what_is_computed_for_no_map_do_not_disturb_each_other(library, monkeypatch, faster):
+    gone = library.folder / "gone" / "derived"
+    gone.mkdir(parents=True)
+    look, begun = delete_map._is_alone, []
+
+    def look_with_another(folder):
+        is_first = not begun
+        begun.append(folder)
+        if is_first and faster == "before it is looked at":
+            delete_map.delete_orphans(library)
+        found = look(folder)
+        if is_first and faster == "before it is moved":
+            delete_map.delete_orphans(library)
+        if is_first and faster == "with files":
+            (gone.parent / "map.cfg").write_text("plan.png;400;200\n")
+        return found
+
+    monkeypatch.setattr(delete_map, "_is_alone", look_with_another)
+    delete_map.delete_orphans(library)
+    assert len(begun) > 1
+    assert gone.parent.exists() == (faster == "with files")

@@ -64,13 +64,17 @@ def delete_orphans(library: Library) -> None:
     with library.database.write() as session:  # no map is made meanwhile
         known = {*session.scalars(select(MapRecord.slug))}
         for folder in computed:
-            if folder.parent.name not in known:
+            # Another process may have been faster, or somebody has put files there.
+            if folder.parent.name not in known and _is_alone(folder):
                 _take_out(library, folder.parent, slug=folder.parent.name)
     _empty(library)
 
 
 def _is_alone(folder: Path) -> bool:
-    return [other.name for other in folder.parent.iterdir()] == [folder.name]
+    try:
+        return [other.name for other in folder.parent.iterdir()] == [folder.name]
+    except FileNotFoundError:  # another process has deleted it
+        return False
 
 
 def _take_out(library: Library, folder: Path, *, slug: str) -> None:
