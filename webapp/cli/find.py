@@ -76,7 +76,9 @@ def _text(search: MapSearch, *, query: str) -> str:
         places = found.answer["hypotheses"]
         where = f"x {places[0]['x_px']:.0f}, y {places[0]['y_px']:.0f}" if places else "nowhere"
         lines.append(f"  {percent(found.probability)}  {found.slug}: {where}")
-    lines.append(f"  {percent(search.no_map_probability)}  on none of them")
+    is_whole = not search.not_searched and not search.less_alike
+    rest = "on none of them" if is_whole else "on none of these: on a map that was not searched, or on no map"
+    lines.append(f"  {percent(search.no_map_probability)}  {rest}")
     lines += [f"  not searched: {one.slug}: {one.reason.message}" for one in search.not_searched]
     if search.less_alike:
         lines.append(f"  not searched: {search.less_alike} further maps, whose photos are less alike")
@@ -87,4 +89,7 @@ def _verdict(search: MapSearch) -> str:
     best = search.maps[0] if search.maps else None
     if best is None:
         return "no map could be searched"
-    return f"on the map {best.name}" if best.probability >= 0.5 else "on none of the maps, or uncertain"
+    if best.probability >= 0.5:
+        return f"on the map {best.name}"
+    which = "the maps that were searched" if search.not_searched or search.less_alike else "the maps"
+    return f"on none of {which}, or uncertain"

@@ -50,11 +50,12 @@ function form(file) {
   return body;
 }
 
-function verdict({ maps, no_map_probability: none }) {
+function verdict({ maps, no_map_probability: none, not_searched: skipped, less_alike: further }) {
   const [best] = maps;
+  const nowhere = skipped.length || further ? t("Probably on none of the maps that were searched") : t("Probably on none of your maps");
   const words = !best ? t("None of your maps can be searched yet.")
     : best.probability >= LIKELY ? t("On the map {name}", { name: best.name })
-      : none >= LIKELY ? t("Probably on none of your maps") : t("Uncertain");
+      : none >= LIKELY ? nowhere : t("Uncertain");
   return h("h3", { "data-testid": "find-verdict" }, words);
 }
 

@@ -5,13 +5,16 @@ import shutil
 import pytest
 from sqlalchemy import select
 
+from webapp.errors import NotReady
 from webapp.progress import Progress
 from webapp.store.maps import maps
 from webapp.store.maps import photo_vectors as stored
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, MapRecord
-from webapp.tasks.find import describe_library
+from webapp.tasks.find import describe_library, find_map
 from webapp.tasks.find.rank_maps import MapRanking
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps import adopt_map, delete_map
 
 PHOTOS = 6
@@ -88,7 +91,8 @@ def ranked(library, quick, save_photo, tmp_path):
         save_photo(query := tmp_path / "query.jpg", _seed(place, number))
         with library.database.read() as session:
             records = session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
-        return [record.slug for record in ranking.rank(records, query)]
+        found = ranking.rank(records, query)
+        return [record.slug for record in (*found.alike, *found.unknown)]
 
     return run
 
@@ -186,3 +190,66 @@ def test_a_damaged_index_leaves_the_other_maps_to_be_found(three, describe, rank
         segment.write_bytes(b"cut off")
     describe(*three.values())
     assert ranked(0)[0] == "fen" and ranked(1)[0] == "hill"
+
+
+@pytest.fixture
+def search(library, quick, save_photo, tmp_path, monkeypatch):
+    """Search all maps for a photo of the hill, one at most of those that it is compared with.
+
+    Gives the answer, and the maps that were asked, which know nothing.
+    """
+    monkeypatch.setattr(find_map, "MOST_MAPS", 1)
+    cache, ranking = MapCache(library, quick), MapRanking(library, quick)
+
+    def run():
+        asked = []
+
+        def localize(_cache, id, **_request):
+            asked.append(id)
+            raise NotReady("no index")
+
+        monkeypatch.setattr(find_map.upload, "localize_uploads", localize)
+        save_photo(query := tmp_path / "query.jpg", _seed(1, 2))
+        with library.database.read() as session:
+            records = session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
+        photo = UploadedPhoto(query, query.name)
+        with_what = find_map.LibrarySearch(cache, ranking, quick)
+        return find_map.find_map(with_what, records, photo=photo), asked
+
+    return run
+
+
+def test_maps_that_are_not_described_yet_are_searched_and_do_not_count_as_less_alike(
+    add_map, describe, search
+):
+    fen, hill = add_map("fen"), add_map("hill")
+    found, asked = search()
+    assert asked == [fen, hill] and found.less_alike == 0, "nobody has compared them"
+    describe(fen, hill)
+    park = add_map("park")
+    found, asked = search()
+    assert asked == [hill, park]
+    assert found.less_alike == 1
+    assert [one.slug for one in found.not_searched] == ["hill", "park"]
+    assert found.no_map_probability == 1.0
+
+
+def test_maps_that_are_not_described_yet_are_named_when_the_time_is_over(
+    add_map, describe, search, monkeypatch
+):
+    describe(add_map("fen"), add_map("hill"))
+    add_map("park")
+    monkeypatch.setattr(find_map, "BUDGET_S", -1.0)
+    found, asked = search()
+    assert asked == []
+    assert [one.slug for one in found.not_searched] == ["hill", "park"]
+
+
+def test_a_map_that_comes_back_from_the_bin_is_compared(three, describe, search, library):
+    with library.database.write() as session:
+        maps.put_into_bin(session.get_one(MapRecord, three["hill"]))
+    describe(three["fen"], three["park"])
+    with library.database.write() as session:
+        maps.take_from_bin(session.get_one(MapRecord, three["hill"]))
+    found, asked = search()
+    assert asked == [three["hill"]] and found.less_alike == 2

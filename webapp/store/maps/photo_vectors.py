@@ -78,7 +78,9 @@ def bases(session: Session) -> list[StoredBasis]:
 
 def ready_basis(session: Session, *, known: StoredBasis | None = None) -> StoredBasis | None:
     """Return the basis that searches use: `known` where it still is that."""
-    id = session.scalar(select(VectorBasis.id).where(VectorBasis.ready))
+    id = session.scalar(
+        select(VectorBasis.id).where(VectorBasis.ready).order_by(VectorBasis.id.desc()).limit(1)
+    )
     if id is None or (known is not None and known.id == id):
         return None if id is None else known
     row = session.get_one(VectorBasis, id)

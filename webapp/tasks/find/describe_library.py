@@ -91,8 +91,8 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
         there = stored.bases(session)
         if not any(not b.ready for b in there) and not _is_outgrown(session, there):
             return _described(session, there)
-        in_use = MapRecord.binned_at.is_(None)
-        records = session.scalars(select(MapRecord).where(in_use).order_by(MapRecord.id)).all()
+        # Those in the bin too: they are not described again when they come back.
+        records = session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
     new = next((b for b in there if not b.ready), None)
     if new is None:
         basis, photos = _train(library, records, settings=settings, progress=progress)

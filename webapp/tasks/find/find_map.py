@@ -23,7 +23,10 @@ BUDGET_S = 30.0
 """After so long no further map is begun; those that are left are named."""
 
 MOST_MAPS = 50
-"""A photo is localized on so many, those with the photos that are most like it."""
+"""A photo is localized on so many of the maps that it was compared with, those that are most like it.
+
+Maps that it could not be compared with come after these, all of them.
+"""
 
 _NO_TIME = ExpMapError(
     "the time of the search was over before this map", hint="look for the photo on its page Localize"
@@ -67,9 +70,11 @@ class MapSearch:
     maps : tuple of FoundMap
         The most probable first.
     no_map_probability : float
-        That it was taken on none of them.
+        That it was taken on none of them: on one that was not searched, or on no map at all. What a map says
+        of itself is against everything else, so that the maps that nobody asked have their share of this.
     less_alike : int
-        Further maps, which were not searched as `MOST_MAPS` others look more like the photo.
+        Further maps, which were not searched as `MOST_MAPS` others look more like the photo: only maps whose
+        photos were compared with it.
     """
 
     maps: tuple[FoundMap, ...]
@@ -128,7 +133,7 @@ def find_map(
     with show_file_as(photo.name, photo.path):
         read_facts(photo.path, limits=search.settings.photo)
         ranked = search.ranking.rank(records, photo.path)
-    searched = ranked[:MOST_MAPS]
+    searched = [*ranked.alike[:MOST_MAPS], *ranked.unknown]
     progress.size(len(searched))
     request = LocalizeRequest((photo,), MethodChoice(), top=top)
     answers: list[tuple[MapRecord, dict[str, Any]]] = []
@@ -161,7 +166,7 @@ def find_map(
         maps=tuple(found_maps),
         no_map_probability=none,
         not_searched=tuple(skipped),
-        less_alike=len(ranked) - len(searched),
+        less_alike=len(ranked.alike[MOST_MAPS:]),
         seconds=time.perf_counter() - begun,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
@@ -27,6 +28,22 @@ _BLOCK = 16_384
 """Vectors compared at once, as float32."""
 
 
+@dataclass(frozen=True, slots=True)
+class RankedMaps:
+    """Maps in the order in which a photo is looked for on them.
+
+    Attributes
+    ----------
+    alike : tuple of MapRecord
+        Those whose photos were compared with the query, the most alike first.
+    unknown : tuple of MapRecord
+        Those with no vectors yet, in the order in which they were given: how alike they are nobody knows.
+    """
+
+    alike: tuple[MapRecord, ...]
+    unknown: tuple[MapRecord, ...]
+
+
 class MapRanking:
     """The vectors of a library's photos, in memory: 256 bytes a photo.
 
@@ -41,8 +58,8 @@ class MapRanking:
         self._basis: StoredBasis | None = None
         self._maps: dict[int, tuple[str, NDArray[np.float16]]] = {}
 
-    def rank(self, records: Sequence[MapRecord], photo: Path) -> list[MapRecord]:
-        """Put maps into order, the most alike first; those without vectors come last, as they were.
+    def rank(self, records: Sequence[MapRecord], photo: Path) -> RankedMaps:
+        """Put maps into order, the most alike first, and apart those that cannot be compared yet.
 
         Raises
         ------
@@ -53,10 +70,11 @@ class MapRanking:
             self._refresh()
             basis, maps = self._basis, {r.id: self._maps[r.id][1] for r in records if r.id in self._maps}
         if basis is None or len(records) < 2:
-            return list(records)
+            return RankedMaps((), tuple(records))
         query = photo_vectors.vector(basis.basis, self._descriptors(photo))
         score = {id: likeness(vectors, query) for id, vectors in maps.items()}
-        return sorted(records, key=lambda record: -score.get(record.id, -np.inf))
+        alike = sorted((r for r in records if r.id in score), key=lambda record: -score[record.id])
+        return RankedMaps(tuple(alike), tuple(r for r in records if r.id not in score))
 
     def _refresh(self) -> None:
         """Read what has changed."""

@@ -61,16 +61,22 @@ class SearchOut(Schema):
 
     query = String(metadata={"description": "The photo, as its file was named."})
     maps = List(Nested(FoundMapOut))
-    no_map_probability = Float(metadata={"description": "That it was taken on none of them."})
+    no_map_probability = Float(
+        metadata={
+            "description": "That it was taken on none of them: on one that was not searched, or on no map."
+        }
+    )
     not_searched = List(
         Nested(SkippedMapOut),
         metadata={
-            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for."
+            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for. That "
+            "the photo is on one of them is a part of `no_map_probability`."
         },
     )
     less_alike = Integer(
         metadata={
-            "description": f"Further maps, not searched: the photos of {MOST_MAPS} others are more alike."
+            "description": f"Further maps, not searched: their photos were compared with this one, and those "
+            f"of {MOST_MAPS} other maps are more alike."
         }
     )
     seconds = Float()
