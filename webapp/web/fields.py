@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import apiflask.fields
+from apiflask.validators import Range
+
+from webapp.core.mapmodel.checks import MAX_NUMBER
 
 _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -19,3 +22,16 @@ class Boolean(apiflask.fields.Boolean):
         if not is_json and isinstance(value, str) and value.lower() in _TEXTS:
             return _TEXTS[value.lower()]
         raise self.make_error("invalid", input=value)
+
+
+class Number(apiflask.fields.Integer):
+    """The number of a record or a revision: none is larger than a column can hold, on any database.
+
+    Parameters
+    ----------
+    least : int
+        -1 where it stands for "before the first one".
+    """
+
+    def __init__(self, *, least: int = 0, **options: Any) -> None:
+        super().__init__(validate=Range(least, MAX_NUMBER), **options)

@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Integer, List, Raw, String
-from apiflask.validators import Length, Predicate, Range, Regexp
+from apiflask.validators import Length, Predicate, Regexp
 from flask import Response, jsonify, request
 
 from webapp.errors import UsageError
@@ -19,6 +19,7 @@ from webapp.robot.fields import record_schema
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
+from webapp.web.fields import Number
 
 blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -42,9 +43,8 @@ class BatchIn(Schema):
         validate=_NAME,
         metadata={"description": "Whose numbers these are; no other program may use the name."},
     )
-    first = Integer(
+    first = Number(
         strict=True,
-        validate=Range(min=0),
         metadata={"description": "Number of the first record, counted from 0 by the sender."},
     )
     records = List(Raw(metadata=record_schema()), required=True)

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Range, Regexp
+from apiflask.validators import Range
+from marshmallow import ValidationError
 
 from webapp.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
@@ -30,6 +31,11 @@ _FINE = 500
 """Below this size of a preview its lines are not whole numbers."""
 
 _ID = "<int(max=2147483647):mission_id>"
+
+
+def _check_spot(text: str) -> None:
+    if not state.is_spot(text):
+        raise ValidationError("This is no `next` of an earlier answer.")
 
 
 class StartOut(Schema):
@@ -156,7 +162,7 @@ class ListQuery(Schema):
     bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
     after = String(
         load_default=None,
-        validate=Regexp(state.SPOT, error="This is no `next` of an earlier answer."),
+        validate=_check_spot,
         metadata={"description": "`next` of an earlier answer: those that follow."},
     )
     limit = Integer(

@@ -18,6 +18,7 @@ from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, O
 from webapp.missions.web import context
 from webapp.missions.web.context import open_mission
 from webapp.web.context import account, library
+from webapp.web.fields import Number
 
 blueprint = APIBlueprint(
     "api_mission_objects",
@@ -41,7 +42,7 @@ class ObjectQuery(Schema):
     sort = String(load_default="id", validate=OneOf(list(SORTS)))
     descending = Boolean(load_default=False)
     limit = Integer(load_default=1000, validate=Range(1, _MOST))
-    offset = Integer(load_default=0, validate=Range(0, 2**53))
+    offset = Number(load_default=0)
 
 
 class DetectionOut(Schema):

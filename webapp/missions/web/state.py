@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -9,6 +10,7 @@ from flask import url_for
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.trajectory.drift import LoopClosure, measure_closure
 from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
@@ -125,8 +127,13 @@ def spot_text(spot: ListCursor) -> str:
     return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
 
 
+def is_spot(text: str) -> bool:
+    """Return whether a text is of the form `SPOT`, with an id that a record can have."""
+    return re.match(SPOT, text) is not None and int(text.partition(".")[2]) <= MAX_NUMBER
+
+
 def read_spot(text: str) -> ListCursor:
-    """Read what `spot_text` has made, of the form `SPOT`."""
+    """Read what `spot_text` has made, where `is_spot` says so."""
     changed, id = map(int, text.split("."))
     return ListCursor(_EPOCH + timedelta(microseconds=changed), id)
 
@@ -136,7 +143,7 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
     revision, *parts = text.split("-")
     pairs = [part.split(".") for part in parts]
     numbers = [revision, *(number for pair in pairs for number in pair)]
-    if not all(n.isascii() and n.isdecimal() and len(n) < 16 for n in numbers):
+    if not all(n.isascii() and n.isdecimal() and len(n) < 16 and int(n) <= MAX_NUMBER for n in numbers):
         return None
     if not all(len(pair) == 2 for pair in pairs):
         return None

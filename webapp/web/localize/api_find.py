@@ -69,8 +69,8 @@ class SearchOut(Schema):
     not_searched = List(
         Nested(SkippedMapOut),
         metadata={
-            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for. That "
-            "the photo is on one of them is a part of `no_map_probability`."
+            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for. "
+            "That the photo is on one of them is a part of `no_map_probability`."
         },
     )
     less_alike = Integer(

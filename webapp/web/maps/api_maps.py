@@ -6,9 +6,8 @@ from typing import Any, Literal
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Length, OneOf, Range
+from apiflask.validators import Length, OneOf
 
-from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MOST_TEXT
 from webapp.errors import Conflict
 from webapp.store.maps import maps
@@ -16,7 +15,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, if_match, library, open_map
-from webapp.web.fields import Boolean
+from webapp.web.fields import Boolean, Number
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
 from webapp.web.openapi import json_answer
@@ -95,19 +94,19 @@ class PhotoChange(Schema):
         metadata={"description": "What people write on it; null or empty: nothing."},
     )
 
-    floor = Integer(validate=Range(0, MAX_NUMBER), metadata={"description": "Id of the floor that it is on."})
+    floor = Number(metadata={"description": "Id of the floor that it is on."})
 
 
 class NumberedChange(PhotoChange):
     """... with the photo's id."""
 
-    id = Integer(required=True)
+    id = Number(required=True)
 
 
 class EditRequest(Schema):
     """Several photos changed in one step."""
 
-    seen = Integer(metadata={"description": "Newest revision you know; later changes are a conflict."})
+    seen = Number(metadata={"description": "Newest revision you know; later changes are a conflict."})
     kind = String(load_default="move", validate=OneOf(KINDS))
     placement = String(allow_none=True, load_default=None)
     changes = List(Nested(NumberedChange), required=True, validate=Length(1, _MOST))
@@ -116,14 +115,14 @@ class EditRequest(Schema):
 class RemoveRequest(Schema):
     """Photos that shall be taken out of the map."""
 
-    seen = Integer()
-    ids = List(Integer(), required=True, validate=Length(1, _MOST))
+    seen = Number()
+    ids = List(Number(), required=True, validate=Length(1, _MOST))
 
 
 class Since(Schema):
     """From where on."""
 
-    since = Integer(load_default=-1, validate=Range(min=-1))
+    since = Number(least=-1, load_default=-1)
 
 
 @blueprint.get("")
@@ -224,7 +223,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     return _edited(slug, RequestedEdit("remove", gone, seen=data.get("seen")))
 
 
-@blueprint.patch("/<slug>/experiences/<int:id>")
+@blueprint.patch("/<slug>/experiences/<int(max=2147483647):id>")
 @blueprint.input(PhotoChange, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
@@ -233,7 +232,7 @@ def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=if_match()))
 
 
-@blueprint.delete("/<slug>/experiences/<int:id>")
+@blueprint.delete("/<slug>/experiences/<int(max=2147483647):id>")
 @blueprint.doc(responses=_EDITED)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
     """Take a photo out of the map; undo brings it back."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.fields import Float, List, Nested, String
+from apiflask.validators import Length
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import edit_notes
 from webapp.web.context import account, if_match, library, open_map
+from webapp.web.fields import Number
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, NoteOut
 
@@ -31,7 +31,7 @@ class NoteIn(Schema):
     x_px = Float(required=True)
     y_px = Float(required=True)
     photos = List(
-        Integer(validate=Range(0, MAX_NUMBER)),
+        Number(),
         load_default=list,
         validate=Length(max=_MOST_PHOTOS),
         metadata={"description": "Ids of the photos that it is about."},

@@ -13,7 +13,6 @@ from flask_babel import format_date, ngettext
 from flask_babel import gettext as _
 
 from webapp.core.geo.floors import BASE_FLOOR
-from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.render.sheet.make import MEDIA_TYPES, print_map
 from webapp.render.sheet.options import (
     EXTENTS,
@@ -35,7 +34,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, of_library
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean
+from webapp.web.fields import Boolean, Number
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_pieces
 
@@ -80,16 +79,15 @@ class PrintIn(Schema):
         validate=Length(max=MOST_TEXT),
         metadata={"description": "Whom the image is from; by default its tile service."},
     )
-    floor = Integer(
+    floor = Number(
         load_default=BASE_FLOOR,
-        validate=Range(0, MAX_NUMBER),
         metadata={"description": "Id of the floor, on a map that has several."},
     )
     answers = Boolean(
         load_default=False, metadata={"description": "Show the best places of answers, too: all, or some."}
     )
-    first = Integer(load_default=None, metadata={"description": "Id of the first answer."})
-    last = Integer(load_default=None, metadata={"description": "Id of the last answer."})
+    first = Number(load_default=None, metadata={"description": "Id of the first answer."})
+    last = Number(load_default=None, metadata={"description": "Id of the last answer."})
     mine = Boolean(load_default=False, metadata={"description": "Only answers to what you asked yourself."})
 
 
