@@ -4,8 +4,9 @@
 
 Fills a temporary library with missions of three tracks, five objects and a photo each, one in ten of them in
 the bin, and asks for its pages as the browser does, without a network in between. Printed is one JSON object:
-for the page itself, a first and a middle part of the list, the bin, and the whole list, the median, the 95th
-percentile and the processor time of an answer, milliseconds, and its size.
+for the page itself, a first and a middle part of the list, searches that find many, few and none, the bin,
+and the whole list without and with small pictures, the median, the 95th percentile and the processor time of
+an answer, milliseconds, and its size.
 """
 
 from __future__ import annotations
@@ -47,8 +48,12 @@ def main() -> None:
             "page": "/missions",
             f"first_{_PAGE}": f"{list_}?limit={_PAGE}",
             f"middle_{_PAGE}": f"{list_}?limit={_PAGE}&after={middle}",
+            "search_many": f"{list_}?limit={_PAGE}&search=patrol&previews=true",
+            "search_few": f"{list_}?limit={_PAGE}&search=4711&previews=true",
+            "search_none": f"{list_}?limit={_PAGE}&search=%C5%BEleb&previews=true",
             f"bin_{_PAGE}": f"{list_}?bin=true&limit={_PAGE}",
             "all": list_,
+            "all_drawn": f"{list_}?previews=true",
         }
         figures = {name: _measure(get, address, arguments.repeat) for name, address in addresses.items()}
         library.database.close()

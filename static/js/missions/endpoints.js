@@ -4,9 +4,9 @@ import { del, events, get, patch, post, upload } from "../shared/api.js";
 
 /**
  * The list of missions, or of those in the bin.
- * @param {{binned?: boolean, after?: ?string, limit?: ?number, previews?: boolean}} [wish] `after`: `next` of the page before; without a limit, all
+ * @param {{binned?: boolean, search?: string, after?: ?string, limit?: ?number, previews?: boolean}} [wish] `after`: `next` of the page before; without a limit, all
  */
-export const missionList = ({ binned = false, after = null, limit = null, previews = false } = {}) => get(`/missions?${parameters({ bin: binned, after, limit, previews })}`);
+export const missionList = ({ binned = false, search = "", after = null, limit = null, previews = false } = {}) => get(`/missions?${parameters({ bin: binned, search, after, limit, previews })}`);
 /** @param {{name: string, map: ?string, start: ?Object, note: string}} wish */
 export const makeMission = (wish) => post("/missions", wish);
 

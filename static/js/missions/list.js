@@ -16,12 +16,15 @@ const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 const PAGE = 50;
 let follow = null; // where the list continues
+let searched = ""; // what the server has looked for; empty: nothing
+let asked = 0; // an answer that another question has overtaken is not shown
 const tools = binned ? null : new ListTools(list, {
   kept: "expmap.missions-sort",
   orders: { name: byName, length: largest("length") },
   bin: (id) => endpointsOf(Number(id)).bin(),
   restore: (id) => endpointsOf(Number(id)).restore(),
   binned: (n) => tn("{n} mission is in the bin.", "{n} missions are in the bin.", n),
+  search: (text) => load({ limit: PAGE, search: text }),
   whole: () => load({ limit: null }),
 });
 
@@ -41,7 +44,7 @@ async function show() {
   byId("failed").hidden = true;
   byId("loading").hidden = false;
   try {
-    await load({ limit: Math.max(PAGE, list.children.length) });
+    await load({ limit: Math.max(PAGE, list.children.length), search: searched });
   } catch (error) {
     byId("failed").hidden = false;
     byId("failed-text").textContent = [error.message, error.hint].filter(Boolean).map(sentence).join(". ");
@@ -49,16 +52,22 @@ async function show() {
   byId("loading").hidden = true;
 }
 
-async function load({ limit }) {
-  const { missions, next } = await missionList({ binned, limit, previews: true });
+async function load({ limit, search = "" }) {
+  asked += 1;
+  const question = asked;
+  const { missions, next } = await missionList({ binned, search, limit, previews: true });
+  if (question !== asked) return;
+  searched = search;
   list.replaceChildren(...missions.map(card));
-  byId("empty").hidden = missions.length > 0;
-  if (tools) byId("list-tools").hidden = missions.length < 2;
+  byId("empty").hidden = missions.length > 0 || search !== "";
+  if (tools) byId("list-tools").hidden = missions.length < 2 && search === "";
   goOnAt(next);
 }
 
 async function showMore() {
-  const { missions, next } = await missionList({ binned, after: follow, limit: PAGE, previews: true });
+  const question = asked;
+  const { missions, next } = await missionList({ binned, search: searched, after: follow, limit: PAGE, previews: true });
+  if (question !== asked) return;
   const cards = missions.map(card);
   list.append(...cards);
   goOnAt(next);
@@ -68,7 +77,7 @@ async function showMore() {
 function goOnAt(next) {
   follow = next;
   byId("more").hidden = next === null;
-  tools?.refresh({ whole: next === null });
+  tools?.refresh({ whole: next === null, searched });
 }
 
 function card(mission) {

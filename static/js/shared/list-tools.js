@@ -5,6 +5,8 @@ import { byId, h, queryAll } from "./dom.js";
 import { locale, t, tn } from "./i18n.js";
 import { toast, toastError } from "./toast.js";
 
+const PAUSE_MS = 200; // between keys, before the server is asked
+
 const names = new Intl.Collator(locale, { numeric: true });
 
 /** Compares cards by their names. @param {HTMLElement} a @param {HTMLElement} b */
@@ -21,6 +23,7 @@ export const largest = (field) => (a, b) => Number(b.dataset[field]) - Number(a.
  * @property {function(string): Promise<*>} restore
  * @property {function(number): string} binned says how many are in the bin
  * @property {function(): Promise<*>} [whole] brings the rest of a list of which a part is shown
+ * @property {function(string): Promise<*>} [search] brings those cards of such a list that a text finds; all for an empty one
  */
 
 /** The tools of one list. Cards have `data-key`, `data-name`, the address `data-file`, and a checkbox `data-pick` where they can be chosen. */
@@ -30,6 +33,8 @@ export class ListTools {
     this.list = list;
     this.actions = actions;
     this.isWhole = !actions.whole;
+    this.searched = ""; // what the cards were searched for by the server
+    this.timer = 0;
     this.input = byId("list-search", HTMLInputElement);
     this.select = byId("list-sort", HTMLSelectElement);
     this.chooser = byId("list-choose", HTMLButtonElement);
@@ -51,31 +56,44 @@ export class ListTools {
     if (!actions.whole) this.refresh();
   }
 
-  /** The cards are others, or more. @param {{whole?: boolean}} [now] whether they are all there are */
-  refresh({ whole = !this.actions.whole } = {}) {
+  /** The cards are others, or more. @param {{whole?: boolean, searched?: string}} [now] whether they are all there are, of what the server found for a text */
+  refresh({ whole = !this.actions.whole, searched = "" } = {}) {
     this.isWhole = whole;
+    this.searched = searched;
     this.cards = queryAll(":scope > [data-key]", HTMLElement, this.list); // in the order of the server
     this._show().catch(toastError);
   }
 
-  /** What is searched or sorted is the whole list. */
+  /** What is sorted is the whole list; what is searched, too, by the server where not all of it is here. */
   async _show() {
-    const wanted = plain(this.input.value.trim());
+    const text = this.input.value.trim();
+    const wanted = plain(text);
     const order = this.actions.orders[this.select.value];
-    if (!this.isWhole && (wanted || order)) {
-      this.isWhole = true; // while it comes it is not asked for again
-      try {
-        return await this.actions.whole();
-      } catch (error) {
-        this.isWhole = false;
-        throw error;
-      }
+    const isPart = !this.isWhole || this.searched !== "";
+    clearTimeout(this.timer);
+    if (isPart && order) return this._fetchAll();
+    if (isPart && this.actions.search && text !== this.searched) {
+      this.timer = setTimeout(() => this.actions.search(text).catch(toastError), PAUSE_MS);
+      return null;
     }
-    for (const card of this.cards) card.hidden = !plain(card.dataset.search || card.dataset.name).includes(wanted);
+    const isFound = (card) => this.searched !== "" || plain(card.dataset.search || card.dataset.name).includes(wanted);
+    for (const card of this.cards) card.hidden = !isFound(card);
     const now = order ? this.cards.toSorted(order) : this.cards;
     if (now.some((card, place) => this.list.children[place] !== card)) this.list.append(...now);
     byId("list-none").hidden = !wanted || this.cards.some((card) => !card.hidden);
     this._bar();
+    return null;
+  }
+
+  async _fetchAll() {
+    const before = [this.isWhole, this.searched];
+    [this.isWhole, this.searched] = [true, ""]; // while they come they are not asked for again
+    try {
+      await this.actions.whole();
+    } catch (error) {
+      [this.isWhole, this.searched] = before;
+      throw error;
+    }
   }
 
   get _isChoosing() {
@@ -162,7 +180,7 @@ export class ListTools {
     this.cards = cards;
     this.list.replaceChildren(...cards);
     const empty = document.getElementById("empty");
-    if (empty) empty.hidden = cards.length > 0 || !this.isWhole;
+    if (empty) empty.hidden = cards.length > 0 || !this.isWhole || this.searched !== "";
     this._show().catch(toastError);
   }
 }

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sqlalchemy import Connection, Select, and_, event, func, or_, select
 from sqlalchemy.orm import Session
 
+from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.store.clock import now
@@ -78,14 +79,14 @@ def create(
 
 
 def checked_name(name: str) -> str:
-    """Return a mission's name without outer spaces.
+    """Return a mission's name as it is kept.
 
     Raises
     ------
     UsageError
     """
-    tidy = " ".join(name.split())
-    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+    tidy = texts.tidy_name(name, most=_MAX_NAME)
+    if tidy is None:
         raise UsageError(
             "this is not a valid name for a mission",
             where="name",
@@ -101,7 +102,7 @@ def checked_note(note: str) -> str:
     ------
     UsageError
     """
-    if len(note) > _MAX_NOTE or not re.sub(r"[\n\r\t]", "", note).isprintable():
+    if len(note) > _MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
         raise UsageError(
             "this is not a valid note for a mission",
             where="note",
@@ -284,35 +285,60 @@ class Entry:
         return ListCursor(self.mission.changed_at, self.mission.id)
 
 
-def list_missions(
-    session: Session,
-    account: Account,
-    *,
-    map_id: int | None = None,
-    binned: bool = False,
-    after: ListCursor | None = None,
-    limit: int | None = None,
-) -> list[Entry]:
-    """List the missions that an account may see, the last changed first.
+@dataclass(frozen=True, slots=True)
+class ListPart:
+    """Which missions are listed.
 
-    Parameters
+    Attributes
     ----------
     map_id : int or None
         Only those on that map.
     binned : bool
         Those in the bin instead.
+    search : str
+        Only those with this text in their name or that of their map; case and accents do not matter.
     after : ListCursor or None
         Only those after it.
     limit : int or None
         Maximum number; None for all.
     """
-    ids = visible(session, account, binned=binned)
-    if map_id is not None:
-        ids = ids.where(Mission.map_id == map_id)
+
+    map_id: int | None = None
+    binned: bool = False
+    search: str = ""
+    after: ListCursor | None = None
+    limit: int | None = None
+
+
+_ALL = ListPart()
+
+
+def list_missions(session: Session, account: Account, part: ListPart = _ALL) -> list[Entry]:
+    """List missions that an account may see, the last changed first."""
+    ids, after = visible(session, account, binned=part.binned), part.after
+    if part.map_id is not None:
+        ids = ids.where(Mission.map_id == part.map_id)
     if after is not None:
         same = and_(Mission.changed_at == after.changed_at, Mission.id < after.id)
         ids = ids.where(or_(Mission.changed_at < after.changed_at, same))
-    return _entries(session, account, ids.order_by(*_LAST_CHANGED_FIRST).limit(limit))
+    if part.search.strip():
+        some = _searched(session, ids, text=part.search, most=part.limit)
+        blocks = (some[begin : begin + _MOST_PARAMETERS] for begin in range(0, len(some), _MOST_PARAMETERS))
+        return [entry for block in blocks for entry in _entries(session, account, block)]
+    return _entries(session, account, ids.order_by(*_LAST_CHANGED_FIRST).limit(part.limit))
+
+
+def _searched(session: Session, ids: Select[Any], *, text: str, most: int | None) -> list[int]:
+    """Return the ids of missions that a search finds, in the order of the list.
+
+    Names are compared here: what a database takes for the same letter depends on the database.
+    """
+    names = select(Mission.id, Mission.name, MapRecord.name)
+    names = names.outerjoin(MapRecord, MapRecord.id == Mission.map_id).where(Mission.id.in_(ids))
+    wanted = texts.folded(text)
+    rows = session.execute(names.order_by(*_LAST_CHANGED_FIRST))
+    found = (id for id, name, map_ in rows if wanted in texts.folded(f"{name} {map_ or ''}"))
+    return list(islice(found, most))
 
 
 def entry(session: Session, mission: Mission, *, account: Account) -> Entry:
@@ -321,7 +347,7 @@ def entry(session: Session, mission: Mission, *, account: Account) -> Entry:
     return entry
 
 
-def _entries(session: Session, account: Account, ids: Select[Any]) -> list[Entry]:
+def _entries(session: Session, account: Account, ids: Select[Any] | Sequence[int]) -> list[Entry]:
     objects = select(func.count()).where(MissionObject.mission_id == Mission.id).scalar_subquery()
     photos = select(func.count()).where(MissionPhoto.mission_id == Mission.id).scalar_subquery()
     member = and_(Member.map_id == Mission.map_id, Member.account_id == account.id)

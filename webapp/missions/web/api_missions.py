@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Range
+from apiflask.validators import Length, Range
 from marshmallow import ValidationError
 
 from webapp.core.trajectory.records import SOURCES
@@ -27,6 +27,7 @@ from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
 _MOST = 10_000
+_MOST_SEARCHED = 120
 _FINE = 500
 """Below this size of a preview its lines are not whole numbers."""
 
@@ -160,6 +161,11 @@ class ListQuery(Schema):
 
     map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
     bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
+    search = String(
+        load_default="",
+        validate=Length(max=_MOST_SEARCHED),
+        metadata={"description": "Only those with it in their name or that of their map, in any case."},
+    )
     after = String(
         load_default=None,
         validate=_check_spot,
@@ -213,14 +219,15 @@ class NewMission(MissionChange):
 def list_missions(query: dict[str, Any]) -> dict[str, Any]:
     """List the missions that you may see, in pages where a `limit` is given."""
     who, limit, after = account(), query["limit"], query["after"]
-    wanted = {
-        "map_id": None if query["map"] is None else open_map(query["map"], binned=True).id,
-        "binned": query["bin"],
-        "after": None if after is None else state.read_spot(after),
-        "limit": None if limit is None else limit + 1,  # the one more shows whether any follow
-    }
+    wanted = missions.ListPart(
+        map_id=None if query["map"] is None else open_map(query["map"], binned=True).id,
+        binned=query["bin"],
+        search=query["search"],
+        after=None if after is None else state.read_spot(after),
+        limit=None if limit is None else limit + 1,  # the one more shows whether any follow
+    )
     with library().database.read() as session:
-        found = missions.list_missions(session, who, **wanted)
+        found = missions.list_missions(session, who, wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
         drawn = [preview_mission(session, entry) if query["previews"] else None for entry in shown]

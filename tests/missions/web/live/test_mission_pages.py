@@ -130,7 +130,7 @@ def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library,
     try:
         with library.database.write() as session:
             account = session.query(Account).filter_by(is_owner=True).one()
-            page = missions.list_missions(session, account, limit=2)
+            page = missions.list_missions(session, account, missions.ListPart(limit=2))
     finally:
         event.remove(library.database.engine, "before_cursor_execute", batch)
     assert [(entry.mission.id, entry.poses) for entry in page] == [(ids[2], 3), (ids[1], 3)]
@@ -172,3 +172,28 @@ def test_pages_that_do_not_exist(client, query):
 def test_after_any_place_that_can_be_written(ask):
     for after in ("0.0", "9" * 17 + f".{2**31 - 1}"):
         assert ask(after=after) == ([], None)
+
+
+def test_a_search_finds_names_of_missions_and_of_maps_page_by_page(client, owner, new_map, ask):
+    slug = new_map(owner, name="Žižkov")
+    for number in range(3):
+        client.post("/api/v1/missions", json={"name": f"Élan {number}"})
+    client.post("/api/v1/missions", json={"name": "Round", "map": slug})
+    assert ask(search="ÉLAN 1") == (["Élan 1"], None)
+    assert ask(search="elan") == (["Élan 2", "Élan 1", "Élan 0"], None)
+    assert ask(search=" zizkov ") == (["Round"], None)
+    assert ask(search="100%") == ask(search="_") == ([], None)
+    first, follow = ask(search="elan", limit=2)
+    assert (first, ask(search="elan", limit=2, after=follow)) == (["Élan 2", "Élan 1"], (["Élan 0"], None))
+
+
+def test_a_search_shows_only_what_one_may_see(client, sign_in, new_account, ask):
+    client.post("/api/v1/missions", json={"name": "Élan"})
+    assert ask(sign_in(new_account("eve")), search="elan") == ([], None)
+
+
+def test_a_search_that_finds_very_many_gives_all_of_them_in_order(client, ask, monkeypatch):
+    monkeypatch.setattr(missions, "_MOST_PARAMETERS", 2)
+    for number in range(5):
+        client.post("/api/v1/missions", json={"name": f"Élan {number}"})
+    assert ask(search="elan")[0] == [f"Élan {number}" for number in reversed(range(5))]
