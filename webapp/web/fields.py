@@ -6,8 +6,10 @@ from typing import Any
 
 import apiflask.fields
 from apiflask.validators import Range
+from marshmallow import ValidationError
 
 from webapp.core.mapmodel.checks import MAX_NUMBER
+from webapp.core.texts import has_controls
 
 _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -35,3 +37,9 @@ class Number(apiflask.fields.Integer):
 
     def __init__(self, *, least: int = 0, **options: Any) -> None:
         super().__init__(validate=Range(least, MAX_NUMBER), **options)
+
+
+def no_controls(text: str) -> None:
+    """Refuse control characters in a line that people write; a validator."""
+    if has_controls(text):
+        raise ValidationError("This has control characters.")

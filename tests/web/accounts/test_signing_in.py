@@ -270,6 +270,12 @@ def test_a_name_is_changed_unless_somebody_has_it(client, jana):
     assert "Boss" in client.get("/account").text
 
 
+def test_names_of_accounts_have_no_break_spaces_and_none_is_taken_for_another(client, jana):
+    assert client.post("/account/name", data={"name": "Jana\u200b"}).status_code == 409
+    assert client.post("/account/name", data={"name": "Zoe\u0301\u202f!\u2060"}).status_code == 303
+    assert "Zoé !" in client.get("/account").text
+
+
 def test_the_session_of_a_deleted_account_is_not_that_of_the_next_one(library, sign_in, new_account):
     gone = new_account("Karel")
     browser = sign_in(gone)

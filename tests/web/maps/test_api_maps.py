@@ -5,6 +5,7 @@ import pytest
 from webapp.store.accounts import accounts
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps import delete_map
 from webapp.tasks.maps.export import export_late_maps
 
 API = "/api/v1/maps"
@@ -55,7 +56,29 @@ def test_make_rename_bin_and_restore(client):
     assert len(client.get(API).json["maps"]) == 2
 
 
-@pytest.mark.parametrize("name", ["", "   ", "x" * 121, "a\u0000b", None, 7])
+@pytest.mark.parametrize("name", ["Où ? 👨\u200d👩\u200d👧", "Où\u202f? \u00a0👨\u200d👩\u200d👧"])
+def test_names_have_joined_emoji_and_any_space(client, name):
+    assert client.post(API, json={"name": name}).json["name"] == "Où ? 👨\u200d👩\u200d👧"
+    mission = client.post("/api/v1/missions", json={"name": name, "note": "«\u00a0Ici\u202f!\u00a0»\n"})
+    assert mission.status_code == 201 and mission.json["name"] == "Où ? 👨\u200d👩\u200d👧"
+
+
+def test_a_map_is_made_while_another_request_deletes_what_was_computed_for_none(client, library, monkeypatch):
+    gone = library.map_folder("park") / "derived"
+    gone.mkdir(parents=True)
+    look, begun = delete_map._is_alone, []
+
+    def look_with_another(folder):
+        begun.append(folder)
+        if len(begun) == 1:
+            assert client.post(API, json={"name": "Park"}).json["slug"] == "park"
+        return look(folder)
+
+    monkeypatch.setattr(delete_map, "_is_alone", look_with_another)
+    assert client.post(API, json={"name": "Park"}).json["slug"] == "park-2"
+
+
+@pytest.mark.parametrize("name", ["", "   ", "x" * 121, "a\u0000b", "\u200b", None, 7])
 def test_a_name_that_is_none_is_refused(client, name):
     answer = client.post(API, json={"name": name})
     assert answer.status_code in (400, 422)

@@ -78,8 +78,11 @@ def test_everybody_may_leave_but_the_last_owner(people, shared, sign_in):
 
 def test_a_map_gets_another_name(people, shared, sign_in):
     client, where = sign_in(people["owner"]), f"/maps/{shared}/settings"
+    before = client.get(f"/api/v1/maps/{shared}").json["revision"]
     assert client.post(f"{where}/name", data={"name": "  New   name "}).status_code == 303
     assert "New name" in client.get("/").text
+    after = client.get(f"/api/v1/maps/{shared}").json["revision"]
+    assert after > before, "the files of the map follow, which name it too"
     assert client.post(f"{where}/name", data={"name": " "}).status_code == 400
 
 

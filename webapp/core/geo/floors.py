@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from webapp.core.geo.affine import Affine
+from webapp.core.texts import is_line
 
 BASE_FLOOR = 0
 """Id of the floor that the map's own image shows."""
@@ -72,7 +73,7 @@ def stretched(width: int, height: int, *, over: tuple[int, int]) -> Affine:
 
 def floor_name_problem(name: str) -> str | None:
     """Say what is wrong with the name of a floor."""
-    if not 0 < len(name) <= MOST_FLOOR_NAME or name != name.strip() or not name.isprintable():
+    if not is_line(name, most=MOST_FLOOR_NAME):
         return f"must be one line of 1 to {MOST_FLOOR_NAME} characters, without spaces at its ends"
     return None
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.texts import is_line
 
 MOST_NAME = 60
 
@@ -56,7 +57,7 @@ class GroundControlPoint:
 
 def name_problem(name: str) -> str | None:
     """Say what is wrong with the name of a control point."""
-    if not 0 < len(name) <= MOST_NAME or name != name.strip() or not name.isprintable() or "/" in name:
+    if not is_line(name, most=MOST_NAME) or "/" in name:
         return f"must be 1 to {MOST_NAME} characters, without / and without spaces at its ends"
     return None
 

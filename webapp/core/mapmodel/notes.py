@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from unicodedata import category
 
 from webapp.core.geo.types import MapPixel
+from webapp.core.texts import has_controls, is_line
 
 MOST_TITLE, MOST_TEXT = 120, 4000
 MOST_NOTES = 1000
 """On a map."""
-
-_CONTROLS = ("Cc", "Cs", "Zl", "Zp")
-"""Categories of Unicode: control characters, surrogates, and separators of lines and of paragraphs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +39,13 @@ class MapNote:
 
 def title_problem(title: str) -> str | None:
     """Say what is wrong with the title of a note."""
-    if not 0 < len(title) <= MOST_TITLE or title != title.strip() or _has_controls(title):
+    if not is_line(title, most=MOST_TITLE):
         return f"must be one line of 1 to {MOST_TITLE} characters, without spaces at its ends"
     return None
 
 
 def text_problem(text: str) -> str | None:
     """Say what is wrong with the text of a note."""
-    if len(text) > MOST_TEXT or _has_controls(text.replace("\n", "").replace("\t", "")):
+    if len(text) > MOST_TEXT or has_controls(text, besides="\n\t"):
         return f"must be at most {MOST_TEXT} characters, and no control characters"
     return None
-
-
-def _has_controls(text: str) -> bool:
-    """Return whether a text has control characters; `isprintable` would refuse no-break spaces, too."""
-    return any(category(c) in _CONTROLS for c in text)

@@ -6,7 +6,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Boolean, Float, Integer, List, Nested, String
-from apiflask.validators import Length, OneOf, Predicate, Range
+from apiflask.validators import Length, OneOf, Range
 from sqlalchemy.orm import Session
 
 from webapp.missions.store import missions, object_states
@@ -18,7 +18,7 @@ from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, O
 from webapp.missions.web import context
 from webapp.missions.web.context import open_mission
 from webapp.web.context import account, library
-from webapp.web.fields import Number
+from webapp.web.fields import Number, no_controls
 
 blueprint = APIBlueprint(
     "api_mission_objects",
@@ -123,7 +123,7 @@ class StateIn(Schema):
         validate=OneOf(STATES),
         metadata={"description": "The state that the caller has seen: 409 where it is another one by now."},
     )
-    note = String(load_default="", validate=[Length(max=_MAX_NOTE), Predicate("isprintable")])
+    note = String(load_default="", validate=[Length(max=_MAX_NOTE), no_controls])
 
 
 def object_json(row: MissionObject) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import cast
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from webapp.core import texts
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.maps.maps import ROLES, Role
@@ -159,19 +160,15 @@ def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
     session.delete(token)
 
 
-def plain(name: str) -> str:
-    """Return a name without what does not matter in it: capital letters, and how much space there is."""
-    return " ".join(name.split()).casefold()
-
-
 def hashed(secret: str) -> str:
     """Hash what is too random to be guessed, so that a plain hash is enough."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
 def _named(session: Session, name: str) -> Account | None:
-    wanted = plain(name)
-    return next((a for a in session.scalars(select(Account)) if plain(a.name) == wanted), None)
+    wanted = texts.plain(name)
+    there = session.scalars(select(Account).order_by(Account.name != name, Account.id))
+    return next((a for a in there if texts.plain(a.name) == wanted), None)
 
 
 def _free_name(session: Session, name: str, *, own: int | None = None) -> str:
@@ -183,8 +180,8 @@ def _free_name(session: Session, name: str, *, own: int | None = None) -> str:
 
 
 def _checked_name(name: str) -> str:
-    tidy = " ".join(name.split())
-    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+    tidy = texts.tidy_name(name, most=_MAX_NAME)
+    if tidy is None:
         raise UsageError("this is not a valid name", hint=f"give 1 to {_MAX_NAME} printable characters")
     return tidy
 

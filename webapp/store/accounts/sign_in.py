@@ -10,6 +10,7 @@ from sqlalchemy import delete, func, or_, select
 from sqlalchemy.orm import Session
 from werkzeug.security import check_password_hash, generate_password_hash
 
+from webapp.core import texts
 from webapp.errors import NotFound, NotSignedIn, TooMany, UsageError
 from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
@@ -105,7 +106,7 @@ def by_password(
     TooMany
         Of this name or from this address there were too many failures.
     """
-    tried = [f"name:{accounts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
+    tried = [f"name:{texts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
     # Counted as a failure before it is tried: of many at the same time, no more are tried than are allowed.
     with database.write() as session:
         _check_failures(session, tried, limits=limits)

@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
+from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.schema import Account, MapRecord, Member, Photo
@@ -46,14 +47,14 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
 
 def checked_name(name: str) -> str:
-    """Return a map's name without outer spaces.
+    """Return a map's name as it is kept.
 
     Raises
     ------
     UsageError
     """
-    tidy = " ".join(name.split())
-    if not 1 <= len(tidy) <= _MAX_NAME or not tidy.isprintable():
+    tidy = texts.tidy_name(name, most=_MAX_NAME)
+    if tidy is None:
         raise UsageError(
             "this is not a valid name for a map", hint=f"give 1 to {_MAX_NAME} printable characters"
         )

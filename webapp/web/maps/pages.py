@@ -107,7 +107,7 @@ def rename(slug: str) -> Response | tuple[str, int]:
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:
-            db.get_one(MapRecord, record.id).name = maps.checked_name(text("name"))
+            maps.rename(db.get_one(MapRecord, record.id), text("name"))
     except ExpMapError as error:
         return _settings_page(record, error=error), errors.status_of(error)
     flash(_("The map has been renamed."), "success")

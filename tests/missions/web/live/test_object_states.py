@@ -16,13 +16,13 @@ def car(send, mission):
 
 def test_states_have_a_history(client, car, owner, library):
     assert client.get(car).json["state"] == "found"
-    for state, note in (("confirmed", "second floor"), ("cleared", "")):
+    for state, note in (("confirmed", "2\u202fe étage"), ("cleared", "")):
         answer = client.patch(car, json={"state": state, "note": note})
         assert (answer.status_code, answer.json["state"]) == (200, state)
     found = client.get(car).json
     changes = [(one["state"], one["by"], one["note"]) for one in found["changes"]]
     who = found["state_by"]
-    assert changes == [("confirmed", who, "second floor"), ("cleared", who, "")]
+    assert changes == [("confirmed", who, "2\u202fe étage"), ("cleared", who, "")]
     assert found["state_time_s"] == found["changes"][1]["time_s"] >= found["changes"][0]["time_s"]
 
 

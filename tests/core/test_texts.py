@@ -1,0 +1,52 @@
+"""Texts of people may have every letter, and no control characters."""
+
+import pytest
+
+from webapp.core.geo.floors import floor_name_problem
+from webapp.core.mapmodel.control_points import name_problem
+from webapp.core.mapmodel.notes import text_problem, title_problem
+from webapp.core.texts import has_controls, is_line, plain, tidy_name
+
+FAMILY = "👨\u200d👩\u200d👧"
+
+
+@pytest.mark.parametrize("line", ["Où\u00a0?", "«\u202fParc\u202f»", FAMILY, "شاهد\u200c", "\U0001fae9"])
+def test_lines_have_no_break_spaces_joined_emoji_and_new_ones(line):
+    assert is_line(line, most=60)
+    assert [check(line) for check in (title_problem, text_problem, floor_name_problem, name_problem)] == [
+        None
+    ] * 4
+
+
+@pytest.mark.parametrize(
+    "line", ["", " a", "a\u00a0", "a\nb", "a\x00", "a\x85b", "a\u2028b", "a\ud800", "a\uffff", "a" * 61]
+)
+def test_what_is_no_line(line):
+    assert not is_line(line, most=60)
+    assert floor_name_problem(line) is not None
+
+
+def test_line_breaks_are_controls_unless_they_are_allowed():
+    assert has_controls("a\nb") and not has_controls("a\nb", besides="\n\t")
+    assert has_controls("a\n\x07", besides="\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("  Parc\u00a0: \u202f nord ", "Parc : nord"),
+        ("Cafe\u0301", "Café"),
+        (FAMILY, FAMILY),
+        ("a\u202eb\u2066c", "abc"),
+        ("\u200b\u200d", None),
+        ("\u202e", None),
+        ("a\x00b", None),
+        ("x" * 13, None),
+    ],
+)
+def test_names_are_kept_tidy(name, kept):
+    assert tidy_name(name, most=12) == kept
+
+
+def test_names_that_look_the_same_are_the_same():
+    assert {plain(name) for name in ("Ana B", "ANA\u00a0b", "a\u200bna  b", "Ａna b")} == {"ana b"}
