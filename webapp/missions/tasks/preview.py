@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.local import LocalFrame, centre_of
@@ -18,6 +20,10 @@ from webapp.tasks.maps.library_map import georeference
 
 _MOST_POINTS = 80
 _MOST_OBJECTS = 100
+_AT_ONCE = 500
+"""Missions whose objects are read together."""
+
+_NONE = np.empty((0, 2))
 _MARGIN = 0.15
 """Around what is drawn without an image, of its larger side."""
 
@@ -45,9 +51,18 @@ class MissionPreview:
     dots: NDArray[np.float64]
 
 
-def preview_mission(session: Session, entry: Entry) -> MissionPreview | None:
-    """Draw a mission of a list; None where it has no positions."""
-    line, dots = _line(session, entry), _objects(session, entry)
+def preview_missions(session: Session, entries: Sequence[Entry]) -> list[MissionPreview | None]:
+    """Draw the missions of a list; None for those that have no positions."""
+    drawn: list[MissionPreview | None] = []
+    for begin in range(0, len(entries), _AT_ONCE):
+        some = entries[begin : begin + _AT_ONCE]
+        dots = _objects(session, [entry.mission.id for entry in some if entry.objects])
+        drawn += [_draw(session, entry, dots.get(entry.mission.id, _NONE)) for entry in some]
+    return drawn
+
+
+def _draw(session: Session, entry: Entry, dots: NDArray[np.float64]) -> MissionPreview | None:
+    line = _line(session, entry)
     if not len(line) and not len(dots):
         return None
     record = None if entry.mission.map_id is None else session.get(MapRecord, entry.mission.map_id)
@@ -57,15 +72,30 @@ def preview_mission(session: Session, entry: Entry) -> MissionPreview | None:
 def _line(session: Session, entry: Entry) -> NDArray[np.float64]:
     best = tracks.best(entry.tracks)
     if best is None or not best.poses:
-        return np.empty((0, 2))
+        return _NONE
     numbers = np.linspace(0, best.poses - 1, min(best.poses, _MOST_POINTS)).astype(int)
     return tracks.at(session, best, np.unique(numbers).tolist()).latlon
 
 
-def _objects(session: Session, entry: Entry) -> NDArray[np.float64]:
-    found = select(MissionObject.lat, MissionObject.lon).where(MissionObject.mission_id == entry.mission.id)
-    rows = [tuple(row) for row in session.execute(found.limit(_MOST_OBJECTS))]
-    return np.array(rows, np.float64).reshape(-1, 2)
+def _objects(session: Session, mission_ids: Sequence[int]) -> dict[int, NDArray[np.float64]]:
+    """Read where the objects of some missions are; of more than `_MOST_OBJECTS`, that many, evenly by id."""
+    mission, id = MissionObject.mission_id, MissionObject.object_id
+    keys = select(
+        mission,
+        id,
+        func.row_number().over(partition_by=mission, order_by=id).label("number"),
+        func.count().over(partition_by=mission).label("count"),
+    )
+    key = keys.where(mission.in_(mission_ids)).subquery()
+    found = select(mission, MissionObject.lat, MissionObject.lon).join(
+        key, and_(key.c.mission_id == mission, key.c.object_id == id)
+    )
+    # As lines are drawn on a screen: true of as many numbers as wanted, or of all where there are fewer.
+    is_taken = key.c.number * _MOST_OBJECTS % key.c.count < _MOST_OBJECTS
+    at: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
+    for mission_id, lat, lon in session.execute(found.where(is_taken).order_by(mission, id)):
+        at[mission_id].append((lat, lon))
+    return {mission_id: np.array(rows, np.float64) for mission_id, rows in at.items()}
 
 
 def _on_image(

@@ -14,7 +14,7 @@ from webapp.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
-from webapp.missions.tasks.preview import MissionPreview, preview_mission
+from webapp.missions.tasks.preview import MissionPreview, preview_missions
 from webapp.missions.web import state
 from webapp.missions.web.context import open_mission
 from webapp.store.maps import maps
@@ -230,7 +230,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         found = missions.list_missions(session, who, wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
-        drawn = [preview_mission(session, entry) if query["previews"] else None for entry in shown]
+        drawn = preview_missions(session, shown) if query["previews"] else [None] * len(shown)
         listed = [
             {**state.entry_json(entry), "preview": None if preview is None else _preview_json(preview)}
             for entry, preview in zip(shown, drawn, strict=True)
