@@ -205,6 +205,25 @@ def test_a_connection_that_is_cut_is_refused_once(library, parks):
         assert change.record.name == "Park"
 
 
+def test_connections_that_broke_while_nobody_used_them_are_replaced(library, parks, hasty):
+    with library.database.read() as first, library.database.read() as second:
+        assert [s.get_one(MapRecord, parks[0]).name for s in (first, second)] == ["Park", "Park"]
+    others = "FROM pg_stat_activity WHERE datname = current_database() AND pid != pg_backend_pid()"
+    with hasty.write() as session:
+        assert session.scalar(text(f"SELECT count(pg_terminate_backend(pid)) {others}")) >= 2
+    for open_session in (library.database.read, library.database.write):
+        with open_session() as session:
+            assert session.get_one(MapRecord, parks[0]).name == "Park"
+
+
+def test_a_read_that_loses_its_connection_is_refused_and_the_next_one_is_not(library, parks):
+    cut = text("SELECT pg_terminate_backend(pg_backend_pid())")
+    with pytest.raises(DatabaseUnavailable, match="cannot be reached"), library.database.read() as session:
+        session.execute(cut)
+    with library.database.read() as session:
+        assert session.get_one(MapRecord, parks[0]).name == "Park"
+
+
 def test_a_read_only_server_says_so(library, database_url):
     standby = Database(f"{database_url}&options=-cdefault_transaction_read_only%3Don")
     with pytest.raises(DatabaseUnavailable, match="read-only"), standby.write() as session:
