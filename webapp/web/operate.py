@@ -64,8 +64,7 @@ def listed(query: dict[str, str | None]) -> dict[str, Any]:
         if record is not None:
             found = jobs.list_jobs(session, map_id=record.id)
         else:
-            visible = [one.id for one in maps.list_maps(session, who)]
-            found = job_views.recent(session, map_ids=visible, account=who)
+            found = job_views.recent(session, map_ids=maps.visible(who), account=who)
         return {"jobs": [_job_json(session, job) for job in found]}
 
 

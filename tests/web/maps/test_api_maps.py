@@ -1,6 +1,7 @@
 """Maps and edits over the API: answers, errors, and the files that follow."""
 
 import pytest
+from sqlalchemy import event
 
 from webapp.store.accounts import accounts
 from webapp.store.maps import edits, maps
@@ -54,6 +55,50 @@ def test_make_rename_bin_and_restore(client):
     assert client.get(f"{API}/petrin-hill/changes").status_code == 404
     client.post(f"{API}/petrin-hill/restore")
     assert len(client.get(API).json["maps"]) == 2
+
+
+@pytest.mark.parametrize("address", [API, "/", "/bin", "/api/v1/jobs"])
+@pytest.mark.parametrize("role", ["owner", "viewer"])
+def test_many_maps_are_listed_with_as_many_statements_as_few(
+    library, owner, new_account, new_map, sign_in, address, role
+):
+    eve = new_account("eve")
+    browser = sign_in(owner if role == "owner" else eve)
+    asked = []
+
+    def note(_connection, _cursor, statement, *_rest):
+        asked.append(statement)
+
+    def statements(count):
+        for _ in range(count):
+            slug = new_map(owner, shared={eve: "viewer"})
+            if address == "/bin":
+                sign_in(owner).delete(f"{API}/{slug}")
+        asked.clear()
+        event.listen(library.database.engine, "before_cursor_execute", note)
+        try:
+            assert browser.get(address).status_code == 200
+        finally:
+            event.remove(library.database.engine, "before_cursor_execute", note)
+        return len(asked)
+
+    statements(1)  # what is asked once only, such as the session
+    assert statements(1) == statements(4)
+
+
+def test_the_list_says_of_each_map_how_many_photos_it_has_and_who_one_is(
+    library, owner, new_account, new_map, sign_in, park
+):
+    eve = new_account("eve")
+    new_map(owner, name="Yard", shared={eve: "editor"})
+    edit(sign_in(owner), park, {"id": 1, "x_px": 1.0, "y_px": 2.0})
+    entries = {one["slug"]: one for one in sign_in(owner).get(API).json["maps"]}
+    assert {slug: (one["role"], one["photos"]) for slug, one in entries.items()} == {
+        "park": ("owner", 3),
+        "yard": ("owner", 0),
+    }
+    assert entries["park"]["placed"] == 1
+    assert [(one["slug"], one["role"]) for one in sign_in(eve).get(API).json["maps"]] == [("yard", "editor")]
 
 
 @pytest.mark.parametrize("name", ["Où ? 👨\u200d👩\u200d👧", "Où\u202f? \u00a0👨\u200d👩\u200d👧"])

@@ -113,6 +113,6 @@ def test_visitors_get_the_same_and_nothing_of_the_tray(library, owner, stranger,
 def test_a_preview_has_some_of_many_positions(library, record):
     with library.database.read() as session:
         row = session.get(MapRecord, record.id)
-        every = [x for x, _ in maps.some_positions(session, row, most=100)]
+        every = [x for x, _ in maps.some_positions(session, [row], most=100)[row.id]]
         assert every == [id + 0.123456 for id in (1, 2, 4, 5, 7, 8, 10)]
-        assert [x for x, _ in maps.some_positions(session, row, most=3)] == every[2::3]
+        assert [x for x, _ in maps.some_positions(session, [row], most=3)[row.id]] == every[2::2]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Collection
-from typing import Literal, NamedTuple
+from collections.abc import Collection, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, Select, func, select
 from sqlalchemy.orm import Session
 
 from webapp.core import texts
@@ -98,15 +98,40 @@ def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | 
     if account.is_owner:
         return "owner"
     member = session.get(Member, (record.id, account.id))
-    return next((role for role in ROLES if member is not None and member.role == role), None)
+    return None if member is None else _role(member.role)
+
+
+def roles_of(session: Session, records: Sequence[MapRecord], *, account: Account) -> dict[int, Role]:
+    """Return the roles of an account on some maps, by their ids; `role_of` says more."""
+    if account.is_owner:
+        return dict.fromkeys((record.id for record in records), "owner")
+    mine = select(Member.map_id, Member.role).where(Member.account_id == account.id)
+    rows = [row for some in _blocks(records) for row in session.execute(mine.where(Member.map_id.in_(some)))]
+    return {id: role for id, name in rows if (role := _role(name)) is not None}
+
+
+def _role(name: str) -> Role | None:
+    return next((role for role in ROLES if role == name), None)
 
 
 def list_maps(session: Session, account: Account, *, binned: bool = False) -> list[MapRecord]:
     """List the maps that an account may see, the last changed first."""
-    found = select(MapRecord).where(MapRecord.binned_at.is_not(None) == binned)
+    found = select(MapRecord).where(MapRecord.id.in_(visible(account, binned=binned)))
+    return list(session.scalars(found.order_by(MapRecord.changed_at.desc(), MapRecord.id)))
+
+
+def visible(account: Account, *, binned: bool = False) -> Select[Any]:
+    """Select the ids of the maps that an account may see: those in use, or those in the bin."""
+    found = select(MapRecord.id).where(MapRecord.binned_at.is_not(None) == binned)
     if not account.is_owner:
         found = found.join(Member).where(Member.account_id == account.id)
-    return list(session.scalars(found.order_by(MapRecord.changed_at.desc(), MapRecord.id)))
+    return found
+
+
+def count_binned(session: Session, account: Account) -> int:
+    """Count the maps in the bin that an account may see."""
+    ids = visible(account, binned=True).subquery()
+    return session.scalar(select(func.count()).select_from(ids)) or 0
 
 
 def put_into_bin(record: MapRecord) -> None:
@@ -164,14 +189,23 @@ def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[D
     return [Dot._make(row) for row in rows]
 
 
-def some_positions(session: Session, record: MapRecord, *, most: int) -> list[tuple[float, float]]:
-    """List where photos are placed, map pixels; of more than `most`, some, evenly."""
-    step = -(-counts(session, record)[1] // most)
-    number = func.row_number().over(order_by=Photo.id)
-    there = select(Photo.x_px, Photo.y_px, number.label("number")).where(*_present(record, placed=True))
-    one = there.subquery()
-    found = select(one.c.x_px, one.c.y_px).where(one.c.number % max(step, 1) == 0).order_by(one.c.number)
-    return [(x, y) for x, y in session.execute(found)]
+def some_positions(
+    session: Session, records: Sequence[MapRecord], *, most: int
+) -> dict[int, list[tuple[float, float]]]:
+    """List where photos of some maps are placed, map pixels; of more than `most` of one, some, evenly."""
+    found: dict[int, list[tuple[float, float]]] = {record.id: [] for record in records}
+    number = func.row_number().over(partition_by=Photo.map_id, order_by=Photo.id).label("number")
+    count = func.count().over(partition_by=Photo.map_id).label("count")
+    there = select(Photo.map_id, Photo.x_px, Photo.y_px, number, count)
+    for some in _blocks(records):
+        of_all = Photo.map_id.in_(some), ~Photo.removed, Photo.x_px.is_not(None)
+        one = there.where(*of_all).subquery().c
+        # As lines are drawn on a screen: true of `most` numbers, or of all where there are fewer.
+        is_taken = one.number * most % one.count < most
+        rows = select(one.map_id, one.x_px, one.y_px).where(is_taken).order_by(one.map_id, one.number)
+        for map_id, x, y in session.execute(rows):
+            found[map_id].append((x, y))
+    return found
 
 
 def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
@@ -266,9 +300,23 @@ def _note_placed(record: MapRecord, photo: Photo) -> None:
 
 def counts(session: Session, record: MapRecord) -> tuple[int, int]:
     """Count the photos of a map, and how many of them are placed."""
-    found = select(func.count(), func.count(Photo.x_px)).where(Photo.map_id == record.id, ~Photo.removed)
-    photos_, placed = session.execute(found).one()
-    return int(photos_), int(placed)
+    return counts_of(session, [record])[record.id]
+
+
+def counts_of(session: Session, records: Sequence[MapRecord]) -> dict[int, tuple[int, int]]:
+    """Count the photos of some maps, and how many of them are placed, by the ids of the maps."""
+    found = dict.fromkeys((record.id for record in records), (0, 0))
+    numbers = select(Photo.map_id, func.count(), func.count(Photo.x_px)).where(~Photo.removed)
+    for some in _blocks(records):
+        rows = session.execute(numbers.where(Photo.map_id.in_(some)).group_by(Photo.map_id))
+        found |= {id: (int(photos_), int(placed)) for id, photos_, placed in rows}
+    return found
+
+
+def _blocks(records: Sequence[MapRecord]) -> Iterator[list[int]]:
+    """Give the ids of maps, as many at a time as a statement takes."""
+    for start in range(0, len(records), _MOST_PARAMETERS):
+        yield [record.id for record in records[start : start + _MOST_PARAMETERS]]
 
 
 def _free_slug(session: Session, name: str, folders: Collection[str]) -> str:

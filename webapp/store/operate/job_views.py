@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import Select, func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.store.database import moment
@@ -18,10 +17,15 @@ _RECENT = timedelta(days=1)
 """So long the menu of all pages shows a job that has ended."""
 
 
-def recent(session: Session, *, map_ids: Collection[int], account: Account, limit: int = 20) -> list[Job]:
+def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
     """List the jobs of some maps that wait, run, or have ended within the last day; active ones first.
 
     Those of no map are the account's own; who owns the library sees them all.
+
+    Parameters
+    ----------
+    map_ids : Select
+        Selects the ids of the maps.
     """
     alone = Job.map_id.is_(None)
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)

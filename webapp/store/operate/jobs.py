@@ -290,7 +290,7 @@ def let_go(session: Session, held: Lease) -> bool:
 
 def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Job | None:
     same = (Job.kind == kind, Job.map_id == map_id, Job.key == key, Job.state == "queued")
-    return session.scalars(select(Job).where(*same).limit(1).with_for_update()).first()
+    return session.scalars(select(Job).where(*same).order_by(Job.id).limit(1).with_for_update()).first()
 
 
 def _next_waiting() -> Select[Job]:

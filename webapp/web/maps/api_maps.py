@@ -133,7 +133,7 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
     who = account()
     with library().database.read() as session:
         found = maps.list_maps(session, who, binned=query["bin"])
-        return {"maps": [state.summary(session, record, account=who) for record in found]}
+        return {"maps": state.summaries(session, found, account=who)}
 
 
 @blueprint.post("")

@@ -50,7 +50,7 @@ def index() -> str:
     """List the maps that are shared with the caller."""
     with library().database.read() as session:
         cards = _cards(session, account(), binned=False)
-        binned = len(maps.list_maps(session, account(), binned=True))
+        binned = maps.count_binned(session, account())
     return render_template("maps/index.html", cards=cards, binned=binned)
 
 
@@ -69,14 +69,17 @@ def trash() -> str:
 
 
 def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
+    records = maps.list_maps(session, who, binned=binned)
+    roles, counts = maps.roles_of(session, records, account=who), maps.counts_of(session, records)
+    dots = maps.some_positions(session, records, most=_MOST_DOTS)
     return [
         MapCard(
             record,
-            maps.role_of(session, record, account=who),
-            *maps.counts(session, record),
-            "".join(f"M{x:.0f} {y:.0f}h0" for x, y in maps.some_positions(session, record, most=_MOST_DOTS)),
+            roles.get(record.id),
+            *counts[record.id],
+            "".join(f"M{x:.0f} {y:.0f}h0" for x, y in dots[record.id]),
         )
-        for record in maps.list_maps(session, who, binned=binned)
+        for record in records
     ]
 
 
