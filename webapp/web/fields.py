@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import apiflask.fields
 from apiflask.validators import Range
-from marshmallow import ValidationError
 
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.texts import has_controls
 
 _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -26,7 +25,7 @@ class Boolean(apiflask.fields.Boolean):
         raise self.make_error("invalid", input=value)
 
 
-class Number(apiflask.fields.Integer):
+class RecordNumber(apiflask.fields.Integer):
     """The number of a record or a revision: none is larger than a column can hold, on any database.
 
     Parameters
@@ -39,7 +38,23 @@ class Number(apiflask.fields.Integer):
         super().__init__(validate=Range(least, MAX_NUMBER), **options)
 
 
-def no_controls(text: str) -> None:
-    """Refuse control characters in a line that people write; a validator."""
-    if has_controls(text):
-        raise ValidationError("This has control characters.")
+class CheckedText(apiflask.fields.String):
+    """A text that a check accepts.
+
+    Parameters
+    ----------
+    check : callable
+        Returns whether it can be used.
+    refusal : str
+        What is said of others.
+    """
+
+    def __init__(self, *, check: Callable[[str], bool], refusal: str, **options: Any) -> None:
+        super().__init__(error_messages={"refused": refusal}, **options)
+        self._check = check
+
+    def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> str:
+        text = str(super()._deserialize(value, attr, data, **options))
+        if not self._check(text):
+            raise self.make_error("refused")
+        return text

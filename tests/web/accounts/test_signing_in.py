@@ -8,7 +8,7 @@ from time import sleep
 import pytest
 from sqlalchemy import update
 
-from webapp.errors import NotSignedIn, TooMany
+from webapp.errors import NotFound, NotSignedIn, TooMany
 from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.accounts import sign_in as signin
@@ -274,6 +274,18 @@ def test_names_of_accounts_have_no_break_spaces_and_none_is_taken_for_another(cl
     assert client.post("/account/name", data={"name": "Jana\u200b"}).status_code == 409
     assert client.post("/account/name", data={"name": "Zoe\u0301\u202f!\u2060"}).status_code == 303
     assert "Zoé !" in client.get("/account").text
+
+
+def test_accounts_whose_names_are_alike_since_an_update_are_told_apart(library, new_account):
+    first, second = new_account("Ana 1"), new_account("Eva")
+    with library.database.write() as session:
+        session.get_one(Account, second.id).name = "Ana\u00a0１"
+    with library.database.read() as session:
+        assert accounts.named(session, "Ana\u00a0１").id == second.id
+        assert accounts.named(session, "Ana 1").id == accounts.named(session, "ANA 1").id == first.id
+        for name in ("Ana\x00", "Ana\ud800"):
+            with pytest.raises(NotFound):
+                accounts.named(session, name)
 
 
 def test_the_session_of_a_deleted_account_is_not_that_of_the_next_one(library, sign_in, new_account):

@@ -313,7 +313,7 @@ class ListPart:
 _ALL = ListPart()
 
 
-def list_missions(session: Session, account: Account, part: ListPart = _ALL) -> list[Entry]:
+def list_missions(session: Session, account: Account, *, part: ListPart = _ALL) -> list[Entry]:
     """List missions that an account may see, the last changed first."""
     ids, after = visible(session, account, binned=part.binned), part.after
     if part.map_id is not None:

@@ -19,7 +19,7 @@ from webapp.robot.fields import record_schema
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 
 blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -43,7 +43,7 @@ class BatchIn(Schema):
         validate=_NAME,
         metadata={"description": "Whose numbers these are; no other program may use the name."},
     )
-    first = Number(
+    first = RecordNumber(
         strict=True,
         metadata={"description": "Number of the first record, counted from 0 by the sender."},
     )

@@ -8,7 +8,6 @@ import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Range
-from marshmallow import ValidationError
 
 from webapp.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
@@ -21,7 +20,7 @@ from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
 from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean
+from webapp.web.fields import Boolean, CheckedText
 from webapp.web.maps.schemas import SatelliteOut
 from webapp.web.openapi import json_answer
 
@@ -32,11 +31,6 @@ _FINE = 500
 """Below this size of a preview its lines are not whole numbers."""
 
 _ID = "<int(max=2147483647):mission_id>"
-
-
-def _check_spot(text: str) -> None:
-    if not state.is_spot(text):
-        raise ValidationError("This is no `next` of an earlier answer.")
 
 
 class StartOut(Schema):
@@ -166,9 +160,10 @@ class ListQuery(Schema):
         validate=Length(max=_MOST_SEARCHED),
         metadata={"description": "Only those with it in their name or that of their map, in any case."},
     )
-    after = String(
+    after = CheckedText(
         load_default=None,
-        validate=_check_spot,
+        check=state.is_spot,
+        refusal="This is no `next` of an earlier answer.",
         metadata={"description": "`next` of an earlier answer: those that follow."},
     )
     limit = Integer(
@@ -227,7 +222,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
         limit=None if limit is None else limit + 1,  # the one more shows whether any follow
     )
     with library().database.read() as session:
-        found = missions.list_missions(session, who, wanted)
+        found = missions.list_missions(session, who, part=wanted)
         shown = found[:limit]
         follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
         drawn = preview_missions(session, shown) if query["previews"] else [None] * len(shown)

@@ -9,6 +9,7 @@ from apiflask.fields import Boolean, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from sqlalchemy.orm import Session
 
+from webapp.core.texts import has_controls
 from webapp.missions.store import missions, object_states
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import MOST_SIGHTINGS
@@ -18,7 +19,7 @@ from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, O
 from webapp.missions.web import context
 from webapp.missions.web.context import open_mission
 from webapp.web.context import account, library
-from webapp.web.fields import Number, no_controls
+from webapp.web.fields import CheckedText, RecordNumber
 
 blueprint = APIBlueprint(
     "api_mission_objects",
@@ -42,7 +43,7 @@ class ObjectQuery(Schema):
     sort = String(load_default="id", validate=OneOf(list(SORTS)))
     descending = Boolean(load_default=False)
     limit = Integer(load_default=1000, validate=Range(1, _MOST))
-    offset = Number(load_default=0)
+    offset = RecordNumber(load_default=0)
 
 
 class DetectionOut(Schema):
@@ -123,7 +124,12 @@ class StateIn(Schema):
         validate=OneOf(STATES),
         metadata={"description": "The state that the caller has seen: 409 where it is another one by now."},
     )
-    note = String(load_default="", validate=[Length(max=_MAX_NOTE), no_controls])
+    note = CheckedText(
+        load_default="",
+        validate=Length(max=_MAX_NOTE),
+        check=lambda text: not has_controls(text),
+        refusal="This has control characters.",
+    )
 
 
 def object_json(row: MissionObject) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from webapp.missions.web.api_tracks import (
 from webapp.store.schema import MapRecord
 from webapp.tasks.satellite import display
 from webapp.web.context import library, public, settings
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_revalidated
 from webapp.web.sharing.shared_state import send_display
@@ -59,9 +59,9 @@ class SharedMissionOut(Schema):
 class SharedObjectsQuery(Schema):
     """Which objects."""
 
-    since = Number(least=-1, load_default=-1, metadata={"description": "Changed after that revision."})
+    since = RecordNumber(least=-1, load_default=-1, metadata={"description": "Changed after that revision."})
     limit = Integer(load_default=1000, validate=Range(1, _MOST))
-    offset = Number(load_default=0)
+    offset = RecordNumber(load_default=0)
 
 
 class SharedObjects(Schema):

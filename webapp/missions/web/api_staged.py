@@ -24,7 +24,7 @@ from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web import pieces
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_staged", __name__, url_prefix="/api/v1/mission-files", tag="Missions")
@@ -95,7 +95,7 @@ class NewMissionIn(Schema):
 class StagedImportIn(ReadingIn):
     """How a file is to be imported, and where to: one of `mission` and `new_mission`."""
 
-    mission = Number(load_default=None, allow_none=True)
+    mission = RecordNumber(load_default=None, allow_none=True)
     new_mission = Nested(
         NewMissionIn,
         load_default=None,

@@ -18,7 +18,7 @@ from webapp.missions.tasks import track_display
 from webapp.missions.tasks.track_display import LineView
 from webapp.missions.web.context import open_mission
 from webapp.web.context import library
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 
 blueprint = APIBlueprint(
     "api_tracks",
@@ -49,7 +49,7 @@ class LineQuery(Schema):
     west = Float(validate=Range(-180, 180))
     north = Float(validate=Range(-90, 90))
     east = Float(validate=Range(-180, 180), metadata={"description": "Less than west: across 180 degrees."})
-    since = Number(least=-1, load_default=-1, metadata={"description": "Only later numbers than it."})
+    since = RecordNumber(least=-1, load_default=-1, metadata={"description": "Only later numbers than it."})
 
 
 class LineOut(Schema):

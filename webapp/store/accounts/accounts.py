@@ -167,8 +167,10 @@ def hashed(secret: str) -> str:
 
 def _named(session: Session, name: str) -> Account | None:
     wanted = texts.plain(name)
-    there = session.scalars(select(Account).order_by(Account.name != name, Account.id))
-    return next((a for a in there if texts.plain(a.name) == wanted), None)
+    there = session.scalars(select(Account).order_by(Account.id))
+    alike = [account for account in there if texts.plain(account.name) == wanted]
+    # Older versions told apart what is alike now: who writes a name as it is kept means that account.
+    return next((account for account in alike if account.name == name), alike[0] if alike else None)
 
 
 def _free_name(session: Session, name: str, *, own: int | None = None) -> str:

@@ -17,7 +17,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.edit_points import set_in_library
 from webapp.tasks.landmarks.show_cloud import shown_cloud
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.landmarks.jobs import queue_landmarks, running_job
 
 blueprint = APIBlueprint(
@@ -33,7 +33,7 @@ _MOST_CLICKS = 200
 class ClickFields(Schema):
     """Where a photo shows a control point: shares of the upright photo, from its top left corner."""
 
-    id = Number(required=True, metadata={"description": "Of the photo."})
+    id = RecordNumber(required=True, metadata={"description": "Of the photo."})
     x = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the width."})
     y = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the height."})
 

@@ -18,7 +18,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.landmarks import stored
 from webapp.tasks.landmarks.accept import accept_in_library, correct_in_library, is_where_it_was
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.maps.api_placing import PlacingOut, placing_json
 
 landmarks_api = APIBlueprint(
@@ -90,7 +90,7 @@ class RestOut(Schema):
 class AcceptIn(Schema):
     """Photos to place, or to move, where they are suggested."""
 
-    ids = List(Number(), required=True, validate=Length(min=1, max=_MOST))
+    ids = List(RecordNumber(), required=True, validate=Length(min=1, max=_MOST))
 
 
 @landmarks_api.get("")

@@ -34,7 +34,7 @@ from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web import metrics
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import AnswerOut
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_revalidated
@@ -83,7 +83,9 @@ class QuestionIn(Schema):
             "the frames before count, too. Forgotten ten minutes after the last frame."
         },
     )
-    query = Number(metadata={"description": "Ask again about the photo of this answer, instead of a file."})
+    query = RecordNumber(
+        metadata={"description": "Ask again about the photo of this answer, instead of a file."}
+    )
     keep = Boolean(load_default=True, metadata={"description": "Remember photo and answer."})
 
 

@@ -21,7 +21,7 @@ from webapp.tasks.exchange.export_answers import AnswerFormat, AnswerRange
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_immutable, send_pieces
@@ -37,15 +37,15 @@ _ID = "<int(max=2147483647):id>"
 class ListIn(Schema):
     """Which part of the history."""
 
-    before = Number(load_default=None, metadata={"description": "Only older ones than this id."})
+    before = RecordNumber(load_default=None, metadata={"description": "Only older ones than this id."})
     limit = Integer(load_default=50, validate=Range(1, _MOST))
 
 
 class AnswersIn(Schema):
     """Which answers."""
 
-    first = Number(load_default=None, metadata={"description": "Id of the first one."})
-    last = Number(load_default=None, metadata={"description": "Id of the last one."})
+    first = RecordNumber(load_default=None, metadata={"description": "Id of the first one."})
+    last = RecordNumber(load_default=None, metadata={"description": "Id of the last one."})
     mine = Boolean(load_default=False, metadata={"description": "Only what you asked yourself."})
 
 
@@ -93,7 +93,7 @@ class AdoptIn(Schema):
     x_px = Float(allow_none=True, load_default=None)
     y_px = Float(allow_none=True, load_default=None)
     heading_deg = Float(allow_none=True, load_default=None)
-    floor = Number(allow_none=True, load_default=None, metadata={"description": "Id of its floor."})
+    floor = RecordNumber(allow_none=True, load_default=None, metadata={"description": "Id of its floor."})
 
 
 class AdoptOut(Schema):

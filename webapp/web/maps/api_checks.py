@@ -18,7 +18,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
 from webapp.tasks.maps.findings import FixName
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 from webapp.web.language import translate_job
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
@@ -72,7 +72,7 @@ class FixIn(Schema):
     """A fix, and the photos that it is for."""
 
     code = String(required=True, validate=Length(max=40))
-    ids = List(Number(), load_default=list, validate=Length(max=_MOST))
+    ids = List(RecordNumber(), load_default=list, validate=Length(max=_MOST))
 
 
 class PhotoHealthOut(Schema):

@@ -15,7 +15,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, if_match, library, open_map
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
 from webapp.web.openapi import json_answer
@@ -94,19 +94,19 @@ class PhotoChange(Schema):
         metadata={"description": "What people write on it; null or empty: nothing."},
     )
 
-    floor = Number(metadata={"description": "Id of the floor that it is on."})
+    floor = RecordNumber(metadata={"description": "Id of the floor that it is on."})
 
 
 class NumberedChange(PhotoChange):
     """... with the photo's id."""
 
-    id = Number(required=True)
+    id = RecordNumber(required=True)
 
 
 class EditRequest(Schema):
     """Several photos changed in one step."""
 
-    seen = Number(metadata={"description": "Newest revision you know; later changes are a conflict."})
+    seen = RecordNumber(metadata={"description": "Newest revision you know; later changes are a conflict."})
     kind = String(load_default="move", validate=OneOf(KINDS))
     placement = String(allow_none=True, load_default=None)
     changes = List(Nested(NumberedChange), required=True, validate=Length(1, _MOST))
@@ -115,14 +115,14 @@ class EditRequest(Schema):
 class RemoveRequest(Schema):
     """Photos that shall be taken out of the map."""
 
-    seen = Number()
-    ids = List(Number(), required=True, validate=Length(1, _MOST))
+    seen = RecordNumber()
+    ids = List(RecordNumber(), required=True, validate=Length(1, _MOST))
 
 
 class Since(Schema):
     """From where on."""
 
-    since = Number(least=-1, load_default=-1)
+    since = RecordNumber(least=-1, load_default=-1)
 
 
 @blueprint.get("")

@@ -13,7 +13,7 @@ from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import edit_notes
 from webapp.web.context import account, if_match, library, open_map
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, NoteOut
 
@@ -31,7 +31,7 @@ class NoteIn(Schema):
     x_px = Float(required=True)
     y_px = Float(required=True)
     photos = List(
-        Number(),
+        RecordNumber(),
         load_default=list,
         validate=Length(max=_MOST_PHOTOS),
         metadata={"description": "Ids of the photos that it is about."},

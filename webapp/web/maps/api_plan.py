@@ -27,7 +27,7 @@ from webapp.tasks.photo_plan.spot_photo import TargetPose
 from webapp.tasks.photo_plan.words import PlanWords, walk_of
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, open_map, settings
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.maps.api_photos import IntakeOut, intake_json
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_pieces
@@ -109,7 +109,7 @@ class SpotPhotoIn(Schema):
     x_px = Float(required=True, validate=Range(-_FAR_PX, _FAR_PX))
     y_px = Float(required=True, validate=Range(-_FAR_PX, _FAR_PX))
     heading_deg = Float(load_default=None, validate=Range(-360, 360))
-    revision = Number(
+    revision = RecordNumber(
         load_default=None,
         metadata={"description": "That of the plan: a spot on an image that was replaced is not suggested."},
     )

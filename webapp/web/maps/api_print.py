@@ -34,7 +34,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, of_library
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_pieces
 
@@ -79,15 +79,15 @@ class PrintIn(Schema):
         validate=Length(max=MOST_TEXT),
         metadata={"description": "Whom the image is from; by default its tile service."},
     )
-    floor = Number(
+    floor = RecordNumber(
         load_default=BASE_FLOOR,
         metadata={"description": "Id of the floor, on a map that has several."},
     )
     answers = Boolean(
         load_default=False, metadata={"description": "Show the best places of answers, too: all, or some."}
     )
-    first = Number(load_default=None, metadata={"description": "Id of the first answer."})
-    last = Number(load_default=None, metadata={"description": "Id of the last answer."})
+    first = RecordNumber(load_default=None, metadata={"description": "Id of the first answer."})
+    last = RecordNumber(load_default=None, metadata={"description": "Id of the last answer."})
     mine = Boolean(load_default=False, metadata={"description": "Only answers to what you asked yourself."})
 
 

@@ -7,7 +7,7 @@ from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, Range
 
 from webapp.files.photos.panorama import MOST_MASKED
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 
 _ROLES = ("owner", "editor", "viewer")
 
@@ -99,7 +99,7 @@ class PhotoOut(Schema):
 class PageQuery(Schema):
     """Which photos are listed."""
 
-    after = Number(least=-1, load_default=-1, metadata={"description": "An id."})
+    after = RecordNumber(least=-1, load_default=-1, metadata={"description": "An id."})
     limit = Integer(load_default=1000, validate=Range(1, 5000))
 
 

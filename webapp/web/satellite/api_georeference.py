@@ -21,7 +21,7 @@ from webapp.tasks.satellite import georeference as satellite_georeference
 from webapp.tasks.satellite.apply import ImageChoice, ImageEditResult, set_georeference
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Number
+from webapp.web.fields import RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 
@@ -50,7 +50,7 @@ class GeoreferenceIn(Schema):
     model = String(load_default=None, allow_none=True, validate=OneOf(tuple(NEEDED)))
     worldfile = String(load_default=None, validate=Length(max=10_000))
     crs = String(load_default=None, allow_none=True, validate=Length(max=5000))
-    seen = Number(
+    seen = RecordNumber(
         load_default=None, metadata={"description": "Newest revision you know; a later image is a conflict."}
     )
 

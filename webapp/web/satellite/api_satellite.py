@@ -28,7 +28,7 @@ from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import ImageAnswer, answer
 
@@ -54,7 +54,7 @@ class OutsideIn(Schema):
         metadata={"description": "Scale the positions with the image, where not both are georeferenced."},
     )
     tray = Boolean(load_default=False, metadata={"description": "Put photos outside back into the tray."})
-    seen = Number(
+    seen = RecordNumber(
         load_default=None, metadata={"description": "Newest revision you know; a later image is a conflict."}
     )
 

@@ -17,7 +17,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import Allows
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, Number
+from webapp.web.fields import Boolean, RecordNumber
 
 shares_api = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
 members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
@@ -51,7 +51,7 @@ class AllowsIn(Schema):
 class ShareIn(AllowsIn):
     """What is shared, and with whom."""
 
-    query = Number(
+    query = RecordNumber(
         load_default=None, metadata={"description": "Id of the only answer to share; null: the map."}
     )
     public = Boolean(load_default=False, metadata={"description": "Whether it is listed for everybody."})
