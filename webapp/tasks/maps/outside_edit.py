@@ -298,9 +298,8 @@ class _Planner:
     def take_listed(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
         """Plan control points, and notes but those of placed photos; what the file does not have stays."""
         in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in ids.values()}
-        # Of photos that were removed a file has no line, but what is about them still names them.
-        absent = self._rows.keys() - ids.keys() - {*ids.values(), *(p.id for p in map_.unplaced)}
-        known = {id: id for id in absent | in_tray.keys()} | dict(ids)
+        # Photos that were removed have no line, but what is about them still names them.
+        known = {id: id for id in self._rows.keys() - set(ids.values())} | dict(ids)
         points = outside_listed.changed_points(session, self._record, map_, known=known)
         notes = outside_listed.changed_notes(session, self._record, map_, known=known)
         self.plan.changes |= points | notes
