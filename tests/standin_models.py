@@ -1,10 +1,13 @@
 """Models with the inputs and outputs of the published ones, that compute something simple."""
 
+import hashlib
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from tests.onnx_writer import INT64, Writer
+from webapp.files.localize.models import MODELS
 
 TABLE = np.random.default_rng(0).normal(size=(64, 128)).astype(np.float32)
 """Descriptors: of a pixel, the row is its number in the image, modulo 64."""
@@ -195,3 +198,57 @@ def xfeat(height=96, width=128):
         g.output(name, 1, height // 8, width // 8, channels)
     g.output(reliability, 1, 1, height // 8, width // 8)
     return g.to_bytes()
+
+
+def lpd_yunet():
+    """LPD-YuNet for which a plate is what is white: 16 pixels around each cell of 8, as sure as bright."""
+    g = Writer()
+    c = g.constant
+    grey = g.node("ReduceMean", g.input("input", 1, 3, 240, 320), axes=[1], keepdims=1)
+    cells = g.node("AveragePool", grey, kernel_shape=[8, 8], strides=[8, 8])
+    white = g.node("Mul", g.node("Reshape", cells, c([1200, 1])), c([1 / 255]))
+    smallest = g.node("Reshape", g.node("MatMul", white, c([[1.0, 0.0, 0.0]])), c([3600, 1]))
+    sure = g.node("Concat", smallest, c(np.zeros((785, 1))), axis=0)
+    corners = np.zeros((1, 14))
+    corners[0, [4, 5, 7, 12]], corners[0, [6, 10, 11, 13]] = -8, 8
+    g.node("Add", g.node("MatMul", sure, c(np.zeros((1, 14)))), c(corners), name="loc")
+    g.node("MatMul", sure, c([[0.0, 1.0]]), name="conf")
+    g.node("Add", g.node("Mul", sure, c([0.0])), c([1.0]), name="iou")
+    for name, width in (("loc", 14), ("conf", 2), ("iou", 1)):
+        g.output(name, 4385, width)
+    return g.to_bytes()
+
+
+def yunet():
+    """YuNet for which a face is what is white: 16 pixels around each cell of 8, as sure as it is bright."""
+    g = Writer()
+    c = g.constant
+    grey = g.node("ReduceMean", g.input("input", 1, 3, 640, 640), axes=[1], keepdims=1)
+    for stride in (8, 16, 32):
+        count = (640 // stride) ** 2
+        cells = g.node("AveragePool", grey, kernel_shape=[stride] * 2, strides=[stride] * 2)
+        share = 1 / 255 if stride == 8 else 0.0
+        white = g.node("Mul", g.node("Reshape", cells, c([1, count, 1])), c([share]))
+        none = g.node("Mul", white, c([0.0]))
+        g.node("Add", white, c([0.0]), name=f"cls_{stride}")
+        g.node("Add", none, c([1.0]), name=f"obj_{stride}")
+        half = np.array([[[0.5, 0.5, np.log(2), np.log(2)]]])
+        g.node("Add", g.node("MatMul", none, c(np.zeros((1, 1, 4)))), c(half), name=f"bbox_{stride}")
+        g.node("MatMul", none, c(np.zeros((1, 1, 10))), name=f"kps_{stride}")
+        for name, width in (("cls", 1), ("obj", 1), ("bbox", 4), ("kps", 10)):
+            g.output(f"{name}_{stride}", 1, count, width)
+    return g.to_bytes()
+
+
+def install_blur_networks(folder, patch, *, models=("faces", "plates")):
+    """Put stand-ins of the networks that find faces and plates into a folder, as if they were published.
+
+    `patch` sets an item of a mapping: `monkeypatch.setitem`, or `operator.setitem` in a process of its own.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for model in models:
+        data = {"faces": yunet, "plates": lpd_yunet}[model]()
+        file = replace(MODELS[model][0], bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+        (folder / file.name).write_bytes(data)
+        patch(MODELS, model, (file,))
+    return folder

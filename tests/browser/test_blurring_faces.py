@@ -34,8 +34,8 @@ def test_boxes_are_drawn_and_kept(make_page, page):
 
 def test_suggested_faces_are_accepted_photo_by_photo(make_page, page, api):
     edit = make_page(3, placed=True)
-    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2}
-    page.route("**/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face]}))
+    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
+    page.route("**/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face], "missing": []}))
     page.locator("#tray-list").focus()
     page.keyboard.press("Control+a")
     page.locator("#selection-blur").click()
@@ -53,7 +53,8 @@ def test_suggested_faces_are_accepted_photo_by_photo(make_page, page, api):
 
 def test_nothing_is_accepted_before_it_is_suggested(make_page, page, api):
     edit = make_page(2, placed=True)
-    found = {"boxes": [{"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2}]}
+    found = {"boxes": [{"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}]}
+    found["missing"] = []
     waiting = []
     page.route("**/blur/suggestions", lambda route: waiting.append(route))
     page.locator("#tray-list").focus()
@@ -76,3 +77,77 @@ def test_nothing_is_accepted_before_it_is_suggested(make_page, page, api):
     waiting.pop().fulfill(json=found)
     expect(page.get_by_role("dialog")).to_have_count(0)
     assert [len(photo["blurred"]) for photo in api.state(edit.slug)["photos"]] == [1, 1]
+
+
+def test_suggestions_of_one_photo_are_chosen_one_by_one(make_page, page, api):
+    edit = make_page(1, placed=True)
+    face = {"x": 0.1, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.93}
+    plate = {"x": 0.6, "y": 0.6, "width": 0.2, "height": 0.1, "kind": "plate", "score": 0.71}
+    answer = {"boxes": [face, plate], "missing": []}
+    page.route("**/photos/*/blur/suggestions", lambda route: route.fulfill(json=answer))
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    page.get_by_test_id("blur-suggest").click()
+    expect(page.get_by_text("2 boxes")).to_be_visible()
+    page.get_by_label("Face, 93").uncheck()
+    expect(page.locator(".blur-box")).to_have_count(1)
+    assert axe.findings(page) == []
+    page.get_by_label("Face, 93").check()
+    page.get_by_role("button", name="Remove this box").first.click()
+    expect(page.get_by_label("Number plate, 71")).not_to_be_checked()
+    page.get_by_test_id("blur-suggest").click()  # no box comes twice
+    expect(page.get_by_text("2 boxes")).to_be_visible()
+    page.get_by_label("Face, 93").uncheck()
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    kept = {side: plate[side] for side in ("x", "y", "width", "height")}
+    assert api.state(edit.slug)["photos"][0]["blurred"] == [kept]
+
+
+def test_a_server_without_a_network_says_what_is_not_looked_for(make_page, page):
+    make_page(1, placed=True)
+    answer = {"boxes": [], "missing": ["plates"]}
+    page.route("**/photos/*/blur/suggestions", lambda route: route.fulfill(json=answer))
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    page.get_by_test_id("blur-suggest").click()
+    expect(page.get_by_text("Nothing was found. Number plates are not looked for")).to_be_visible()
+    expect(page.get_by_text("expmap models fetch plates")).to_be_visible()
+
+
+def test_all_photos_are_searched_and_looked_at_from_the_bar(make_page, page, api):
+    make_page(2, placed=True)
+    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
+    found = {
+        "photos": [{"id": 1, "name": "b", "boxes": [face]}],
+        "searched": 2,
+        "total": 2,
+        "missing": [],
+        "job": 7,
+    }
+    asked = []
+
+    def of_map(route):
+        asked.append(route.request.method)
+        route.fulfill(json=found, status=202 if route.request.method == "POST" else 200)
+
+    def changes(route):
+        answer = route.fetch()
+        state = answer.json()
+        if "POST" in asked:
+            job = {"id": 7, "kind": "blur", "state": "done", "done": 2, "total": 2, "seconds_left": None}
+            state["jobs"] = [*state.get("jobs", []), {**job, "error": None, "result": {}, "note": ""}]
+        route.fulfill(response=answer, json=state)
+
+    page.route("**/blur/suggestions", of_map)
+    page.route("**/changes?*", changes)
+    page.route(
+        "**/photos/*/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face], "missing": []})
+    )
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    page.get_by_test_id("blur-all").click()
+    expect(page.get_by_text("1 photo has something to blur.")).to_be_visible()
+    assert asked[:2] == ["POST", "GET"]
+    page.get_by_test_id("blur-look").click()
+    expect(page.get_by_role("dialog")).to_be_visible()

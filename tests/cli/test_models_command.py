@@ -21,12 +21,22 @@ def test_the_list_has_size_licence_source_and_state(expmap):
     assert code == 0
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out
     assert "faces: face_detection_yunet_2023mar.onnx, 0.2 MB, MIT, YuNet of" in out
+    assert "plates: license_plate_detection_lpd_yunet_2023mar.onnx, 4.1 MB, Apache-2.0, LPD-YuNet of" in out
     assert "aliked: aliked.onnx, yours to supply: no published file is pinned, ALIKED of" in out
-    assert out.count("; missing\n") == out.count("\n") == 8
+    assert out.count("; missing\n") == out.count("\n") == 9
     assert "folder:" in err
     code, out, _ = expmap("models", "list", "--json")
     names = {state["model"] for state in json.loads(out)}
-    assert names == {"xfeat", "lighterglue", "faces", "aliked", "disk", "aliked-lightglue", "global"}
+    assert names == {
+        "xfeat",
+        "lighterglue",
+        "faces",
+        "plates",
+        "aliked",
+        "disk",
+        "aliked-lightglue",
+        "global",
+    }
 
 
 def test_a_global_descriptor_is_named_and_tried(expmap, models):
@@ -49,7 +59,8 @@ def test_a_global_descriptor_is_named_and_tried(expmap, models):
 
 
 def test_weights_from_a_folder_can_be_used(expmap, shared_models, models, monkeypatch):
-    monkeypatch.delitem(MODELS, "faces")  # it would be downloaded
+    for model in ("faces", "plates"):  # they would be downloaded
+        monkeypatch.delitem(MODELS, model)
     code, out, err = expmap("models", "fetch", "xfeat", "--from", shared_models)
     assert code == 0
     assert out.strip() == str(models / "xfeat_800x576.onnx")

@@ -4,8 +4,8 @@ import { test } from "node:test";
 import "./page.mjs";
 
 const { duration, t, tn } = await import("../../static/js/shared/i18n.js");
-const { isLoopback, leftText, metresText, sizeText } = await import("../../static/js/shared/format.js");
-const { headingText, lengthText, numberText, percentText, probabilityColours } = await import("../../static/js/shared/answer/answer-format.js");
+const { isLoopback, leftText, metresText, sizeText, percentText } = await import("../../static/js/shared/format.js");
+const { headingText, lengthText, numberText, probabilityColours } = await import("../../static/js/shared/answer/answer-format.js");
 const missions = await import("../../static/js/missions/format.js");
 
 test("known texts are translated, others stay, and values are filled in", () => {

@@ -92,6 +92,7 @@ map_group = LazyGroup(
         "floors": "webapp.cli.floors:floors",
         "plan": "webapp.cli.plan:plan",
         "place-rest": "webapp.cli.place_rest:place_rest",
+        "blur": "webapp.cli.blur:blur",
         "street-photos": "webapp.cli.street:street_photos",
         "cut-panoramas": "webapp.cli.panoramas:cut_panoramas",
         "join-panoramas": "webapp.cli.panoramas:join_panoramas",

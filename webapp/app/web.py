@@ -32,6 +32,7 @@ from webapp.web.landmarks import pages as landmarks_pages
 from webapp.web.localize import api_find, api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
 from webapp.web.maps import (
+    api_blur,
     api_checks,
     api_exchange,
     api_floors,
@@ -81,11 +82,11 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     api_points.blueprint,
     api_rest.landmarks_api,
     landmarks_pages.blueprint,
+    api_blur.blur_api,
     api_checks.checks_api,
     api_checks.evaluation_api,
     api_maps.blueprint,
     api_photos.photos_api,
-    api_photos.blur_api,
     api_photos.uploads_api,
     api_placing.placing_api,
     api_placing.placements_api,

@@ -23,6 +23,7 @@ Sweep = Callable[[Library, Settings], object]
 """Tidies up: deletes what interrupted work has left behind, or queues what is due."""
 
 KINDS: dict[str, str] = {
+    "blur": "webapp.jobs.map_jobs:suggest_blurring",
     "describe-library": "webapp.jobs.map_jobs:describe_all_maps",
     "evaluate": "webapp.jobs.map_jobs:evaluate_map",
     "export": "webapp.jobs.map_jobs:export_map_file",

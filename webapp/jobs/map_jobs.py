@@ -8,12 +8,15 @@ from typing import Any
 from webapp.core.features.table import choose
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
+from webapp.files.localize.blur_networks import blur_networks
 from webapp.files.localize.global_model import usable_global_descriptor
 from webapp.files.maps.folder import read_map
 from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
 from webapp.store.maps import maps
+from webapp.tasks.blur.accept import accept_in_library
+from webapp.tasks.blur.find import search_map
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.types import EvaluateOptions
@@ -154,6 +157,47 @@ def suggest_places(context: Context) -> dict[str, Any]:
     report = suggest_rest(cfg, settings=context.settings, progress=context.progress)
     stored_places.keep(cfg, report, revision=revision)
     return {"suggested": len(report.suggested), "left": len(report.left)}
+
+
+def suggest_blurring(context: Context) -> dict[str, Any]:
+    """Find faces and number plates in a map's photos; with the argument `accept` blur them.
+
+    With `least_score` only what a network is at least so sure of is blurred. What was found is kept, so that
+    a job that is done again goes on where it stopped.
+    """
+    library, record, settings = context.library, context.map(), context.settings
+    export.export_map(library, record.id)
+    accept = bool(context.arguments.get("accept"))
+    networks = blur_networks(settings.models)
+    context.progress.note("looking for faces and number plates")
+    report = search_map(
+        library.cfg(record.slug),
+        networks=networks,
+        limits=settings.photo,
+        progress=context.progress,
+        least_score=float(context.arguments.get("least_score", 0.0)) if accept else 0.0,
+    )
+    blurred: list[int] = []
+    failed = list(report.failed)
+    if accept:
+        context.progress.note("blurring them")
+        blurred, refused = accept_in_library(
+            library,
+            record.id,
+            suggested=report.suggested,
+            settings=settings,
+            progress=context.progress,
+            changing=context.changing,
+        )
+        failed += refused
+    return {
+        "searched": report.searched,
+        "photos": len(report.suggested),
+        "boxes": sum(len(one.boxes) for one in report.suggested),
+        "blurred": len(blurred),
+        "failed": [{"id": one.id, "reason": one.reason} for one in failed[:_NAMED]],
+        "missing": list(networks.missing),
+    }
 
 
 def build_landmarks(context: Context) -> dict[str, Any]:

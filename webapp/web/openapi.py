@@ -105,6 +105,7 @@ _IF_MATCH = {
     "schema": {"type": "string", "pattern": '^("[0-9]{1,15}"|[0-9]{1,15})$'},
 }
 _MORE: dict[str, dict[str, Any]] = {
+    "api_blur.list_suggestions": {"statuses": [400, 403, 422]},
     "api_blur.suggest": {"statuses": [400, 403, 422]},
     "api_exchange.cfg": {"statuses": [400]},
     "api_exchange.export": {"statuses": [400]},

@@ -10,6 +10,7 @@ import { sentence, toastError } from "../shared/toast.js";
 import { canGoAgain } from "../shared/uploads.js";
 
 const JOBS = {
+  blur: () => t("Finding faces and number plates"),
   index: () => t("Indexing the photos"),
   evaluate: () => t("Evaluating the map"),
   health: () => t("Finding places that look similar"),

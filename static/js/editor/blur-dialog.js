@@ -1,7 +1,8 @@
-/** The dialog in which boxes over faces and plates are drawn, or suggested: they are blurred in every picture. */
+/** The dialog in which boxes over faces and number plates are drawn, or suggested: they are blurred in every picture. */
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
+import { percentText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 
 const LEAST = 0.008;
@@ -9,28 +10,35 @@ const NEW = { x: 0.4, y: 0.4, width: 0.2, height: 0.2 };
 const STEP = 0.01;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
+/** A box of the server: what it is of, and how sure the network is, where it is a suggestion. @typedef {{x: number, y: number, width: number, height: number, kind?: "face"|"plate", score?: number}} Box */
+
 /**
  * Let somebody draw what is to be blurred, in one photo or in several, one after the other.
  * @param {Object[]} photos
- * @param {{suggest: function(Object): Promise<Object[]>, save: function(Object, Object[]): Promise<void>}} server
- *   finds faces in a photo; keeps all boxes of it
+ * @param {Object} server
+ * @param {function(Object): Promise<{boxes: Box[], missing: string[]}>} server.suggest finds faces and number plates in a photo
+ * @param {function(Object, Box[]): Promise<void>} server.save keeps all boxes of it
+ * @param {?function(): Promise<void>} [server.searchAll] lets all photos of the map be searched, in the background
  */
-export function blurDialog(photos, { suggest, save }) {
+export function blurDialog(photos, { suggest, save, searchAll = null }) {
   const image = h("img", { draggable: "false" });
   const frame = h("div", { class: "blur-frame" }, image);
   const boxes = new Boxes(frame, []);
+  const suggested = new Suggestions(boxes);
   const place = h("span", { class: "soft small", role: "status" });
   const error = errorLine();
   const none = h("span", { class: "small", role: "status" });
   const button = (words, attributes, ...inner) => h("button", { class: "button", type: "button", ...attributes }, ...inner, words);
   const add = button(t("Add a box"), { onclick: () => boxes.add({ ...NEW }) }, icon("plus"));
-  const find = button(t("Suggest faces"), { "data-testid": "blur-suggest" }, icon("person"));
+  const find = button(t("Suggest faces and plates"), { "data-testid": "blur-suggest" }, icon("person"));
   const skip = button(t("Next photo"), { "data-testid": "blur-skip" });
   const rest = button(t("Accept all"), { "data-testid": "blur-rest" });
   const send = button(t("Save"), { class: "button button--primary" });
+  const all = button(t("Search all photos"), { class: "button button--quiet", "data-testid": "blur-all" });
   const text = t("Draw a box over each face and number plate. They are blurred in every picture that is shown; the original file is not changed.");
   const several = photos.length > 1;
-  const body = [h("p", { class: "soft small" }, text), frame, h("div", { class: "row" }, add, find, boxes.count, none, place), error];
+  const tools = h("div", { class: "row" }, add, find, boxes.count, none, place, searchAll && !several && all);
+  const body = [h("p", { class: "soft small" }, text), frame, suggested.list, tools, error];
   const dialog = openDialog(t("Blur faces and plates"), body, { actions: several ? [skip, rest, send] : [send] });
   dialog.classList.add("dialog--wide");
   let at = 0;
@@ -40,14 +48,16 @@ export function blurDialog(photos, { suggest, save }) {
     sought = false;
     Object.assign(image, { src: photo.preview, alt: photo.name });
     boxes.replace(photo.blurred.map((box) => ({ ...box })));
+    suggested.show([]);
     none.textContent = "";
     place.textContent = several ? t("{n} of {all}", { n: at + 1, all: photos.length }) : "";
   };
   const seek = async () => {
     const found = await suggest(photos[at]);
     sought = true;
-    boxes.replace([...boxes.all, ...found]);
-    none.textContent = found.length ? "" : t("No face was found.");
+    boxes.replace([...boxes.all.filter((box) => !suggested.all.includes(box)), ...found.boxes]);
+    suggested.show(found.boxes);
+    none.textContent = [found.boxes.length ? "" : t("Nothing was found."), ...found.missing.map(notSearched)].join(" ").trim();
   };
   const next = async () => {
     at += 1;
@@ -55,7 +65,7 @@ export function blurDialog(photos, { suggest, save }) {
     show();
     return several && seek();
   };
-  const buttons = [find, skip, rest, send];
+  const buttons = [find, skip, rest, send, all];
   /** One at a time: faces of one photo are not to come to the next. */
   const run = async (does, pressed = null) => {
     for (const one of buttons) one.disabled = true;
@@ -69,9 +79,13 @@ export function blurDialog(photos, { suggest, save }) {
     pressed?.focus();
   };
   const does = (pressed, action) => pressed.addEventListener("click", () => run(action, pressed));
-  const keep = () => save(photos[at], boxes.all);
+  const keep = () => save(photos[at], boxes.all.map(({ x, y, width, height }) => ({ x, y, width, height })));
   does(find, seek);
   does(skip, next);
+  does(all, async () => {
+    await searchAll();
+    dialog.close();
+  });
   does(send, async () => {
     await keep();
     await next();
@@ -87,6 +101,50 @@ export function blurDialog(photos, { suggest, save }) {
   if (several) run(seek);
 }
 
+/** Which things a server without this model does not look for. @param {string} model */
+function notSearched(model) {
+  const command = `expmap models fetch ${model}`;
+  return model === "faces"
+    ? t("Faces are not looked for: the server needs {command}.", { command })
+    : t("Number plates are not looked for: the server needs {command}.", { command });
+}
+
+/** What a suggestion is of, and how sure the network is. @param {Box} box */
+function wordsOf({ kind, score }) {
+  const percent = percentText(score);
+  return kind === "face" ? t("Face, {percent}", { percent }) : t("Number plate, {percent}", { percent });
+}
+
+/** A list of what is suggested for a photo: what is ticked is among its boxes. */
+class Suggestions {
+  /** @param {Boxes} boxes */
+  constructor(boxes) {
+    this.boxes = boxes;
+    this.list = h("ul", { class: "blur-found small", "aria-label": t("Suggestions") });
+    /** @type {Box[]} */
+    this.all = [];
+    this.ticks = new Map();
+    boxes.onchange = () => this._tick();
+  }
+
+  /** @param {Box[]} all */
+  show(all) {
+    this.all = all;
+    this.ticks = new Map(all.map((box) => [box, h("input", { type: "checkbox", onchange: () => this._choose(box) })]));
+    this.list.replaceChildren(...all.map((box) => h("li", {}, h("label", {}, this.ticks.get(box), wordsOf(box)))));
+    this._tick();
+  }
+
+  _tick() {
+    for (const [box, input] of this.ticks) input.checked = this.boxes.all.includes(box);
+  }
+
+  _choose(box) {
+    const others = this.boxes.all.filter((one) => one !== box);
+    this.boxes.replace(this.ticks.get(box).checked ? [...others, box] : others);
+  }
+}
+
 /** Boxes over a picture, drawn with a pointer, or added and moved with keys. */
 export class Boxes {
   /**
@@ -97,6 +155,8 @@ export class Boxes {
     this.frame = frame;
     this.all = all;
     this.count = h("span", { class: "soft small", role: "status" });
+    /** Called when boxes came or went. */
+    this.onchange = () => {};
     frame.addEventListener("pointerdown", (event) => this._draw(event));
     this._show();
   }
@@ -117,6 +177,7 @@ export class Boxes {
     for (const old of this.frame.querySelectorAll(".blur-box")) old.remove();
     this.frame.append(...this._shown().map((box) => this._element(box)));
     this.count.textContent = tn("{n} box", "{n} boxes", this.all.length);
+    this.onchange();
   }
 
   /** Those that are shown one by one. @returns {Object[]} */
@@ -131,7 +192,7 @@ export class Boxes {
     };
     const button = h("button", { class: "blur-box__remove", type: "button", "aria-label": t("Remove this box"), onclick: remove }, icon("close"));
     const words = t("Box: move it with the arrow keys, resize it with Shift and the arrow keys");
-    const made = h("div", { class: "blur-box", tabindex: "0", role: "group", "aria-label": words }, button);
+    const made = h("div", { class: "blur-box", tabindex: "0", role: "group", "aria-label": words }, box.kind && h("span", { class: "blur-box__kind", "aria-hidden": "true" }, wordsOf(box)), button);
     made.addEventListener("keydown", (event) => this._key(event, made, box));
     lay(made, box);
     return made;

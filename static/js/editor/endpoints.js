@@ -55,6 +55,8 @@ export function endpointsOf(slug) {
 
     readMask: (file) => api(`${map}/photos/mask`, { method: "POST", body: form({ file }) }),
     suggestBlur: (id) => get(`${map}/photos/${id}/blur/suggestions`),
+    blurFound: () => get(`${map}/blur/suggestions`),
+    searchBlur: () => post(`${map}/blur/suggestions`, {}),
     blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
 
     findings: () => get(`${map}/findings`),

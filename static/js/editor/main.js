@@ -26,6 +26,7 @@ import { showHelp } from "./help.js";
 import { connectKeyboard } from "./keyboard.js";
 import { connectLayout } from "./layout.js";
 import { MapHealth } from "./map-health.js";
+import { connectBlurBar } from "./photos/blur-photos.js";
 import { CurrentPhoto } from "./photos/current-photo.js";
 import { previewDots } from "./photos/dot-preview.js";
 import { dropPhotos } from "./photos/drop-photos.js";
@@ -114,6 +115,7 @@ function takeFiles() {
   new Activity(store, uploads, page);
   if (!store.canEdit) return;
   const bulk = bulkPlacing(page);
+  connectBlurBar(page);
   const take = async (files) => {
     const lists = files.filter(({ name }) => /\.(cfg|csv|tsv|txt|json|geojson|kml|gpx)$/i.test(name));
     const photos = files.filter((file) => !lists.includes(file));

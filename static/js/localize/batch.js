@@ -1,9 +1,10 @@
 /** Many photos, each localized by itself: a table of the answers, and all of them on the map. */
 
 import { answerBadge } from "../shared/answer/answer-badge.js";
-import { lengthText, percentText, probabilityColours } from "../shared/answer/answer-format.js";
+import { lengthText, probabilityColours } from "../shared/answer/answer-format.js";
 import { isOffMap } from "../shared/answer/query-session.js";
 import { byId, h } from "../shared/dom.js";
+import { percentText } from "../shared/format.js";
 import { labelled, t } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
 import { BASE_FLOOR } from "../shared/map/map-store.js";

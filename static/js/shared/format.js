@@ -42,3 +42,11 @@ export function isLoopback(address) {
   const { hostname } = new URL(address);
   return hostname === "[::1]" || /^(127(\.\d+){3}|(.*\.)?localhost)$/.test(hostname);
 }
+
+/** A probability in percent; never 0 or 100 for what is neither. */
+export function percentText(probability) {
+  const percent = probability * 100;
+  if (percent > 0 && percent < 1) return "< 1\u00a0%";
+  if (percent < 100 && percent > 99) return "> 99\u00a0%";
+  return `${Math.round(percent)}\u00a0%`;
+}

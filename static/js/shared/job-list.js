@@ -141,6 +141,7 @@ function badge(state) {
  */
 export function kindName(kind) {
   const names = {
+    blur: t("Faces and number plates"),
     index: t("Index"),
     import: t("Import"),
     export: t("Export"),

@@ -3,16 +3,17 @@
 import io
 import json
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 from sqlalchemy import select
 
-from webapp.core.blur import BlurBox
-from webapp.store.schema import MapRecord
+from tests.standin_models import install_blur_networks
+from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import show_photo
-from webapp.web.maps import api_photos
+from webapp.web.state import KEY
 
 BOX = {"x": 0.25, "y": 0.25, "width": 0.5, "height": 0.5}
 
@@ -173,24 +174,80 @@ def test_who_may_only_look_cannot_blur(sign_in, new_account, new_map):
     assert blur(sign_in(ana), slug, BOX).status_code == 404
 
 
-def test_faces_are_suggested_and_nothing_is_changed(client, full, park, monkeypatch):
-    class StandIn:
-        def detect(self, pixels):
-            assert pixels.shape == (120, 160, 3)
-            return [BlurBox(0.4, 0.4, 0.1, 0.2), BlurBox(0.8, 0.1, 0.1, 0.1)]
+@pytest.fixture
+def finding(app, tmp_path, monkeypatch):
+    """Stand-ins of the networks are installed."""
+    folder = install_blur_networks(tmp_path / "models", monkeypatch.setitem)
+    state = app.extensions[KEY]
+    monkeypatch.setitem(app.extensions, KEY, replace(state, settings=replace(state.settings, models=folder)))
 
-    monkeypatch.setattr(api_photos, "face_detector", lambda chosen: StandIn())
+
+def spot():
+    """A photo with a white spot."""
+    pixels = np.zeros((120, 160, 3), np.uint8)
+    pixels[40:56, 64:80] = 255
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    return file.getvalue()
+
+
+def test_faces_and_plates_are_suggested_and_nothing_is_changed(client, park, finding):
+    client.post(f"/api/v1/maps/{park}/photos", data={"file": [(io.BytesIO(spot()), "a.png")]})
     url = f"/api/v1/maps/{park}/photos/0/blur"
-    first, second = client.get(f"{url}/suggestions").json["boxes"]
-    assert first == pytest.approx({"x": 0.38, "y": 0.36, "width": 0.14, "height": 0.28})
+    answer = client.get(f"{url}/suggestions").json
+    assert {box["kind"] for box in answer["boxes"]} == {"face", "plate"}
+    assert all(box["score"] > 0.99 for box in answer["boxes"])
+    assert answer["missing"] == []
     assert client.get(f"/api/v1/maps/{park}").json["photos"][0]["blurred"] == []
-    assert client.put(url, json={"boxes": [first]}).status_code == 200
-    assert client.get(f"{url}/suggestions").json["boxes"] == [second]
+    boxes = [{side: box[side] for side in BOX} for box in answer["boxes"]]
+    assert client.put(url, json={"boxes": boxes}).status_code == 200
+    assert client.get(f"{url}/suggestions").json["boxes"] == []
     assert client.get(f"/api/v1/maps/{park}/photos/7/blur/suggestions").status_code == 404
 
 
-def test_without_the_model_it_is_said_how_to_get_it(client, full, park):
-    answer = client.get(f"/api/v1/maps/{park}/photos/0/blur/suggestions")
-    assert answer.status_code == 422
-    assert answer.json["error"]["message"] == "the weights of faces are not here"
-    assert "expmap models fetch" in answer.json["error"]["hint"]
+def test_a_map_lists_what_was_found_in_its_photos(client, park, finding, library):
+    files = [(io.BytesIO(spot()), "a.png"), (io.BytesIO(stripes()), "b.jpg")]
+    client.post(f"/api/v1/maps/{park}/photos", data={"file": files})
+    url = f"/api/v1/maps/{park}/blur/suggestions"
+    before = client.get(url).json
+    assert (before["photos"], before["searched"], before["total"], before["job"]) == ([], 0, 2, None)
+    assert client.get(f"/api/v1/maps/{park}/photos/0/blur/suggestions").status_code == 200
+    answer = client.post(url, json={"accept": True, "least_score": 0.8})
+    assert answer.status_code == 202
+    assert (answer.json["searched"], [photo["id"] for photo in answer.json["photos"]]) == (1, [0])
+    with library.database.read() as session:
+        job = session.get_one(Job, answer.json["job"])
+        assert (job.kind, job.arguments) == ("blur", {"accept": True, "least_score": 0.8})
+    assert client.post(url, json={"least_score": 1.5}).status_code == 422
+
+
+def test_who_may_only_look_gets_no_suggestions(sign_in, new_account, new_map):
+    ana, bob = new_account("Ana"), new_account("Bob")
+    slug = new_map(ana, shared={bob: "viewer"})
+    assert sign_in(bob).get(f"/api/v1/maps/{slug}/blur/suggestions").status_code == 403
+    assert sign_in(bob).post(f"/api/v1/maps/{slug}/blur/suggestions", json={}).status_code == 403
+
+
+def test_boxes_that_somebody_else_drew_meanwhile_are_not_lost(client, full, monkeypatch):
+    other = {**BOX, "x": 0.0}
+    make = show_photo.make_previews
+
+    def meanwhile(*args, **options):
+        monkeypatch.setattr(show_photo, "make_previews", make)
+        assert blur(client, full, other).status_code == 200
+        return make(*args, **options)
+
+    monkeypatch.setattr(show_photo, "make_previews", meanwhile)
+    assert blur(client, full, BOX).status_code == 409
+    assert photo_of(client, full)["blurred"] == [other]
+
+
+def test_without_the_models_it_is_said_how_to_get_them(client, full, park):
+    for answer in (
+        client.get(f"/api/v1/maps/{park}/photos/0/blur/suggestions"),
+        client.post(f"/api/v1/maps/{park}/blur/suggestions", json={}),
+    ):
+        assert answer.status_code == 422
+        error = answer.json["error"]
+        assert error["message"] == "no network that finds faces or number plates is installed"
+        assert "expmap models fetch faces plates" in error["hint"]

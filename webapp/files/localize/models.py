@@ -14,7 +14,6 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from webapp.core.faces import FaceDetector, YuNet
 from webapp.core.features.extract import FeatureNetwork
 from webapp.core.features.keypoint_networks import AlikedNetwork, DiskNetwork
 from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue, PairMatcher
@@ -113,6 +112,18 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
             "face_detection_yunet/face_detection_yunet_2023mar.onnx",
         ),
     ),
+    "plates": (
+        ModelFile(
+            name="license_plate_detection_lpd_yunet_2023mar.onnx",
+            bytes=4_146_213,
+            sha256="6d4978a7b6d25514d5e24811b82bfb511d166bdd8ca3b03aa63c1623d4d039c7",
+            licence="Apache-2.0",
+            source="LPD-YuNet of github.com/opencv/opencv_zoo, which finds number plates, best Chinese ones",
+            address="https://media.githubusercontent.com/media/opencv/opencv_zoo/"
+            "b4971d625240509dae6119e19201fe30919a285f/models/license_plate_detection_yunet/"
+            "license_plate_detection_lpd_yunet_2023mar.onnx",
+        ),
+    ),
     "aliked": (_own("aliked.onnx", "ALIKED of github.com/Shiaoming/ALIKED"),),
     "disk": (_own("disk.onnx", "DISK of github.com/cvlab-epfl/disk"),),
     "aliked-lightglue": (_own("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
@@ -209,7 +220,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
         pair_matcher(choice.name, chosen)
     if choice.model is None:
         return choice
-    path, file = _find(choice.model, chosen)
+    path, file = find_weights(choice.model, chosen)
     if not file.published:
         choice = replace(choice, weights=hashlib.sha256(_read(path)).hexdigest())
     network(choice.model, chosen, weights=choice.weights)
@@ -244,7 +255,7 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
     """
     if model is None:
         return None
-    path, file = _find(model, chosen)
+    path, file = find_weights(model, chosen)
     return _network(model, path, file.sha256 or weights or hashlib.sha256(_read(path)).hexdigest())
 
 
@@ -271,7 +282,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
         raise UsageError(
             f"no network matches features {features}", where="--features", hint=f"take --features {fitting}"
         )
-    path, file = _find(model, chosen)
+    path, file = find_weights(model, chosen)
     return _matcher(model, path, file.sha256 or hashlib.sha256(_read(path)).hexdigest())
 
 
@@ -283,19 +294,14 @@ def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher
     return pair_matcher(features, chosen)
 
 
-def face_detector(chosen: Path | None) -> FaceDetector:
-    """Open the network that finds faces, once in this process.
+def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
+    """Find the installed file of a model; its content is not checked yet.
 
     Raises
     ------
-    MissingPart, StorageError
-        As for `network`.
+    MissingPart
+        It is not there.
     """
-    path, file = _find("faces", chosen)
-    return _face_detector(path, file.sha256)
-
-
-def _find(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
         hint = install_hint(MODELS[model][0])
@@ -305,7 +311,7 @@ def _find(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
 
 @lru_cache(maxsize=4)
 def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
-    data = _checked(model, path, sha256=sha256)
+    data = checked_weights(model, path, sha256=sha256)
     if model == "xfeat":
         return XFeatNetwork(data)
     if model == "disk":
@@ -315,18 +321,21 @@ def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
     raise KeyError(model)
 
 
-@lru_cache(maxsize=1)
-def _face_detector(path: Path, sha256: str) -> FaceDetector:
-    return YuNet(_checked("faces", path, sha256=sha256))
-
-
 @lru_cache(maxsize=2)
 def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
-    data = _checked(model, path, sha256=sha256)
+    data = checked_weights(model, path, sha256=sha256)
     return LightGlue(data, LIGHTERGLUE if model == "lighterglue" else LIGHTGLUE, file=path.name)
 
 
-def _checked(model: str, path: Path, *, sha256: str) -> bytes:
+def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
+    """Read a file of a model, which has to have this hash.
+
+    Raises
+    ------
+    MissingPart
+        It has another one.
+    StorageError
+    """
     data = _read(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from webapp.core.blur import BlurBox
-from webapp.core.faces import FaceDetector, blur_boxes
-from webapp.errors import NotFound, UsageError
+from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.photo import read_upright
 from webapp.files.photos.preview import Kind, look_of, make_previews, preview_path, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 
 MOST_BOXES = 50
-_SEARCHED_PX = 1600
-"""Longer side of the photo in which faces are searched: smaller ones than a dozen pixels are nobody's."""
+
+Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
@@ -74,11 +74,22 @@ def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: 
 
 
 def blur_photo(
-    library: Library, map_id: int, *, photo_id: int, boxes: Sequence[BlurBox], settings: Settings
+    library: Library,
+    map_id: int,
+    *,
+    photo_id: int,
+    boxes: Sequence[BlurBox],
+    settings: Settings,
+    changing: Changing | None = None,
 ) -> int | None:
     """Blur these parts of a photo, and no others.
 
     The pictures are there before the record says so: nobody is shown an old one as the new one.
+
+    Parameters
+    ----------
+    changing : callable, optional
+        Changes a map, instead of `library.changing`: that of a job.
 
     Returns
     -------
@@ -89,6 +100,8 @@ def blur_photo(
     ------
     UsageError
         A box is not valid, or there are too many.
+    Conflict
+        Somebody else has blurred it at the same time; nothing was changed.
     NotFound, PhotoError, StorageError
     """
     wanted = [_checked(box) for box in boxes]
@@ -97,14 +110,19 @@ def blur_photo(
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         photo = maps.photo(session, record, photo_id)
-    if boxes_of(photo) == wanted:
+    before = boxes_of(photo)
+    if before == wanted:
         return None
     source = original(library, record.slug, photo=photo)
     with show_file_as(photo.name, source):
         previews = make_previews(source, limits=settings.photo, blurred=wanted)
-    with library.changing(map_id) as change:
+    with (changing or library.changing)(map_id) as change:
         record = change.record
         photo = maps.photo(change.session, record, photo_id)
+        if boxes_of(photo) != before:
+            raise Conflict(
+                "somebody else has blurred this photo just now", where=photo.name, hint="open it again"
+            )
         write_previews(library.map_folder(record.slug), photo_id, previews=previews, blurred=wanted)
         photo.blurred = [box._asdict() for box in wanted] or None
         record.revision += 1
@@ -113,23 +131,6 @@ def blur_photo(
         if photo.is_placed:
             record.photos_revision = record.revision  # nothing is recognised by what is blurred now
         return record.revision
-
-
-def suggest_blur(
-    library: Library, slug: str, *, photo: Photo, detector: FaceDetector, settings: Settings
-) -> list[BlurBox]:
-    """Find the faces of a photo that are not blurred yet; nothing is changed.
-
-    Raises
-    ------
-    NotFound, PhotoError, MapError
-        The photo is missing or damaged.
-    """
-    source = original(library, slug, photo=photo)
-    with show_file_as(photo.name, source):
-        pixels = read_upright(source, limits=settings.photo, max_side=_SEARCHED_PX)
-    boxes = blur_boxes(detector.detect(pixels), blurred=boxes_of(photo))
-    return boxes[: max(0, MOST_BOXES - len(boxes_of(photo)))]
 
 
 def _checked(box: BlurBox) -> BlurBox:

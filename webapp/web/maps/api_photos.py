@@ -1,4 +1,4 @@
-"""Photos through the API: added, uploaded in pieces, given back as a picture or file, blurred.
+"""Photos through the API: added, uploaded in pieces, given back as a picture or file.
 
 An upload in pieces is begun, sent, and taken in when the last piece is there. A piece that was answered is
 on the disk. A client that lost the answer asks for the offset and resumes there; one that lost everything
@@ -17,9 +17,7 @@ from apiflask.validators import Length, Range
 from flask import Response, request
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.blur import BlurBox
 from webapp.errors import DiskFull, ExpMapError, InputError, PhotoError, UsageError
-from webapp.files.localize.models import face_detector
 from webapp.files.part_file import (
     WrongOffset,
     append,
@@ -28,29 +26,22 @@ from webapp.files.part_file import (
     discard,
     one_at_a_time,
     receive,
-    show_file_as,
 )
-from webapp.files.photos import panorama
 from webapp.files.photos.preview import Kind
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
 from webapp.web import pieces
-from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
-from webapp.web.maps.schemas import BoxOut, EditAnswer, PageQuery, PanoramaOut, PhotoPage
+from webapp.web.maps.schemas import PageQuery, PhotoPage
 from webapp.web.openapi import file_answer, json_answer
 from webapp.web.sending import as_attachment, send_immutable
 
 photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
-blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
-
-_finding = ConcurrencyLimit("faces", share=0.25)
-blur_api.record(_finding.set_up)
 
 _OTHER_PARTS = 20
 """Fields of a form besides its files."""
@@ -181,69 +172,6 @@ def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
     return send_immutable(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of_photo(photo)}")
-
-
-class BlurIn(Schema):
-    """All that is to be blurred; nothing for the photo as it is."""
-
-    boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
-
-
-@blur_api.put("/<int(max=2147483647):id>/blur")
-@blur_api.input(BlurIn, arg_name="data")
-@blur_api.output(EditAnswer)
-def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
-    """Blur parts of a photo in every picture of it; visitors never get the original file."""
-    record = open_map(slug, "editor")
-    boxes = [BlurBox(**box) for box in data["boxes"]]
-    revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=account(), revision=revision)
-
-
-class BlurSuggestions(Schema):
-    """What is suggested to be blurred, besides what is blurred already."""
-
-    boxes = List(Nested(BoxOut))
-
-
-@blur_api.get("/<int(max=2147483647):id>/blur/suggestions")
-@blur_api.output(BlurSuggestions)
-def suggest(slug: str, id: int) -> dict[str, Any]:
-    """Find the faces in a photo by the model `faces`; nothing is changed."""
-    open_map(slug, "editor")
-    record, photo = _find(slug, id)
-    detector = face_detector(settings().models)
-    with _finding.slot():
-        boxes = show_photo.suggest_blur(
-            library(), record.slug, photo=photo, detector=detector, settings=settings()
-        )
-    return {"boxes": [box._asdict() for box in boxes]}
-
-
-class MaskIn(Schema):
-    """A mask of panoramas."""
-
-    file = File(  # type: ignore[no-untyped-call]
-        required=True, metadata={"description": "an image twice as wide as high, black where it masks"}
-    )
-
-
-@blur_api.post("/mask")
-@blur_api.input(MaskIn, location="files", arg_name="given")
-@blur_api.output(PanoramaOut)
-def read_mask(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Turn a mask that is an image into boxes, for the `panorama` of photos; nothing is changed."""
-    open_map(slug, "editor")
-    part = library().uploads / f"{secrets.token_hex(16)}.part"
-    try:
-        receive(part, given["file"].stream, max_bytes=int(settings().photo.max_mb * 1e6))
-        with show_file_as(add_photo.tidy_name(given["file"].filename or ""), part):
-            boxes = panorama.read_mask(part, limits=settings().photo)
-    finally:
-        discard(part)
-    return {"masked": [box._asdict() for box in boxes]}
 
 
 class UploadIn(Schema):

@@ -8,7 +8,7 @@ import { creditLine } from "../../shared/photo-credit.js";
 import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
-import { blurDialog } from "../blur-dialog.js";
+import { blurPhotos } from "./blur-photos.js";
 import { isWholeSphere, panoramaDialog } from "./panorama-dialog.js";
 import { openViewer } from "./photo-viewer.js";
 
@@ -53,22 +53,12 @@ export class CurrentPhoto {
     this.around.addEventListener("look", () => this._look());
     on("current-show", () => this.view.reveal(store.position(store.currentId), { margin: 120 }));
     on("current-tray", () => commands.toTray([store.currentId]));
-    on("current-blur", () => this._blur([store.currentId]));
-    on("selection-blur", () => this._blur(store.order.filter((id) => store.selection.has(id))));
+    on("current-blur", () => blurPhotos(store, this.server, [store.currentId]));
+    on("selection-blur", () => blurPhotos(store, this.server, store.order.filter((id) => store.selection.has(id))));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
     this.note.addEventListener("change", () => commands.note(this.shown, this.note.value.trim()));
     this.heading.addEventListener("change", () => this._heading());
-  }
-
-  /** @param {number[]} ids */
-  _blur(ids) {
-    const photos = ids.map((id) => this.store.photos.get(id)).filter((photo) => photo?.preview);
-    if (!photos.length) return; // of a large map, whose details are still on their way
-    blurDialog(photos, {
-      suggest: async ({ id }) => (await this.server.suggestBlur(id)).boxes,
-      save: async ({ id }, boxes) => this.store.merge(await this.server.blur(id, boxes)),
-    });
   }
 
   /** Show on the dot where one looks in the panorama. */

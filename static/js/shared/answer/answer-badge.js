@@ -1,8 +1,9 @@
 /** An answer in one badge, for lists: its first place in its colour, hollow where that does not lead, or "not here". */
 
 import { h } from "../dom.js";
+import { percentText } from "../format.js";
 import { t } from "../i18n.js";
-import { percentText, probabilityColours } from "./answer-format.js";
+import { probabilityColours } from "./answer-format.js";
 import { isOffMap } from "./query-session.js";
 import { isFaint, verdictText } from "./verdict.js";
 

@@ -13,14 +13,6 @@ export function probabilityColours(probability) {
   return { fill: colours.scale[percent], text: colours.text[percent] };
 }
 
-/** A probability in percent; never 0 or 100 for what is neither. */
-export function percentText(probability) {
-  const percent = probability * 100;
-  if (percent > 0 && percent < 1) return "< 1\u00a0%";
-  if (percent < 100 && percent > 99) return "> 99\u00a0%";
-  return `${Math.round(percent)}\u00a0%`;
-}
-
 /** A number, not more exact than it means something. */
 export function numberText(value, digits = 0) {
   return value.toLocaleString(locale, { maximumFractionDigits: digits });

@@ -1,0 +1,49 @@
+/** Blurring photos, and the bar above the tray that leads to those in which there is something to blur. */
+
+import { byId, h, icon } from "../../shared/dom.js";
+import { t, tn } from "../../shared/i18n.js";
+import { toast, toastError } from "../../shared/toast.js";
+import { blurDialog } from "../blur-dialog.js";
+
+/**
+ * Open the dialog for some photos.
+ * @param {import("../../shared/map/map-store.js").MapStore} store
+ * @param {Object} server endpoints
+ * @param {number[]} ids
+ * @returns {?HTMLDialogElement} null where nothing is known of the photos yet
+ */
+export function blurPhotos(store, server, ids) {
+  const photos = ids.map((id) => store.photos.get(id)).filter((photo) => photo?.preview);
+  if (!photos.length) return null; // of a large map, whose details are still on their way
+  return blurDialog(photos, {
+    suggest: ({ id }) => server.suggestBlur(id),
+    save: async ({ id }, boxes) => store.merge(await server.blur(id, boxes)),
+    searchAll: async () => {
+      await server.searchBlur();
+      toast(t("All photos of the map are being searched. What is found is shown above the photos."));
+    },
+  });
+}
+
+/** Connect the bar. @param {{store: Object, server: Object}} page */
+export function connectBlurBar({ store, server }) {
+  const bar = byId("blur-bar");
+  const text = h("span", { class: "grow" });
+  let ids = [];
+  let seen = null;
+  const ask = async () => {
+    ids = (await server.blurFound()).photos.map(({ id }) => id);
+    bar.hidden = !ids.length;
+    text.textContent = tn("{n} photo has something to blur.", "{n} photos have something to blur.", ids.length);
+  };
+  const open = () => {
+    blurPhotos(store, server, ids)?.addEventListener("close", () => ask().catch(toastError));
+  };
+  bar.append(icon("blur"), text, h("button", { class: "button", type: "button", "data-testid": "blur-look", onclick: open }, t("Look at them")));
+  store.on("jobs", () => {
+    const done = store.jobs.findLast(({ kind, state }) => kind === "blur" && state === "done");
+    if (!done || done.id === seen) return;
+    seen = done.id;
+    ask().catch(toastError);
+  });
+}

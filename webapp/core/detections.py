@@ -1,0 +1,202 @@
+"""What networks find in photos that may have to be blurred: faces and number plates, also small ones.
+
+A network takes images of one size. A photo is cut into overlapping windows of that size, first as it is,
+then halved again and again until one window holds all of it: so what is small is seen at full size, and
+what is large is found in a halved photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Literal, NamedTuple, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.blur import BlurBox
+
+Kind = Literal["face", "plate"]
+
+_SAME = 0.6
+"""Two boxes of one kind are about the same thing where they share so much of the smaller one."""
+
+_MARGIN: dict[Kind, float] = {"face": 0.2, "plate": 0.1}
+"""Of its size on each side: hair and chin identify a face, too."""
+
+
+class Detection(NamedTuple):
+    """A face or a number plate.
+
+    Attributes
+    ----------
+    box : BlurBox
+        Tight.
+    score : float
+        How sure the network is, from 0 to 1; it is not calibrated.
+    """
+
+    kind: Kind
+    box: BlurBox
+    score: float
+
+
+class Detector(Protocol):
+    """Finds things of one kind."""
+
+    def detect(self, pixels: NDArray[np.uint8]) -> list[Detection]:
+        """Find them in a photo of (h, w, 3) uint8, blue, green, red; the surest first."""
+
+
+class Window(NamedTuple):
+    """A part of a photo, at the level `level`: halved so often. Pixels of that level."""
+
+    level: int
+    left: int
+    top: int
+
+
+class Spotted(NamedTuple):
+    """Boxes in a window: (n, 4) left, top, right, bottom in its pixels, and (n,) scores."""
+
+    boxes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+
+def spans(length: int, *, size: int, overlap: int) -> list[int]:
+    """Return where windows begin that cover a side, evenly spread; those next to each other overlap."""
+    if length <= size:
+        return [0]
+    count = 1 + -(-(length - size) // (size - overlap))
+    return [round(n * (length - size) / (count - 1)) for n in range(count)]
+
+
+def windows(
+    pixels: NDArray[np.uint8], *, size: tuple[int, int], overlap: int
+) -> Iterator[tuple[Window, NDArray[np.uint8]]]:
+    """Cut a photo into windows of `size`, width and height; beyond its edges they are black."""
+    level = 0
+    while True:
+        height, width = pixels.shape[:2]
+        for top in spans(height, size=size[1], overlap=overlap):
+            for left in spans(width, size=size[0], overlap=overlap):
+                part = np.zeros((size[1], size[0], 3), np.uint8)
+                cut = pixels[top : top + size[1], left : left + size[0]]
+                part[: cut.shape[0], : cut.shape[1]] = cut
+                yield Window(level, left, top), part
+        if width <= size[0] and height <= size[1]:
+            return
+        halved = (max(1, (width + 1) // 2), max(1, (height + 1) // 2))
+        pixels = np.asarray(cv2.resize(pixels, halved, interpolation=cv2.INTER_AREA), np.uint8)
+        level += 1
+
+
+def detect_in_windows(
+    pixels: NDArray[np.uint8],
+    look: Callable[[NDArray[np.uint8]], Spotted],
+    *,
+    kind: Kind,
+    size: tuple[int, int],
+    overlap: int,
+) -> list[Detection]:
+    """Find things in a photo of any size by a network for images of one size.
+
+    Parameters
+    ----------
+    pixels : (h, w, 3) uint8
+    look : callable
+        Runs the network on a window.
+    overlap : int
+        Pixels; what is at most so large is whole in one of the windows of its level.
+
+    Returns
+    -------
+    list of Detection
+        Each thing once, the surest first.
+    """
+    height, width = pixels.shape[:2]
+    whole = np.array([width, height, width, height], np.float64)
+    found: list[Detection] = []
+    for window, part in windows(pixels, size=size, overlap=overlap):
+        boxes, scores = look(part)
+        corner = np.array([window.left, window.top] * 2, np.float64)
+        shares = np.clip((boxes + corner) * 2**window.level / whole, 0, 1)
+        for (left, top, right, bottom), score in zip(shares.tolist(), scores.tolist(), strict=True):
+            if right > left and bottom > top:
+                found.append(Detection(kind, BlurBox(left, top, right - left, bottom - top), score))
+    return join_same(found)
+
+
+def join_same(found: Iterable[Detection]) -> list[Detection]:
+    """Join what several windows have found of the same thing: a box around all, the highest score."""
+    joined: list[Detection] = []
+    for one in sorted(found, key=lambda one: -one.score):
+        n = next((n for n, known in enumerate(joined) if _is_same(known, one)), None)
+        if n is None:
+            joined.append(one)
+        else:
+            joined[n] = joined[n]._replace(box=_around(joined[n].box, one.box))
+    return joined
+
+
+def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overlap: float) -> list[int]:
+    """Choose boxes as detectors do: the best, then those that overlap none of the chosen by more.
+
+    Parameters
+    ----------
+    boxes : (n, 4) float64
+        Left, top, right, bottom.
+    scores : (n,) float64
+    overlap : float
+        Intersection over union.
+
+    Returns
+    -------
+    list of int
+        The surest first.
+    """
+    left = np.argsort(-scores, kind="stable")
+    areas = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
+    chosen: list[int] = []
+    while left.size:
+        best, others = int(left[0]), left[1:]
+        chosen.append(best)
+        low = np.maximum(boxes[best, :2], boxes[others, :2])
+        high = np.minimum(boxes[best, 2:], boxes[others, 2:])
+        shared = np.prod(np.clip(high - low, 0, None), axis=1)
+        left = others[shared <= overlap * (areas[best] + areas[others] - shared)]
+    return chosen
+
+
+def to_blur(found: Iterable[Detection], *, blurred: Iterable[BlurBox]) -> list[Detection]:
+    """Widen boxes until they hide what was found; what is blurred already is left out."""
+    there = list(blurred)
+    wide = ((one, one._replace(box=_with_margin(one))) for one in found)
+    return [wider for one, wider in wide if wider.box.inside and not is_hidden(one.box, there)]
+
+
+def _with_margin(one: Detection) -> BlurBox:
+    box, margin = one.box, _MARGIN[one.kind]
+    left, right = (np.clip(box.x + share * box.width, 0, 1) for share in (-margin, 1 + margin))
+    top, bottom = (np.clip(box.y + share * box.height, 0, 1) for share in (-margin, 1 + margin))
+    return BlurBox(float(left), float(top), float(right - left), float(bottom - top))
+
+
+def is_hidden(box: BlurBox, blurred: Sequence[BlurBox]) -> bool:
+    """Return whether the middle of a box is blurred already."""
+    x, y = box.x + box.width / 2, box.y + box.height / 2
+    return any(b.x <= x <= b.x + b.width and b.y <= y <= b.y + b.height for b in blurred)
+
+
+def _is_same(one: Detection, other: Detection) -> bool:
+    a, b = one.box, other.box
+    width = min(a.x + a.width, b.x + b.width) - max(a.x, b.x)
+    height = min(a.y + a.height, b.y + b.height) - max(a.y, b.y)
+    if one.kind != other.kind or min(width, height) <= 0:
+        return False
+    return width * height > _SAME * min(a.width * a.height, b.width * b.height)
+
+
+def _around(a: BlurBox, b: BlurBox) -> BlurBox:
+    x, y = min(a.x, b.x), min(a.y, b.y)
+    return BlurBox(x, y, max(a.x + a.width, b.x + b.width) - x, max(a.y + a.height, b.y + b.height) - y)

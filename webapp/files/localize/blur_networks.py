@@ -1,0 +1,67 @@
+"""Networks that find what may have to be blurred: those that are installed, and which are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from webapp.core.detections import Detector
+from webapp.core.faces import YuNet
+from webapp.core.plates import LpdYuNet
+from webapp.errors import MissingPart
+from webapp.files.localize.models import checked_weights, find_weights, installed
+
+_CLASSES: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": LpdYuNet}
+"""By the name of the model."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlurNetworks:
+    """Networks that are installed.
+
+    Attributes
+    ----------
+    detectors : tuple of Detector
+    key : str
+        Sets what they find apart from what others find.
+    missing : tuple of str
+        Models that are not installed.
+    """
+
+    detectors: tuple[Detector, ...]
+    key: str
+    missing: tuple[str, ...]
+
+
+def blur_networks(chosen: Path | None) -> BlurNetworks:
+    """Open the networks that find faces and number plates, each once in this process.
+
+    Parameters
+    ----------
+    chosen : Path or None
+        Folder with the weights, instead of the user's cache.
+
+    Raises
+    ------
+    MissingPart
+        None is installed, or a file is not the published one.
+    StorageError
+        One cannot be read.
+    """
+    missing = tuple(model for model in _CLASSES if installed(model, chosen) is None)
+    if len(missing) == len(_CLASSES):
+        raise MissingPart(
+            "no network that finds faces or number plates is installed",
+            where="models",
+            hint=f"whoever runs the server installs them: expmap models fetch {' '.join(missing)}",
+        )
+    files = {model: find_weights(model, chosen) for model in _CLASSES if model not in missing}
+    detectors = tuple(_opened(model, path, file.sha256) for model, (path, file) in files.items())
+    key = "-".join(file.sha256[:8] for _, file in files.values())
+    return BlurNetworks(detectors, key, missing)
+
+
+@lru_cache(maxsize=2)
+def _opened(model: str, path: Path, sha256: str) -> Detector:
+    return _CLASSES[model](checked_weights(model, path, sha256=sha256))

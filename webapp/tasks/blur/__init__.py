@@ -1,0 +1,1 @@
+"""Suggesting what is to be blurred in photos, and blurring it."""

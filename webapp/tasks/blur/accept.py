@@ -1,0 +1,110 @@
+"""Blurs what is suggested: in the library photo by photo, in any other folder in its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from webapp.core.blur import BlurBox
+from webapp.core.detections import is_hidden
+from webapp.core.mapmodel.model import Experience, UnplacedPhoto
+from webapp.errors import ExpMapError, StorageError
+from webapp.files.maps.folder import read_map, write_map
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.schema import MapRecord
+from webapp.tasks.blur.find import FailedPhoto, SuggestedBoxes
+from webapp.tasks.maps.show_photo import MOST_BOXES, Changing, blur_photo, boxes_of
+
+Photo = TypeVar("Photo", Experience, UnplacedPhoto)
+
+
+def accept_in_library(
+    library: Library,
+    map_id: int,
+    *,
+    suggested: Iterable[SuggestedBoxes],
+    settings: Settings,
+    progress: Progress,
+    changing: Changing | None = None,
+) -> tuple[list[int], list[FailedPhoto]]:
+    """Blur what is suggested, photo by photo; what is blurred meanwhile stays, and is not blurred twice.
+
+    Parameters
+    ----------
+    changing : callable, optional
+        Changes a map, instead of `library.changing`: that of a job.
+
+    Returns
+    -------
+    blurred : list of int
+        Ids of the photos that have new boxes.
+    failed : list of FailedPhoto
+
+    Raises
+    ------
+    StorageError, Cancelled
+    """
+    wanted, blurred, failed = list(suggested), [], []
+    progress.size(len(wanted))
+    for one in wanted:
+        progress.check()
+        with library.database.read() as session:
+            record = session.get_one(MapRecord, map_id)
+            photo = maps.photos_by_id(session, record, [one.id]).get(one.id)
+        if photo is not None and not photo.removed:
+            before = boxes_of(photo)
+            boxes = [*before, *_new(one, before)]
+            try:
+                done = blur_photo(
+                    library, map_id, photo_id=one.id, boxes=boxes, settings=settings, changing=changing
+                )
+            except StorageError:
+                raise
+            except ExpMapError as error:
+                failed.append(FailedPhoto(one.id, photo.name, error.message))
+            else:
+                blurred += [] if done is None else [one.id]
+        progress.advance()
+    return blurred, failed
+
+
+def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int]:
+    """Blur what is suggested in the photos of a map that is in no library.
+
+    Returns
+    -------
+    list of int
+        Ids of the photos that have new boxes.
+
+    Raises
+    ------
+    MapError, StorageError
+    """
+    by_id = {one.id: one for one in suggested}
+    the_map = read_map(cfg)
+    experiences = tuple(_blurred(e, by_id) for e in the_map.experiences)
+    unplaced = tuple(_blurred(p, by_id) for p in the_map.unplaced)
+    changed = _changed(the_map.experiences, experiences) + _changed(the_map.unplaced, unplaced)
+    if changed:
+        write_map(cfg, replace(the_map, experiences=experiences, unplaced=unplaced))
+    return changed
+
+
+def _changed(before: Sequence[Photo], after: Sequence[Photo]) -> list[int]:
+    return [new.id for n, new in enumerate(after) if new is not before[n]]
+
+
+def _blurred(photo: Photo, by_id: Mapping[int, SuggestedBoxes]) -> Photo:
+    new = _new(by_id[photo.id], photo.blurred) if photo.id in by_id else []
+    return replace(photo, blurred=(*photo.blurred, *new)) if new else photo
+
+
+def _new(suggested: SuggestedBoxes, blurred: Sequence[BlurBox]) -> list[BlurBox]:
+    """Return the boxes of what is not blurred yet, as many as a photo may have."""
+    boxes = [one.box for one in suggested.boxes if not is_hidden(one.box, blurred)]
+    return boxes[: max(0, MOST_BOXES - len(blurred))]

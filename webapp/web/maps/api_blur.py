@@ -1,0 +1,196 @@
+"""Blurring parts of photos through the API: by hand, and what networks suggest, in one or all photos."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable
+from typing import Any
+
+from apiflask import APIBlueprint, Schema
+from apiflask.fields import File, Float, Integer, List, Nested, String
+from apiflask.validators import Length, OneOf, Range
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from werkzeug.datastructures import FileStorage
+
+from webapp.core.blur import BlurBox
+from webapp.core.detections import Detection
+from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.part_file import discard, receive, show_file_as
+from webapp.files.photos import panorama
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.operate.jobs import ENDED
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.blur.find import search_photo, suggestions
+from webapp.tasks.blur.kept import KeptFindings
+from webapp.tasks.maps import add_photo, show_photo
+from webapp.web.concurrency import ConcurrencyLimit
+from webapp.web.context import account, library, open_map, settings
+from webapp.web.fields import Boolean
+from webapp.web.maps import state
+from webapp.web.maps.schemas import BoxOut, EditAnswer, PanoramaOut
+
+blur_api = APIBlueprint("api_blur", __name__, url_prefix="/api/v1/maps/<slug>", tag="Photos")
+
+_finding = ConcurrencyLimit("faces", share=0.25)
+blur_api.record(_finding.set_up)
+
+_JOB = "blur"
+
+
+class BlurIn(Schema):
+    """All that is to be blurred; nothing for the photo as it is."""
+
+    boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
+
+
+@blur_api.put("/photos/<int(max=2147483647):id>/blur")
+@blur_api.input(BlurIn, arg_name="data")
+@blur_api.output(EditAnswer)
+def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
+    """Blur parts of a photo in every picture of it; visitors never get the original file."""
+    record = open_map(slug, "editor")
+    boxes = [BlurBox(**box) for box in data["boxes"]]
+    revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
+    with library().database.read() as session:
+        row = session.get_one(MapRecord, record.id)
+        return state.edited(session, row, account=account(), revision=revision)
+
+
+class SuggestedBoxOut(BoxOut):
+    """A face or a number plate, with a margin."""
+
+    kind = String(validate=OneOf(["face", "plate"]))
+    score = Float(metadata={"description": "How sure the network is, from 0 to 1; not calibrated."})
+
+
+_MISSING = List(
+    String(validate=OneOf(["faces", "plates"])),
+    metadata={
+        "description": "Models that are not installed on the server: these things were not looked for."
+    },
+)
+
+
+class BlurSuggestions(Schema):
+    """What is suggested to be blurred, besides what is blurred already; the surest first."""
+
+    boxes = List(Nested(SuggestedBoxOut))
+    missing = _MISSING
+
+
+@blur_api.get("/photos/<int(max=2147483647):id>/blur/suggestions")
+@blur_api.output(BlurSuggestions)
+def suggest(slug: str, id: int) -> dict[str, Any]:
+    """Find faces and number plates in a photo by the models `faces` and `plates`; nothing is changed."""
+    record = open_map(slug, "editor")
+    with library().database.read() as session:
+        photo = maps.photo(session, record, id)
+    networks = blur_networks(settings().models)
+    source = show_photo.original(library(), record.slug, photo=photo)
+    kept = KeptFindings(library().map_folder(record.slug), networks.key)
+    with _finding.slot(), show_file_as(photo.name, source):
+        found = search_photo(source, networks=networks, kept=kept, limits=settings().photo)
+    boxes = suggestions(found, blurred=show_photo.boxes_of(photo))
+    return {"boxes": _boxes_json(boxes), "missing": networks.missing}
+
+
+class PhotoSuggestions(Schema):
+    """A photo in which there is something to blur."""
+
+    id = Integer()
+    name = String()
+    boxes = List(Nested(SuggestedBoxOut))
+
+
+class MapSuggestions(Schema):
+    """What is suggested to be blurred in all photos of a map that have been searched."""
+
+    photos = List(Nested(PhotoSuggestions))
+    searched = Integer(metadata={"description": "Photos that have been searched."})
+    total = Integer(metadata={"description": "Photos of the map."})
+    missing = _MISSING
+    job = Integer(allow_none=True, metadata={"description": "That searches or blurs them just now."})
+
+
+class SearchIn(Schema):
+    """Whether what is found is blurred at once."""
+
+    accept = Boolean(load_default=False, metadata={"description": "Blur all that is found."})
+    least_score = Float(
+        load_default=0.0,
+        validate=Range(min=0, max=1),
+        metadata={"description": "With `accept`: only what the network is at least so sure of."},
+    )
+
+
+@blur_api.get("/blur/suggestions")
+@blur_api.output(MapSuggestions)
+def list_suggestions(slug: str) -> dict[str, Any]:
+    """Get what was found in the photos of a map and is not blurred yet."""
+    return _of_map(open_map(slug, "editor"))
+
+
+@blur_api.post("/blur/suggestions")
+@blur_api.input(SearchIn, arg_name="data")
+@blur_api.output(MapSuggestions, status_code=202)
+def search(slug: str, data: dict[str, Any]) -> dict[str, Any]:
+    """Queue a job that finds faces and number plates in all photos of a map, and blurs them if wanted."""
+    record, who = open_map(slug, "editor"), account()
+    blur_networks(settings().models)  # says at once where there is none
+    with library().database.write() as session:
+        jobs.enqueue(
+            session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
+        )
+    return _of_map(record)
+
+
+def _of_map(record: MapRecord) -> dict[str, Any]:
+    networks = blur_networks(settings().models)
+    found = KeptFindings(library().map_folder(record.slug), networks.key).read()
+    with library().database.read() as session:
+        photos = [photo for photo in maps.photos(session, record) if not photo.removed]
+        job = _running(session, record)
+    searched = [photo for photo in photos if photo.sha256 in found]
+    boxes = [(p, suggestions(found[p.sha256], blurred=show_photo.boxes_of(p))) for p in searched]
+    return {
+        "photos": [{"id": p.id, "name": p.name, "boxes": _boxes_json(new)} for p, new in boxes if new],
+        "searched": len(searched),
+        "total": len(photos),
+        "missing": networks.missing,
+        "job": job,
+    }
+
+
+def _running(session: Session, record: MapRecord) -> int | None:
+    running = select(Job.id).where(Job.map_id == record.id, Job.kind == _JOB, Job.state.not_in(ENDED))
+    return session.scalars(running.limit(1)).first()
+
+
+def _boxes_json(found: Iterable[Detection]) -> list[dict[str, Any]]:
+    return [{**one.box._asdict(), "kind": one.kind, "score": round(one.score, 3)} for one in found]
+
+
+class MaskIn(Schema):
+    """A mask of panoramas."""
+
+    file = File(  # type: ignore[no-untyped-call]
+        required=True, metadata={"description": "an image twice as wide as high, black where it masks"}
+    )
+
+
+@blur_api.post("/photos/mask")
+@blur_api.input(MaskIn, location="files", arg_name="given")
+@blur_api.output(PanoramaOut)
+def read_mask(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
+    """Turn a mask that is an image into boxes, for the `panorama` of photos; nothing is changed."""
+    open_map(slug, "editor")
+    part = library().uploads / f"{secrets.token_hex(16)}.part"
+    try:
+        receive(part, given["file"].stream, max_bytes=int(settings().photo.max_mb * 1e6))
+        with show_file_as(add_photo.tidy_name(given["file"].filename or ""), part):
+            boxes = panorama.read_mask(part, limits=settings().photo)
+    finally:
+        discard(part)
+    return {"masked": [box._asdict() for box in boxes]}
