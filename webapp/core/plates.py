@@ -58,7 +58,7 @@ def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> S
     Parameters
     ----------
     outputs : sequence of (n, 14), (n, 2) and (n, 1) float32
-        `loc`, `conf` and `iou`: for each prior where the plate is, whether there is one, and how good its box is.
+        `loc`, `conf`, `iou`: of each prior, where the plate is, whether there is one, how good its box is.
     at : (n, 3) float64
         `priors`.
 

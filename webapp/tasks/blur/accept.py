@@ -96,11 +96,11 @@ def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int
 
 
 def _changed(before: Sequence[Photo], after: Sequence[Photo]) -> list[int]:
-    return [new.id for n, new in enumerate(after) if new is not before[n]]
+    return [now.id for then, now in zip(before, after, strict=True) if now is not then]
 
 
 def _blurred(photo: Photo, by_id: Mapping[int, SuggestedBoxes]) -> Photo:
-    new = _new(by_id[photo.id], photo.blurred) if photo.id in by_id else []
+    new: list[BlurBox] = _new(by_id[photo.id], photo.blurred) if photo.id in by_id else []
     return replace(photo, blurred=(*photo.blurred, *new)) if new else photo
 
 
