@@ -151,3 +151,7 @@ def test_all_photos_are_searched_and_looked_at_from_the_bar(make_page, page, api
     assert asked[:2] == ["POST", "GET"]
     page.get_by_test_id("blur-look").click()
     expect(page.get_by_role("dialog")).to_be_visible()
+    found["photos"] = []
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    expect(page.get_by_text("1 photo has something to blur.")).to_be_hidden()

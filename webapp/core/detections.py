@@ -41,7 +41,7 @@ class Detection(NamedTuple):
     score: float
 
 
-class Detector(Protocol):
+class ObjectDetector(Protocol):
     """Finds things of one kind."""
 
     def detect(self, pixels: NDArray[np.uint8]) -> list[Detection]:

@@ -19,6 +19,7 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
  * @param {function(Object): Promise<{boxes: Box[], missing: string[]}>} server.suggest finds faces and number plates in a photo
  * @param {function(Object, Box[]): Promise<void>} server.save keeps all boxes of it
  * @param {?function(): Promise<void>} [server.searchAll] lets all photos of the map be searched, in the background
+ * @returns {HTMLDialogElement}
  */
 export function blurDialog(photos, { suggest, save, searchAll = null }) {
   const image = h("img", { draggable: "false" });
@@ -99,6 +100,7 @@ export function blurDialog(photos, { suggest, save, searchAll = null }) {
   });
   show();
   if (several) run(seek);
+  return dialog;
 }
 
 /** Which things a server without this model does not look for. @param {string} model */

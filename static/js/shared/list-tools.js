@@ -86,12 +86,12 @@ export class ListTools {
   }
 
   async _fetchAll() {
-    const before = [this.isWhole, this.searched];
-    [this.isWhole, this.searched] = [true, ""]; // while they come they are not asked for again
+    const { isWhole, searched } = this;
+    Object.assign(this, { isWhole: true, searched: "" }); // while they come they are not asked for again
     try {
       await this.actions.whole();
     } catch (error) {
-      [this.isWhole, this.searched] = before;
+      Object.assign(this, { isWhole, searched });
       throw error;
     }
   }

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from webapp.core.detections import Detector
+from webapp.core.detections import ObjectDetector
 from webapp.core.faces import YuNet
 from webapp.core.plates import LpdYuNet
 from webapp.errors import MissingPart
@@ -22,14 +22,14 @@ class BlurNetworks:
 
     Attributes
     ----------
-    detectors : tuple of Detector
+    detectors : tuple of ObjectDetector
     key : str
         Sets what they find apart from what others find.
     missing : tuple of str
         Models that are not installed.
     """
 
-    detectors: tuple[Detector, ...]
+    detectors: tuple[ObjectDetector, ...]
     key: str
     missing: tuple[str, ...]
 
@@ -63,5 +63,5 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
 
 
 @lru_cache(maxsize=2)
-def _opened(model: str, path: Path, sha256: str) -> Detector:
+def _opened(model: str, path: Path, sha256: str) -> ObjectDetector:
     return _CLASSES[model](checked_weights(model, path, sha256=sha256))

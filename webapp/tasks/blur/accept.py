@@ -17,7 +17,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks.blur.find import FailedPhoto, SuggestedBoxes
+from webapp.tasks.blur.find import SuggestedBoxes, UnsearchedPhoto
 from webapp.tasks.maps.show_photo import MOST_BOXES, Changing, blur_photo, boxes_of
 
 Photo = TypeVar("Photo", Experience, UnplacedPhoto)
@@ -31,7 +31,7 @@ def accept_in_library(
     settings: Settings,
     progress: Progress,
     changing: Changing | None = None,
-) -> tuple[list[int], list[FailedPhoto]]:
+) -> tuple[list[int], list[UnsearchedPhoto]]:
     """Blur what is suggested, photo by photo; what is blurred meanwhile stays, and is not blurred twice.
 
     Parameters
@@ -43,7 +43,7 @@ def accept_in_library(
     -------
     blurred : list of int
         Ids of the photos that have new boxes.
-    failed : list of FailedPhoto
+    failed : list of UnsearchedPhoto
 
     Raises
     ------
@@ -66,7 +66,7 @@ def accept_in_library(
             except StorageError:
                 raise
             except ExpMapError as error:
-                failed.append(FailedPhoto(one.id, photo.name, error.message))
+                failed.append(UnsearchedPhoto(one.id, photo.name, error.message))
             else:
                 blurred += [] if done is None else [one.id]
         progress.advance()

@@ -31,7 +31,7 @@ class SuggestedBoxes:
 
 
 @dataclass(frozen=True, slots=True)
-class FailedPhoto:
+class UnsearchedPhoto:
     """A photo that could not be searched or blurred."""
 
     id: int
@@ -52,7 +52,7 @@ class BlurReport:
     """
 
     suggested: tuple[SuggestedBoxes, ...]
-    failed: tuple[FailedPhoto, ...]
+    failed: tuple[UnsearchedPhoto, ...]
     searched: int
 
 
@@ -96,7 +96,7 @@ def search_map(
     known = kept.read()
     progress.size(len(photos))
     suggested: list[SuggestedBoxes] = []
-    failed: list[FailedPhoto] = []
+    failed: list[UnsearchedPhoto] = []
     for one in photos:
         progress.check()
         try:
@@ -106,7 +106,7 @@ def search_map(
                 if sha256 not in known:
                     known[sha256] = _search(data, sha256, networks=networks, kept=kept, limits=limits)
         except PhotoError as error:
-            failed.append(FailedPhoto(one.id, one.photo, error.message))
+            failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
             boxes = suggestions(known[sha256], blurred=one.blurred, least_score=least_score)
             if boxes:
