@@ -58,6 +58,16 @@ def test_a_damaged_photo_is_named_and_the_others_are_searched(tmp_path, spotted,
     assert report.searched == 2
 
 
+def test_a_link_out_of_the_map_is_named_and_the_others_are_searched(tmp_path, spotted, networks):
+    cfg = spotted(tmp_path / "park", 3)
+    photo = cfg.parent / "photos" / "1.jpg"
+    photo.rename(tmp_path / "elsewhere.jpg")
+    photo.symlink_to(tmp_path / "elsewhere.jpg")
+    report = search(cfg, networks)
+    assert [one.id for one in report.suggested] == [2]
+    assert [one.id for one in report.failed] == [1]
+
+
 class StopAfter(Progress):
     def __init__(self, steps):
         self.left = steps

@@ -10,7 +10,7 @@ from pathlib import Path
 from webapp.core.blur import BlurBox
 from webapp.core.detections import Detection, join_same, to_blur
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
-from webapp.errors import PhotoError
+from webapp.errors import MapError, MissingPart, PhotoError
 from webapp.files.localize.blur_networks import BlurNetworks
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.part_file import show_file_as
@@ -105,7 +105,7 @@ def search_map(
                 sha256 = hashlib.sha256(data).hexdigest()
                 if sha256 not in known:
                     known[sha256] = _search(data, sha256, networks=networks, kept=kept, limits=limits)
-        except PhotoError as error:
+        except (PhotoError, MapError, MissingPart) as error:  # a link out of the folder; a format's extra
             failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
             boxes = suggestions(known[sha256], blurred=one.blurred, least_score=least_score)
