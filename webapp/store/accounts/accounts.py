@@ -169,7 +169,7 @@ def _named(session: Session, name: str) -> Account | None:
     wanted = texts.plain(name)
     there = session.scalars(select(Account).order_by(Account.id))
     alike = [account for account in there if texts.plain(account.name) == wanted]
-    # Older versions told apart what is alike now: who writes a name as it is kept means that account.
+    # Older versions distinguished names that are alike now: the exact name means that account.
     return next((account for account in alike if account.name == name), alike[0] if alike else None)
 
 
