@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
@@ -35,7 +36,9 @@ def test_boxes_are_drawn_and_kept(make_page, page):
 def test_suggested_faces_are_accepted_photo_by_photo(make_page, page, api):
     edit = make_page(3, placed=True)
     face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
-    page.route("**/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face], "missing": []}))
+    page.route(
+        "**/photos/*/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face], "missing": []})
+    )
     page.locator("#tray-list").focus()
     page.keyboard.press("Control+a")
     page.locator("#selection-blur").click()
@@ -56,22 +59,22 @@ def test_nothing_is_accepted_before_it_is_suggested(make_page, page, api):
     found = {"boxes": [{"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}]}
     found["missing"] = []
     waiting = []
-    page.route("**/blur/suggestions", lambda route: waiting.append(route))
+    page.route("**/photos/*/blur/suggestions", lambda route: waiting.append(route))
     page.locator("#tray-list").focus()
     page.keyboard.press("Control+a")
-    with page.expect_request("**/blur/suggestions"):
+    with page.expect_request("**/photos/*/blur/suggestions"):
         page.locator("#selection-blur").click()
     skip, accept = page.get_by_test_id("blur-skip"), page.get_by_test_id("blur-rest")
     expect(skip).to_be_disabled()
     expect(accept).to_be_disabled()
-    with page.expect_request("**/blur/suggestions"):
+    with page.expect_request("**/photos/*/blur/suggestions"):
         waiting.pop().fulfill(json=found)
         accept.click()
     expect(page.get_by_text("2 of 2")).to_be_visible()
     page.context.watch.expect(429)
     waiting.pop().fulfill(status=429)
     expect(page.get_by_test_id("error-message")).to_be_visible()
-    with page.expect_request("**/blur/suggestions"):
+    with page.expect_request("**/photos/*/blur/suggestions"):
         accept.click()
     expect(accept).to_be_disabled()
     waiting.pop().fulfill(json=found)
@@ -97,11 +100,71 @@ def test_suggestions_of_one_photo_are_chosen_one_by_one(make_page, page, api):
     expect(page.get_by_label("Number plate, 71")).not_to_be_checked()
     page.get_by_test_id("blur-suggest").click()  # no box comes twice
     expect(page.get_by_text("2 boxes")).to_be_visible()
+    page.locator(".blur-box", has_text="Number plate").focus()
+    page.keyboard.press("ArrowUp")
+    page.get_by_test_id("blur-suggest").click()  # nor one that was moved a little
+    expect(page.get_by_text("2 boxes")).to_be_visible()
     page.get_by_label("Face, 93").uncheck()
     page.get_by_role("button", name="Save").click()
     expect(page.get_by_role("dialog")).to_have_count(0)
     kept = {side: plate[side] for side in ("x", "y", "width", "height")}
-    assert api.state(edit.slug)["photos"][0]["blurred"] == [kept]
+    assert api.state(edit.slug)["photos"][0]["blurred"] == [pytest.approx({**kept, "y": plate["y"] - 0.01})]
+
+
+def test_what_others_blurred_meanwhile_is_not_replaced(make_page, page, api):
+    edit = make_page(1, placed=True)
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    page.get_by_role("button", name="Add a box").click()
+    face = {"x": 0.1, "y": 0.3, "width": 0.1, "height": 0.2}
+    api.ask("PUT", f"/maps/{edit.slug}/photos/0/blur", data={"boxes": [face]})
+    page.context.watch.expect(409)
+    page.get_by_role("button", name="Save").click()
+    expect(page.get_by_test_id("error-message")).to_contain_text("have been blurred meanwhile")
+    assert api.state(edit.slug)["photos"][0]["blurred"] == [face]
+
+
+def test_closed_while_all_are_accepted_nothing_more_is_blurred(make_page, page, api):
+    edit = make_page(2, placed=True)
+    waiting = []
+    page.route("**/photos/*/blur/suggestions", lambda route: waiting.append(route))
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    answer = {"boxes": [{"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}]}
+    answer |= {"missing": []}
+    with page.expect_request("**/photos/*/blur/suggestions"):
+        page.locator("#selection-blur").click()
+    with page.expect_request("**/photos/*/blur/suggestions"):
+        waiting.pop().fulfill(json=answer)
+        page.get_by_test_id("blur-rest").click()
+    expect(page.get_by_text("2 of 2")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    with page.expect_response("**/photos/*/blur/suggestions") as answered:
+        waiting.pop().fulfill(json=answer)
+    answered.value.finished()
+    page.wait_for_timeout(100)
+    assert [len(photo["blurred"]) for photo in api.state(edit.slug)["photos"]] == [1, 0]
+
+
+def test_more_than_a_photo_can_have_is_said(make_page, page):
+    make_page(1, placed=True)
+    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
+    answer = {"boxes": [face], "left": 30, "missing": []}
+    page.route("**/photos/*/blur/suggestions", lambda route: route.fulfill(json=answer))
+    page.locator("#current-more").evaluate("more => { more.open = true; }")
+    page.locator("#current-blur").click()
+    page.get_by_test_id("blur-suggest").click()
+    expect(page.get_by_text("30 more were found, but the photo cannot have more boxes")).to_be_visible()
+
+
+def test_what_was_found_before_is_shown_when_the_editor_opens(make_page, page):
+    face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
+    photos = [{"id": 0, "name": "a", "boxes": [face], "left": 0}]
+    found = {"photos": photos, "searched": 1, "total": 1, "missing": [], "job": None}
+    page.route("**/maps/*/blur/suggestions", lambda route: route.fulfill(json=found))
+    make_page(1, placed=True)
+    expect(page.get_by_text("1 photo has something to blur.")).to_be_visible()
 
 
 def test_a_server_without_a_network_says_what_is_not_looked_for(make_page, page):

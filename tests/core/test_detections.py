@@ -9,11 +9,13 @@ from webapp.core.detections import (
     Spotted,
     best_apart,
     detect_in_windows,
+    is_hidden,
     join_same,
     spans,
     to_blur,
     windows,
 )
+from webapp.errors import Cancelled
 
 
 @pytest.mark.parametrize("length", [1, 240, 241, 384, 385, 1000, 4001])
@@ -49,6 +51,33 @@ def test_boxes_of_windows_become_shares_of_the_photo():
     (found,) = detect_in_windows(photo, look, kind="plate", size=(320, 240), overlap=96)
     assert found.box == pytest.approx((0.6, 200 / 300, 0.08, 20 / 300))
     assert (found.kind, found.score) == ("plate", 0.8)
+
+
+def test_a_search_is_stopped_between_windows():
+    seen = []
+
+    def look(part):
+        seen.append(1)
+        return Spotted(np.zeros((0, 4)), np.zeros(0))
+
+    def check():
+        if len(seen) == 2:
+            raise Cancelled("stopped")
+
+    photo = np.zeros((300, 500, 3), np.uint8)
+    with pytest.raises(Cancelled):
+        detect_in_windows(photo, look, kind="plate", size=(320, 240), overlap=96, check=check)
+    assert len(seen) == 2
+
+
+def test_hidden_is_what_is_mostly_covered_by_one_box_or_by_several():
+    face = BlurBox(0.4, 0.4, 0.2, 0.2)
+    left, right = BlurBox(0.3, 0.3, 0.2, 0.4), BlurBox(0.5, 0.3, 0.2, 0.4)
+    assert not is_hidden(face, [])
+    assert not is_hidden(face, [BlurBox(0.49, 0.49, 0.02, 0.02)])  # the middle alone
+    assert not is_hidden(face, [left])
+    assert is_hidden(face, [left, right])
+    assert is_hidden(face, [BlurBox(0.4, 0.4, 0.2, 0.16)])
 
 
 def test_the_best_of_overlapping_boxes_are_chosen():

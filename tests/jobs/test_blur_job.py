@@ -55,6 +55,16 @@ def test_it_only_looks_until_it_is_to_accept(library, work, queue, seen, row):
     assert seen(once_more)["result"]["blurred"] == 0
 
 
+def test_photos_of_a_map_without_an_image_are_searched(library, work, queue, seen, row):
+    cfg = library.cfg("row")
+    for name in (cfg, cfg.with_name("map.json")):
+        name.unlink(missing_ok=True)
+    id = queue("blur", map_id=row)
+    work.run(once=True)
+    assert seen(id)["state"] == "done", seen(id)["error"]
+    assert seen(id)["result"]["photos"] == 2
+
+
 def test_without_networks_the_job_says_what_is_missing(library, settings, tmp_path, queue, seen, row):
     id = queue("blur", map_id=row)
     Worker(library, replace(settings, models=tmp_path / "none"), duties=DUTIES).run(once=True)

@@ -13,7 +13,7 @@ from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.tasks.blur.accept import accept_in_folder, accept_in_library
-from webapp.tasks.blur.find import BlurReport, search_map
+from webapp.tasks.blur.find import BlurReport, photos_of, search_photos
 from webapp.tasks.landmarks.accept import library_of
 
 _KINDS = {"face": "face", "plate": "number plate"}
@@ -42,8 +42,13 @@ def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_jso
     blurred: list[int] = []
     with library_of(cfg, url=settings.database) as there:
         with terminal_progress("photos") as progress:
-            report = search_map(
-                cfg, networks=networks, limits=settings.photo, progress=progress, least_score=least_score
+            report = search_photos(
+                cfg,
+                photos_of(cfg),
+                networks=networks,
+                limits=settings.photo,
+                progress=progress,
+                least_score=least_score,
             )
         failed = list(report.failed)
         if accept and there is None:

@@ -21,6 +21,12 @@ Kind = Literal["face", "plate"]
 _SAME = 0.6
 """Two boxes of one kind are about the same thing where they share so much of the smaller one."""
 
+_HIDDEN = 0.6
+"""Something is hidden where so much of it is blurred."""
+
+_STEPS = (np.arange(12) + 0.5) / 12
+"""Where a box is looked at, along each side."""
+
 _MARGIN: dict[Kind, float] = {"face": 0.2, "plate": 0.1}
 """Of its size on each side: hair and chin identify a face, too."""
 
@@ -41,11 +47,18 @@ class Detection(NamedTuple):
     score: float
 
 
+def never() -> None:
+    """Do not stop."""
+
+
 class ObjectDetector(Protocol):
     """Finds things of one kind."""
 
-    def detect(self, pixels: NDArray[np.uint8]) -> list[Detection]:
-        """Find them in a photo of (h, w, 3) uint8, blue, green, red; the surest first."""
+    def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
+        """Find them in a photo of (h, w, 3) uint8, blue, green, red; the surest first.
+
+        `check` is called between windows, and raises to stop.
+        """
 
 
 class Window(NamedTuple):
@@ -98,6 +111,7 @@ def detect_in_windows(
     kind: Kind,
     size: tuple[int, int],
     overlap: int,
+    check: Callable[[], None] = never,
 ) -> list[Detection]:
     """Find things in a photo of any size by a network for images of one size.
 
@@ -108,6 +122,8 @@ def detect_in_windows(
         Runs the network on a window.
     overlap : int
         Pixels; what is at most so large is whole in one of the windows of its level.
+    check : callable, optional
+        Called before each window; raises to stop.
 
     Returns
     -------
@@ -118,6 +134,7 @@ def detect_in_windows(
     whole = np.array([width, height, width, height], np.float64)
     found: list[Detection] = []
     for window, part in windows(pixels, size=size, overlap=overlap):
+        check()
         boxes, scores = look(part)
         corner = np.array([window.left, window.top] * 2, np.float64)
         shares = np.clip((boxes + corner) * 2**window.level / whole, 0, 1)
@@ -183,9 +200,12 @@ def _with_margin(one: Detection) -> BlurBox:
 
 
 def is_hidden(box: BlurBox, blurred: Sequence[BlurBox]) -> bool:
-    """Return whether the middle of a box is blurred already."""
-    x, y = box.x + box.width / 2, box.y + box.height / 2
-    return any(b.x <= x <= b.x + b.width and b.y <= y <= b.y + b.height for b in blurred)
+    """Return whether most of a box is blurred already, by one other box or by several."""
+    x, y = box.x + box.width * _STEPS, box.y + box.height * _STEPS[:, None]
+    covered = np.zeros((_STEPS.size, _STEPS.size), bool)
+    for b in blurred:
+        covered |= (b.x <= x) & (x <= b.x + b.width) & (b.y <= y) & (y <= b.y + b.height)
+    return bool(covered.mean() >= _HIDDEN)
 
 
 def _is_same(one: Detection, other: Detection) -> bool:

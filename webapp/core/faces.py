@@ -5,11 +5,13 @@ YuNet: Wu et al., "YuNet: A Tiny Millisecond-level Face Detector", Machine Intel
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.detections import Detection, Spotted, detect_in_windows
+from webapp.core.detections import Detection, Spotted, detect_in_windows, never
 
 _SIZE = (640, 640)
 """That of the published file. Faces of about 10 to 300 pixels are found in it."""
@@ -34,7 +36,7 @@ class YuNet:
     def __init__(self, model: bytes) -> None:
         self._model = np.frombuffer(model, np.uint8)
 
-    def detect(self, pixels: NDArray[np.uint8]) -> list[Detection]:
+    def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
         """Find faces."""
         # a network of OpenCV serves one thread at a time, and this one is read in milliseconds
         network = cv2.FaceDetectorYN.create(
@@ -46,4 +48,4 @@ class YuNet:
             rows = np.zeros((0, 15)) if found is None else np.asarray(found, np.float64)
             return Spotted(np.hstack([rows[:, :2], rows[:, :2] + rows[:, 2:4]]), rows[:, 14])
 
-        return detect_in_windows(pixels, look, kind="face", size=_SIZE, overlap=_OVERLAP_PX)
+        return detect_in_windows(pixels, look, kind="face", size=_SIZE, overlap=_OVERLAP_PX, check=check)

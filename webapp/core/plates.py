@@ -6,13 +6,13 @@ trained on Chinese plates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.detections import Detection, Spotted, best_apart, detect_in_windows
+from webapp.core.detections import Detection, Spotted, best_apart, detect_in_windows, never
 
 SIZE = (320, 240)
 """Width and height of the images that the published file takes."""
@@ -92,7 +92,7 @@ class LpdYuNet:
         self._model = np.frombuffer(model, np.uint8)
         self._priors = priors(*SIZE)
 
-    def detect(self, pixels: NDArray[np.uint8]) -> list[Detection]:
+    def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
         """Find number plates."""
         network = cv2.dnn.readNetFromONNX(self._model)  # of one thread, as that of faces
 
@@ -101,4 +101,4 @@ class LpdYuNet:
             outputs = [np.asarray(array, np.float32) for array in network.forward(_OUTPUTS)]
             return decode(outputs, self._priors)
 
-        return detect_in_windows(pixels, look, kind="plate", size=SIZE, overlap=_OVERLAP_PX)
+        return detect_in_windows(pixels, look, kind="plate", size=SIZE, overlap=_OVERLAP_PX, check=check)

@@ -16,7 +16,7 @@ from webapp.render import export_file
 from webapp.settings import Settings
 from webapp.store.maps import maps
 from webapp.tasks.blur.accept import accept_in_library
-from webapp.tasks.blur.find import search_map
+from webapp.tasks.blur.find import PhotoToSearch, search_photos
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.types import EvaluateOptions
@@ -37,6 +37,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
+from webapp.tasks.maps.show_photo import boxes_of
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import taken_back_if_refused
@@ -166,12 +167,15 @@ def suggest_blurring(context: Context) -> dict[str, Any]:
     a job that is done again goes on where it stopped.
     """
     library, record, settings = context.library, context.map(), context.settings
-    export.export_map(library, record.id)
+    with library.database.read() as session:  # the map may have no image yet, and so no .cfg
+        rows = [photo for photo in maps.photos(session, record) if not photo.removed]
+        photos = [PhotoToSearch(photo.id, photo.path, tuple(boxes_of(photo))) for photo in rows]
     accept = bool(context.arguments.get("accept"))
     networks = blur_networks(settings.models)
     context.progress.note("looking for faces and number plates")
-    report = search_map(
+    report = search_photos(
         library.cfg(record.slug),
+        photos,
         networks=networks,
         limits=settings.photo,
         progress=context.progress,

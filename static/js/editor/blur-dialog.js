@@ -8,6 +8,8 @@ import { t, tn } from "../shared/i18n.js";
 const LEAST = 0.008;
 const NEW = { x: 0.4, y: 0.4, width: 0.2, height: 0.2 };
 const STEP = 0.01;
+/** A suggestion, which has a margin, is there already where another box covers so much of it. */
+const COVERED = 0.4;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** A box of the server: what it is of, and how sure the network is, where it is a suggestion. @typedef {{x: number, y: number, width: number, height: number, kind?: "face"|"plate", score?: number}} Box */
@@ -16,12 +18,13 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
  * Let somebody draw what is to be blurred, in one photo or in several, one after the other.
  * @param {Object[]} photos
  * @param {Object} server
- * @param {function(Object): Promise<{boxes: Box[], missing: string[]}>} server.suggest finds faces and number plates in a photo
- * @param {function(Object, Box[]): Promise<void>} server.save keeps all boxes of it
+ * @param {function(Object): Box[]} server.blurredNow what is blurred in a photo, as far as is known by now
+ * @param {function(Object): Promise<{boxes: Box[], left?: number, missing: string[]}>} server.suggest finds faces and number plates in a photo
+ * @param {function(Object, Box[], Box[]): Promise<void>} server.save keeps all boxes of it, unless others are kept by now than it had
  * @param {?function(): Promise<void>} [server.searchAll] lets all photos of the map be searched, in the background
  * @returns {HTMLDialogElement}
  */
-export function blurDialog(photos, { suggest, save, searchAll = null }) {
+export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null }) {
   const image = h("img", { draggable: "false" });
   const frame = h("div", { class: "blur-frame" }, image);
   const boxes = new Boxes(frame, []);
@@ -43,12 +46,14 @@ export function blurDialog(photos, { suggest, save, searchAll = null }) {
   const dialog = openDialog(t("Blur faces and plates"), body, { actions: several ? [skip, rest, send] : [send] });
   dialog.classList.add("dialog--wide");
   let at = 0;
+  let had = []; // what was blurred when the photo was shown
   let sought = false; // whether what is suggested for the photo is shown
   const show = () => {
     const photo = photos[at];
     sought = false;
     Object.assign(image, { src: photo.preview, alt: photo.name });
-    boxes.replace(photo.blurred.map((box) => ({ ...box })));
+    had = blurredNow(photo);
+    boxes.replace(had.map((box) => ({ ...box })));
     suggested.show([]);
     none.textContent = "";
     place.textContent = several ? t("{n} of {all}", { n: at + 1, all: photos.length }) : "";
@@ -56,9 +61,12 @@ export function blurDialog(photos, { suggest, save, searchAll = null }) {
   const seek = async () => {
     const found = await suggest(photos[at]);
     sought = true;
-    boxes.replace([...boxes.all.filter((box) => !suggested.all.includes(box)), ...found.boxes]);
-    suggested.show(found.boxes);
-    none.textContent = [found.boxes.length ? "" : t("Nothing was found."), ...found.missing.map(notSearched)].join(" ").trim();
+    const there = boxes.all;
+    const more = found.boxes.filter((box) => !there.some((other) => covered(box, other) > COVERED));
+    boxes.replace([...there, ...more]);
+    suggested.show([...suggested.all.filter((box) => there.includes(box)), ...more]);
+    const words = [found.boxes.length ? "" : t("Nothing was found."), found.left ? notAll(found.left) : "", ...found.missing.map(notSearched)];
+    none.textContent = words.filter(Boolean).join(" ");
   };
   const next = async () => {
     at += 1;
@@ -80,7 +88,7 @@ export function blurDialog(photos, { suggest, save, searchAll = null }) {
     pressed?.focus();
   };
   const does = (pressed, action) => pressed.addEventListener("click", () => run(action, pressed));
-  const keep = () => save(photos[at], boxes.all.map(({ x, y, width, height }) => ({ x, y, width, height })));
+  const keep = () => save(photos[at], boxes.all.map(bare), had.map(bare));
   does(find, seek);
   does(skip, next);
   does(all, async () => {
@@ -92,11 +100,8 @@ export function blurDialog(photos, { suggest, save, searchAll = null }) {
     await next();
   });
   does(rest, async () => {
-    while (dialog.open) {
-      if (!sought) await seek(); // it failed before
-      await keep();
-      await next();
-    }
+    const steps = [() => (sought ? null : seek()), keep, next]; // it was not sought where that failed
+    for (let n = 0; dialog.open; n = (n + 1) % steps.length) await steps[n]();
   });
   show();
   if (several) run(seek);
@@ -109,6 +114,11 @@ function notSearched(model) {
   return model === "faces"
     ? t("Faces are not looked for: the server needs {command}.", { command })
     : t("Number plates are not looked for: the server needs {command}.", { command });
+}
+
+/** That more was found than a photo can have boxes. @param {number} left */
+function notAll(left) {
+  return tn("{n} more was found, but the photo cannot have more boxes: draw larger ones.", "{n} more were found, but the photo cannot have more boxes: draw larger ones.", left);
 }
 
 /** What a suggestion is of, and how sure the network is. @param {Box} box */
@@ -245,6 +255,18 @@ export class Boxes {
 /** @param {number[]} from @param {number[]} to */
 function between([x, y], [toX, toY]) {
   return { x: Math.min(x, toX), y: Math.min(y, toY), width: Math.abs(toX - x), height: Math.abs(toY - y) };
+}
+
+/** What is kept of a box. @param {Box} box */
+function bare({ x, y, width, height }) {
+  return { x, y, width, height };
+}
+
+/** Which share of a box another one covers. @param {Box} box @param {Box} other */
+export function covered(box, other) {
+  const side = (from, length) => Math.min(box[from] + box[length], other[from] + other[length]) - Math.max(box[from], other[from]);
+  const [width, height] = [side("x", "width"), side("y", "height")];
+  return (Math.max(width, 0) * Math.max(height, 0)) / (box.width * box.height);
 }
 
 /** Keep a box in the picture, and large enough to be seen. */

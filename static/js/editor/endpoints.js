@@ -57,7 +57,7 @@ export function endpointsOf(slug) {
     suggestBlur: (id) => get(`${map}/photos/${id}/blur/suggestions`),
     blurFound: () => get(`${map}/blur/suggestions`),
     searchBlur: () => post(`${map}/blur/suggestions`, {}),
-    blur: (id, boxes) => put(`${map}/photos/${id}/blur`, { boxes }),
+    blur: (id, boxes, seen) => put(`${map}/photos/${id}/blur`, { boxes, seen }),
 
     findings: () => get(`${map}/findings`),
     fix: (code, ids) => post(`${map}/findings/fix`, { code, ids }),

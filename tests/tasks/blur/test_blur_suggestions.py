@@ -9,6 +9,7 @@ import pytest
 from tests.standin_models import install_blur_networks
 from webapp.core.blur import BlurBox
 from webapp.core.detections import Detection
+from webapp.core.plates import LpdYuNet
 from webapp.errors import Cancelled, MissingPart
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.files.maps.folder import read_map
@@ -16,7 +17,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.blur import find
 from webapp.tasks.blur.accept import accept_in_folder
-from webapp.tasks.blur.find import search_map
+from webapp.tasks.blur.find import photos_of, search_photos
 from webapp.tasks.blur.kept import KeptFindings
 
 LIMITS = Settings().photo
@@ -24,7 +25,8 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def search(cfg, networks, progress=None, **options):
-    return search_map(cfg, networks=networks, limits=LIMITS, progress=progress or Progress(), **options)
+    progress = progress or Progress()
+    return search_photos(cfg, photos_of(cfg), networks=networks, limits=LIMITS, progress=progress, **options)
 
 
 def test_what_is_found_is_blurred_in_the_files_and_not_found_again(tmp_path, spotted, networks):
@@ -68,6 +70,30 @@ def test_a_link_out_of_the_map_is_named_and_the_others_are_searched(tmp_path, sp
     assert [one.id for one in report.failed] == [1]
 
 
+def test_more_than_a_photo_may_have_is_named(tmp_path, spotted, networks, monkeypatch):
+    cfg = spotted(tmp_path / "park", 2)
+    monkeypatch.setattr(find, "MOST_BOXES", 1)
+    report = search(cfg, networks)
+    assert [(one.id, len(one.boxes), one.left) for one in report.suggested] == [(1, 1, 3)]
+    (failed,) = report.failed
+    assert failed.reason.startswith("a photo may have 1 boxes, and 3 more")
+    assert report.searched == 2
+    accept_in_folder(cfg, report.suggested)
+    again = search(cfg, networks)
+    assert again.suggested == ()
+    assert [one.id for one in again.failed] == [1]
+
+
+def test_a_large_photo_is_searched_at_the_size_that_matters(tmp_path, spotted, networks, monkeypatch):
+    cfg = spotted(tmp_path / "park", 2)
+    monkeypatch.setattr(find, "_SIDE", 160)
+    sizes = []
+    real = LpdYuNet.detect
+    monkeypatch.setattr(LpdYuNet, "detect", lambda self, p, **o: sizes.append(p.shape) or real(self, p, **o))
+    search(cfg, networks)
+    assert sizes == [(120, 160, 3)] * 2
+
+
 class StopAfter(Progress):
     def __init__(self, steps):
         self.left = steps
@@ -84,8 +110,8 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(tmp_path, spotted, netwo
     with pytest.raises(Cancelled):
         search(cfg, networks, StopAfter(3))
     read = []
-    real = find.read_upright
-    monkeypatch.setattr(find, "read_upright", lambda data, **o: read.append(1) or real(data, **o))
+    real = find.read_in_turn
+    monkeypatch.setattr(find, "read_in_turn", lambda file, **o: read.append(1) or real(file, **o))
     assert len(search(cfg, networks).suggested) == 3
     assert len(read) == 1
 
@@ -100,16 +126,17 @@ from webapp.core.plates import LpdYuNet
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.blur.find import search_map
+from webapp.tasks.blur.find import photos_of, search_photos
 folder = install_blur_networks(Path({str(models)!r}), operator.setitem)
 real, seen = LpdYuNet.detect, []
-def detect(self, pixels):
+def detect(self, pixels, **options):
     seen.append(1)
     if len(seen) == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-    return real(self, pixels)
+    return real(self, pixels, **options)
 LpdYuNet.detect = detect
-search_map(Path({str(cfg)!r}), networks=blur_networks(folder), limits=Settings().photo, progress=Progress())
+cfg, networks = Path({str(cfg)!r}), blur_networks(folder)
+search_photos(cfg, photos_of(cfg), networks=networks, limits=Settings().photo, progress=Progress())
 """
     ended = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, check=False

@@ -11,7 +11,14 @@ from PIL import Image
 from sqlalchemy import select
 
 from tests.standin_models import install_blur_networks
+from webapp.errors import Busy, Conflict
+from webapp.files.localize.blur_networks import blur_networks
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.maps import maps
 from webapp.store.schema import Job, MapRecord
+from webapp.tasks.blur.accept import accept_in_library
+from webapp.tasks.blur.find import PhotoToSearch, search_photos
 from webapp.tasks.maps import show_photo
 from webapp.web.state import KEY
 
@@ -240,6 +247,86 @@ def test_boxes_that_somebody_else_drew_meanwhile_are_not_lost(client, full, monk
     monkeypatch.setattr(show_photo, "make_previews", meanwhile)
     assert blur(client, full, BOX).status_code == 409
     assert photo_of(client, full)["blurred"] == [other]
+
+
+def test_boxes_that_were_chosen_without_those_of_others_are_refused(client, full):
+    url, other = f"/api/v1/maps/{full}/photos/0/blur", {**BOX, "x": 0.0}
+    assert blur(client, full, other).status_code == 200
+    answer = client.put(url, json={"boxes": [BOX], "seen": []})
+    assert answer.status_code == 409
+    assert answer.json["error"]["where"] == "a.jpg"
+    assert photo_of(client, full)["blurred"] == [other]
+    assert client.put(url, json={"boxes": [other, BOX], "seen": [other]}).status_code == 200
+    assert photo_of(client, full)["blurred"] == [other, BOX]
+
+
+@pytest.fixture
+def accepting(client, park, finding, library, tmp_path):
+    """Accept what is suggested for a photo; gives what `accept_in_library` does."""
+    client.post(f"/api/v1/maps/{park}/photos", data={"file": [(io.BytesIO(spot()), "a.png")]})
+    with library.database.read() as session:
+        map_id = session.scalars(select(MapRecord.id).where(MapRecord.slug == park)).one()
+        photos = [PhotoToSearch(0, maps.photo(session, session.get_one(MapRecord, map_id), 0).path, ())]
+    networks, limits = blur_networks(tmp_path / "models"), Settings().photo
+    report = search_photos(library.cfg(park), photos, networks=networks, limits=limits, progress=Progress())
+
+    def accept(**options):
+        return accept_in_library(
+            library,
+            map_id,
+            suggested=report.suggested,
+            settings=Settings(),
+            progress=Progress(),
+            **options,
+        )
+
+    return accept
+
+
+def test_a_box_that_is_drawn_while_suggestions_are_accepted_stays(client, park, accepting, monkeypatch):
+    other = {"x": 0.0, "y": 0.0, "width": 0.1, "height": 0.1}
+    make = show_photo.make_previews
+
+    def meanwhile(*args, **options):
+        monkeypatch.setattr(show_photo, "make_previews", make)
+        assert blur(client, park, other).status_code == 200
+        return make(*args, **options)
+
+    monkeypatch.setattr(show_photo, "make_previews", meanwhile)
+    assert accepting() == ([0], [])
+    kept = client.get(f"/api/v1/maps/{park}").json["photos"][0]["blurred"]
+    assert kept[0] == other
+    assert len(kept) > 1
+
+
+def test_what_may_work_later_is_not_noted_as_failed(client, park, accepting, monkeypatch):
+    def busy(*args, **options):
+        raise Busy("the server is busy", wait_s=1)
+
+    monkeypatch.setattr(show_photo, "make_previews", busy)
+    with pytest.raises(Busy):
+        accepting()
+    monkeypatch.undo()
+
+    def taken_over(map_id):
+        raise Conflict("another worker has taken over this job")
+
+    with pytest.raises(Conflict):
+        accepting(changing=taken_over)
+
+
+def test_a_damaged_photo_is_named_and_does_not_stop_the_others(client, park, accepting, library):
+    for file in (library.map_folder(park) / "photos").iterdir():
+        file.write_bytes(b"no photo")
+    blurred, failed = accepting()
+    assert blurred == []
+    assert [one.id for one in failed] == [0]
+
+
+def test_the_editor_asks_for_what_was_found_also_where_no_model_is(client, full):
+    answer = client.get(f"/api/v1/maps/{full}/blur/suggestions")
+    assert answer.status_code == 200
+    assert (answer.json["photos"], answer.json["missing"]) == ([], ["faces", "plates"])
 
 
 def test_without_the_models_it_is_said_how_to_get_them(client, full, park):

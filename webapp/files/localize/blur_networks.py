@@ -12,7 +12,7 @@ from webapp.core.plates import LpdYuNet
 from webapp.errors import MissingPart
 from webapp.files.localize.models import checked_weights, find_weights, installed
 
-_CLASSES: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": LpdYuNet}
+NETWORKS: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": LpdYuNet}
 """By the name of the model."""
 
 
@@ -49,19 +49,24 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
     StorageError
         One cannot be read.
     """
-    missing = tuple(model for model in _CLASSES if installed(model, chosen) is None)
-    if len(missing) == len(_CLASSES):
+    missing = missing_networks(chosen)
+    if len(missing) == len(NETWORKS):
         raise MissingPart(
             "no network that finds faces or number plates is installed",
             where="models",
             hint=f"whoever runs the server installs them: expmap models fetch {' '.join(missing)}",
         )
-    files = {model: find_weights(model, chosen) for model in _CLASSES if model not in missing}
+    files = {model: find_weights(model, chosen) for model in NETWORKS if model not in missing}
     detectors = tuple(_opened(model, path, file.sha256) for model, (path, file) in files.items())
     key = "-".join(file.sha256[:8] for _, file in files.values())
     return BlurNetworks(detectors, key, missing)
 
 
+def missing_networks(chosen: Path | None) -> tuple[str, ...]:
+    """Name the models of `NETWORKS` that are not installed."""
+    return tuple(model for model in NETWORKS if installed(model, chosen) is None)
+
+
 @lru_cache(maxsize=2)
 def _opened(model: str, path: Path, sha256: str) -> ObjectDetector:
-    return _CLASSES[model](checked_weights(model, path, sha256=sha256))
+    return NETWORKS[model](checked_weights(model, path, sha256=sha256))

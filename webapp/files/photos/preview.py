@@ -9,6 +9,8 @@ from threading import BoundedSemaphore
 from typing import Literal
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from webapp.core.blur import BlurBox, blur
 from webapp.files.atomic import write_bytes
@@ -54,9 +56,7 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
         Others are being decoded.
     """
     found: dict[Kind, bytes] = {}
-    with permit(_DECODING):
-        pixels = read_upright(source, limits=limits, max_side=max(SIDES.values()))
-    pixels = blur(pixels, blurred)
+    pixels = blur(read_in_turn(source, limits=limits, max_side=max(SIDES.values())), blurred)
     for kind, side in SIDES.items():
         height, width = pixels.shape[:2]
         scale = side / max(height, width)
@@ -67,6 +67,17 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
         assert done, "a picture of at most 1600 pixels can always be written"
         found[kind] = data.tobytes()
     return found
+
+
+def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> NDArray[np.uint8]:
+    """Read a photo as `read_upright` does, once few enough others are being decoded.
+
+    Raises
+    ------
+    PhotoError, Busy
+    """
+    with permit(_DECODING):
+        return read_upright(source, limits=limits, max_side=max_side)
 
 
 def look_of(blurred: Sequence[BlurBox]) -> str | None:

@@ -10,7 +10,7 @@ from typing import TypeVar
 from webapp.core.blur import BlurBox
 from webapp.core.detections import is_hidden
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
-from webapp.errors import ExpMapError, StorageError
+from webapp.errors import Conflict, MapError, NotFound, PhotoError
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -18,7 +18,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.blur.find import SuggestedBoxes, UnsearchedPhoto
-from webapp.tasks.maps.show_photo import MOST_BOXES, Changing, blur_photo, boxes_of
+from webapp.tasks.maps.show_photo import MOST_BOXES, Changing, NewBlur, blur_photo, boxes_of
 
 Photo = TypeVar("Photo", Experience, UnplacedPhoto)
 
@@ -47,30 +47,42 @@ def accept_in_library(
 
     Raises
     ------
-    StorageError, Cancelled
+    StorageError, Busy, Cancelled
+    Conflict
+        Somebody else blurs the same photo again and again, or another worker has taken over the job.
     """
     wanted, blurred, failed = list(suggested), [], []
     progress.size(len(wanted))
     for one in wanted:
         progress.check()
-        with library.database.read() as session:
-            record = session.get_one(MapRecord, map_id)
-            photo = maps.photos_by_id(session, record, [one.id]).get(one.id)
-        if photo is not None and not photo.removed:
-            before = boxes_of(photo)
-            boxes = [*before, *_new(one, before)]
+        try:
             try:
-                done = blur_photo(
-                    library, map_id, photo_id=one.id, boxes=boxes, settings=settings, changing=changing
-                )
-            except StorageError:
-                raise
-            except ExpMapError as error:
-                failed.append(UnsearchedPhoto(one.id, photo.name, error.message))
-            else:
-                blurred += [] if done is None else [one.id]
+                done = _accept(library, map_id, one, settings=settings, changing=changing)
+            except Conflict:  # somebody has drawn a box meanwhile; also, a job that another worker has now
+                done = _accept(library, map_id, one, settings=settings, changing=changing)
+        except (PhotoError, MapError, NotFound) as error:
+            failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
+        else:
+            blurred += [one.id] if done else []
         progress.advance()
     return blurred, failed
+
+
+def _accept(
+    library: Library, map_id: int, one: SuggestedBoxes, *, settings: Settings, changing: Changing | None
+) -> bool:
+    """Blur what is suggested in a photo that is still there; return whether anything is new."""
+    with library.database.read() as session:
+        record = session.get_one(MapRecord, map_id)
+        photo = maps.photos_by_id(session, record, [one.id]).get(one.id)
+    if photo is None or photo.removed:
+        return False
+    before = boxes_of(photo)
+    wanted = NewBlur([*before, *_new(one, before)], seen=before)
+    revision = blur_photo(
+        library, map_id, photo_id=one.id, wanted=wanted, settings=settings, changing=changing
+    )
+    return revision is not None
 
 
 def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int]:

@@ -3,31 +3,51 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from webapp.core.blur import BlurBox
-from webapp.core.detections import Detection, join_same, to_blur
+from webapp.core.detections import Detection, join_same, never, to_blur
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import MapError, MissingPart, PhotoError
 from webapp.files.localize.blur_networks import BlurNetworks
 from webapp.files.maps.folder import photo_path, read_map
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.photo import read_upright
+from webapp.files.photos.preview import SIDES, read_in_turn
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.tasks.blur.kept import KeptFindings
 from webapp.tasks.maps.show_photo import MOST_BOXES
 
+_SIDE = 4 * max(SIDES.values())
+"""Photos are searched with so many pixels on the longer side: a face that is too small to be found in them
+has less than 3 pixels in the pictures that are shown."""
+
 
 @dataclass(frozen=True, slots=True)
 class SuggestedBoxes:
-    """What is suggested to be blurred in a photo, besides what is blurred already; boxes have margins."""
+    """What is suggested to be blurred in a photo, besides what is blurred already; boxes have margins.
+
+    Attributes
+    ----------
+    left : int
+        How many more were found than a photo may have boxes.
+    """
 
     id: int
     photo: str
     boxes: tuple[Detection, ...]
+    left: int = 0
+
+
+class PhotoToSearch(NamedTuple):
+    """A photo of a map: its path from the folder of the map, and what is blurred in it."""
+
+    id: int
+    photo: str
+    blurred: tuple[BlurBox, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +67,8 @@ class BlurReport:
     ----------
     suggested : tuple of SuggestedBoxes
         Of photos in which there is something to blur, by id.
+    failed : tuple of UnsearchedPhoto
+        Those in which more was found than a photo may have boxes, too.
     searched : int
         How many photos were searched, now or before.
     """
@@ -65,75 +87,123 @@ def search_photo(
     ------
     PhotoError
         The photo is damaged or cannot be read.
+    Busy
+        Others are being decoded.
     StorageError
     """
-    data = _read(file)
-    sha256 = hashlib.sha256(data).hexdigest()
+    sha256 = _sha256(file)
     known = kept.read().get(sha256)
-    return _search(data, sha256, networks=networks, kept=kept, limits=limits) if known is None else known
+    return _search(file, sha256, networks=networks, kept=kept, limits=limits) if known is None else known
 
 
-def search_map(
-    cfg: Path, *, networks: BlurNetworks, limits: PhotoLimits, progress: Progress, least_score: float = 0.0
+def photos_of(cfg: Path) -> list[PhotoToSearch]:
+    """List the photos of a map, those in its tray included.
+
+    Raises
+    ------
+    MapError
+    """
+    the_map = read_map(cfg)
+    everything: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
+    return sorted(PhotoToSearch(one.id, one.photo, tuple(one.blurred)) for one in everything)
+
+
+def search_photos(
+    cfg: Path,
+    photos: Sequence[PhotoToSearch],
+    *,
+    networks: BlurNetworks,
+    limits: PhotoLimits,
+    progress: Progress,
+    least_score: float = 0.0,
 ) -> BlurReport:
-    """Find faces and plates in all photos of a map, those in its tray included.
+    """Find faces and plates in photos of a map.
 
     Each photo that has been searched is kept, so that the work goes on where it stopped.
 
     Parameters
     ----------
+    cfg : Path
+        Of the map; the file need not be there.
     least_score : float
         What is less sure is not suggested.
 
     Raises
     ------
-    MapError, StorageError, Cancelled
+    StorageError, Cancelled
     """
-    the_map = read_map(cfg)
-    everything: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
-    photos = sorted(everything, key=lambda one: one.id)
     kept = KeptFindings(cfg.parent, networks.key)
     known = kept.read()
     progress.size(len(photos))
     suggested: list[SuggestedBoxes] = []
     failed: list[UnsearchedPhoto] = []
+    searched = 0
     for one in photos:
         progress.check()
         try:
             with show_file_as(one.photo):
-                data = _read(photo_path(cfg, one.photo))
-                sha256 = hashlib.sha256(data).hexdigest()
+                file = photo_path(cfg, one.photo)
+                sha256 = _sha256(file)
                 if sha256 not in known:
-                    known[sha256] = _search(data, sha256, networks=networks, kept=kept, limits=limits)
+                    known[sha256] = _search(
+                        file, sha256, networks=networks, kept=kept, limits=limits, check=progress.check
+                    )
         except (PhotoError, MapError, MissingPart) as error:  # a link out of the folder; a format's extra
             failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
-            boxes = suggestions(known[sha256], blurred=one.blurred, least_score=least_score)
+            searched += 1
+            boxes, left = suggestions(known[sha256], blurred=one.blurred, least_score=least_score)
             if boxes:
-                suggested.append(SuggestedBoxes(one.id, one.photo, tuple(boxes)))
+                suggested.append(SuggestedBoxes(one.id, one.photo, tuple(boxes), left))
+            if left:
+                failed.append(UnsearchedPhoto(one.id, one.photo, not_all(left)))
         progress.advance()
-    return BlurReport(tuple(suggested), tuple(failed), len(photos) - len(failed))
+    return BlurReport(tuple(suggested), tuple(failed), searched)
 
 
 def suggestions(
     found: Iterable[Detection], *, blurred: Sequence[BlurBox], least_score: float = 0.0
-) -> list[Detection]:
-    """Return what is to be blurred besides what is, as boxes with margins; as many as a photo may have."""
+) -> tuple[list[Detection], int]:
+    """Choose what is to be blurred besides what is, as boxes with margins.
+
+    Returns
+    -------
+    boxes : list of Detection
+        The surest first, as many as a photo may have.
+    left : int
+        How many there are besides.
+    """
     sure = [one for one in found if one.score >= least_score]
-    return to_blur(sure, blurred=blurred)[: max(0, MOST_BOXES - len(blurred))]
+    boxes = to_blur(sure, blurred=blurred)
+    room = max(0, MOST_BOXES - len(blurred))
+    return boxes[:room], len(boxes[room:])
+
+
+def not_all(left: int) -> str:
+    """Say that more was found in a photo than it may have boxes."""
+    return (
+        f"a photo may have {MOST_BOXES} boxes, and {left} more faces or plates were found: draw larger boxes"
+    )
 
 
 def _search(
-    data: bytes, sha256: str, *, networks: BlurNetworks, kept: KeptFindings, limits: PhotoLimits
+    file: Path,
+    sha256: str,
+    *,
+    networks: BlurNetworks,
+    kept: KeptFindings,
+    limits: PhotoLimits,
+    check: Callable[[], None] = never,
 ) -> list[Detection]:
-    pixels = read_upright(data, limits=limits)
-    found = join_same(one for detector in networks.detectors for one in detector.detect(pixels))
+    pixels = read_in_turn(file, limits=limits, max_side=_SIDE)
+    found = join_same(one for detector in networks.detectors for one in detector.detect(pixels, check=check))
     kept.add(sha256, found)
     return found
 
 
-def _read(path: Path) -> bytes:
+def _sha256(path: Path) -> str:
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise PhotoError(f"cannot be read: {error.strerror}") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import NamedTuple
 
 from webapp.core.blur import BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
@@ -18,9 +19,24 @@ from webapp.store.maps import maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 
-MOST_BOXES = 50
+MOST_BOXES = 500
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
+
+
+class NewBlur(NamedTuple):
+    """What is to be blurred in a photo.
+
+    Attributes
+    ----------
+    boxes : sequence of BlurBox
+        All of it.
+    seen : sequence of BlurBox or None
+        What was blurred when it was chosen; None to replace whatever is blurred now.
+    """
+
+    boxes: Sequence[BlurBox]
+    seen: Sequence[BlurBox] | None = None
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
@@ -78,7 +94,7 @@ def blur_photo(
     map_id: int,
     *,
     photo_id: int,
-    boxes: Sequence[BlurBox],
+    wanted: NewBlur,
     settings: Settings,
     changing: Changing | None = None,
 ) -> int | None:
@@ -101,36 +117,42 @@ def blur_photo(
     UsageError
         A box is not valid, or there are too many.
     Conflict
-        Somebody else has blurred it at the same time; nothing was changed.
+        Somebody else has blurred it at the same time, or since these boxes were chosen; nothing was changed.
     NotFound, PhotoError, StorageError
     """
-    wanted = [_checked(box) for box in boxes]
-    if len(wanted) > MOST_BOXES:
-        raise UsageError(f"{len(wanted)} boxes", where="boxes", hint=f"at most {MOST_BOXES}")
+    boxes = [_checked(box) for box in wanted.boxes]
+    if len(boxes) > MOST_BOXES:
+        raise UsageError(f"{len(boxes)} boxes", where="boxes", hint=f"at most {MOST_BOXES}")
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         photo = maps.photo(session, record, photo_id)
     before = boxes_of(photo)
-    if before == wanted:
+    if before == boxes:
         return None
+    if wanted.seen is not None and before != list(wanted.seen):
+        raise _blurred_by_another(photo)
     source = original(library, record.slug, photo=photo)
     with show_file_as(photo.name, source):
-        previews = make_previews(source, limits=settings.photo, blurred=wanted)
+        previews = make_previews(source, limits=settings.photo, blurred=boxes)
     with (changing or library.changing)(map_id) as change:
         record = change.record
         photo = maps.photo(change.session, record, photo_id)
         if boxes_of(photo) != before:
-            raise Conflict(
-                "somebody else has blurred this photo just now", where=photo.name, hint="open it again"
-            )
-        write_previews(library.map_folder(record.slug), photo_id, previews=previews, blurred=wanted)
-        photo.blurred = [box._asdict() for box in wanted] or None
+            raise _blurred_by_another(photo)
+        write_previews(library.map_folder(record.slug), photo_id, previews=previews, blurred=boxes)
+        photo.blurred = [box._asdict() for box in boxes] or None
         record.revision += 1
         record.changed_at = now()
         photo.revision = record.revision
         if photo.is_placed:
             record.photos_revision = record.revision  # nothing is recognised by what is blurred now
         return record.revision
+
+
+def _blurred_by_another(photo: Photo) -> Conflict:
+    return Conflict(
+        "other parts of this photo have been blurred meanwhile", where=photo.name, hint="open it again"
+    )
 
 
 def _checked(box: BlurBox) -> BlurBox:

@@ -15,7 +15,7 @@ from werkzeug.datastructures import FileStorage
 
 from webapp.core.blur import BlurBox
 from webapp.core.detections import Detection
-from webapp.files.localize.blur_networks import blur_networks
+from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing_networks
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.photos import panorama
 from webapp.store.maps import maps
@@ -43,6 +43,13 @@ class BlurIn(Schema):
     """All that is to be blurred; nothing for the photo as it is."""
 
     boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
+    seen = List(
+        Nested(BoxOut),
+        metadata={
+            "description": "What was blurred when these were chosen; refused where other parts are now. "
+            "Without it, whatever others have blurred meanwhile is replaced."
+        },
+    )
 
 
 @blur_api.put("/photos/<int(max=2147483647):id>/blur")
@@ -51,8 +58,9 @@ class BlurIn(Schema):
 def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
     """Blur parts of a photo in every picture of it; visitors never get the original file."""
     record = open_map(slug, "editor")
-    boxes = [BlurBox(**box) for box in data["boxes"]]
-    revision = show_photo.blur_photo(library(), record.id, photo_id=id, boxes=boxes, settings=settings())
+    given = {part: [BlurBox(**box) for box in boxes] for part, boxes in data.items()}
+    wanted = show_photo.NewBlur(**given)
+    revision = show_photo.blur_photo(library(), record.id, photo_id=id, wanted=wanted, settings=settings())
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         return state.edited(session, row, account=account(), revision=revision)
@@ -65,6 +73,7 @@ class SuggestedBoxOut(BoxOut):
     score = Float(metadata={"description": "How sure the network is, from 0 to 1; not calibrated."})
 
 
+_LEFT = Integer(metadata={"description": "How many more were found than a photo may have boxes."})
 _MISSING = List(
     String(validate=OneOf(["faces", "plates"])),
     metadata={
@@ -77,6 +86,7 @@ class BlurSuggestions(Schema):
     """What is suggested to be blurred, besides what is blurred already; the surest first."""
 
     boxes = List(Nested(SuggestedBoxOut))
+    left = _LEFT
     missing = _MISSING
 
 
@@ -92,8 +102,8 @@ def suggest(slug: str, id: int) -> dict[str, Any]:
     kept = KeptFindings(library().map_folder(record.slug), networks.key)
     with _finding.slot(), show_file_as(photo.name, source):
         found = search_photo(source, networks=networks, kept=kept, limits=settings().photo)
-    boxes = suggestions(found, blurred=show_photo.boxes_of(photo))
-    return {"boxes": _boxes_json(boxes), "missing": networks.missing}
+    boxes, left = suggestions(found, blurred=show_photo.boxes_of(photo))
+    return {"boxes": _boxes_json(boxes), "left": left, "missing": networks.missing}
 
 
 class PhotoSuggestions(Schema):
@@ -102,6 +112,7 @@ class PhotoSuggestions(Schema):
     id = Integer()
     name = String()
     boxes = List(Nested(SuggestedBoxOut))
+    left = _LEFT
 
 
 class MapSuggestions(Schema):
@@ -147,18 +158,25 @@ def search(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _of_map(record: MapRecord) -> dict[str, Any]:
-    networks = blur_networks(settings().models)
-    found = KeptFindings(library().map_folder(record.slug), networks.key).read()
+    missing = missing_networks(settings().models)
+    found = {}
+    if len(missing) < len(NETWORKS):
+        networks = blur_networks(settings().models)
+        found = KeptFindings(library().map_folder(record.slug), networks.key).read()
     with library().database.read() as session:
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
         job = _running(session, record)
     searched = [photo for photo in photos if photo.sha256 in found]
-    boxes = [(p, suggestions(found[p.sha256], blurred=show_photo.boxes_of(p))) for p in searched]
+    boxes = [(p, *suggestions(found[p.sha256], blurred=show_photo.boxes_of(p))) for p in searched]
     return {
-        "photos": [{"id": p.id, "name": p.name, "boxes": _boxes_json(new)} for p, new in boxes if new],
+        "photos": [
+            {"id": p.id, "name": p.name, "boxes": _boxes_json(new), "left": left}
+            for p, new, left in boxes
+            if new or left
+        ],
         "searched": len(searched),
         "total": len(photos),
-        "missing": networks.missing,
+        "missing": missing,
         "job": job,
     }
 

@@ -5,6 +5,9 @@ import { t, tn } from "../../shared/i18n.js";
 import { toast, toastError } from "../../shared/toast.js";
 import { blurDialog } from "../blur-dialog.js";
 
+/** The photos come first. */
+const AFTER_LOAD_MS = 1500;
+
 /**
  * Open the dialog for some photos.
  * @param {import("../../shared/map/map-store.js").MapStore} store
@@ -16,8 +19,9 @@ export function blurPhotos(store, server, ids) {
   const photos = ids.map((id) => store.photos.get(id)).filter((photo) => photo?.preview);
   if (!photos.length) return null; // of a large map, whose details are still on their way
   return blurDialog(photos, {
+    blurredNow: ({ id }) => store.photos.get(id)?.blurred ?? [],
     suggest: ({ id }) => server.suggestBlur(id),
-    save: async ({ id }, boxes) => store.merge(await server.blur(id, boxes)),
+    save: async ({ id }, boxes, seen) => store.merge(await server.blur(id, boxes, seen)),
     searchAll: async () => {
       await server.searchBlur();
       toast(t("All photos of the map are being searched. What is found is shown above the photos."));
@@ -30,7 +34,7 @@ export function connectBlurBar({ store, server }) {
   const bar = byId("blur-bar");
   const text = h("span", { class: "grow" });
   let ids = [];
-  let seen = null;
+  let ended = null;
   const ask = async () => {
     ids = (await server.blurFound()).photos.map(({ id }) => id);
     bar.hidden = !ids.length;
@@ -42,8 +46,9 @@ export function connectBlurBar({ store, server }) {
   bar.append(icon("blur"), text, h("button", { class: "button", type: "button", "data-testid": "blur-look", onclick: open }, t("Look at them")));
   store.on("jobs", () => {
     const done = store.jobs.findLast(({ kind, state }) => kind === "blur" && state === "done");
-    if (!done || done.id === seen) return;
-    seen = done.id;
+    if (!done || done.id === ended) return;
+    ended = done.id;
     ask().catch(toastError);
   });
+  setTimeout(() => ask().catch(toastError), AFTER_LOAD_MS);
 }
