@@ -161,7 +161,8 @@ def test_a_visit_lays_them_anew_in_nobodys_name(client, stranger, share, yard, l
     assert (job.account_id, job.arguments) == (None, {"only_lay": True})
 
 
-def test_what_failed_is_not_queued_by_each_visit(client, stranger, share, yard, library):
+@pytest.mark.parametrize("ended", ["failed", "cancelled"])
+def test_what_failed_is_not_queued_by_each_visit(client, stranger, share, yard, library, ended):
     _page, api, _share = share()
 
     def place(x):
@@ -175,12 +176,26 @@ def test_what_failed_is_not_queued_by_each_visit(client, stranger, share, yard, 
     place(190)
     stranger.get(api)
     with library.database.write() as session:
-        session.query(Job).filter_by(kind="landmarks").one().state = "failed"
+        session.query(Job).filter_by(kind="landmarks").one().state = ended
     stranger.get(api)
-    assert states() == ["failed"]
+    assert states() == [ended]
     place(180)  # perhaps that helps
     stranger.get(api)
-    assert states() == ["failed", "queued"]
+    assert states() == [ended, "queued"]
+
+
+def test_what_failed_before_an_update_is_tried_again(client, stranger, share, yard, library):
+    _page, api, _share = share()
+    changes = [{"id": 1, "x_px": 190, "y_px": 45}]
+    client.patch(f"{yard[0]}/experiences", json={"kind": "place", "changes": changes})
+    stranger.get(api)
+    with library.database.write() as session:
+        job = session.query(Job).filter_by(kind="landmarks").one()
+        job.state, job.key = "failed", "lay"  # as it was called then
+    stranger.get(api)
+    with library.database.read() as session:
+        states = [job.state for job in session.query(Job).filter_by(kind="landmarks").order_by(Job.id)]
+    assert states == ["failed", "queued"]
 
 
 def test_visitors_take_their_slot_of_the_server(app, stranger, share, seen):
@@ -213,6 +228,38 @@ def test_points_that_only_photos_in_the_tray_see_are_not_given_out(client, stran
     plain = {"Accept-Encoding": "identity"}
     assert len(stranger.get(f"{api}/points/{theirs['key']}/0", headers=plain).data) == 30
     assert b"element vertex 3\n" in stranger.get(f"{api}/points.ply").data[:300]
+
+
+BOXES = {"boxes": [{"x": 0.1, "y": 0.2, "width": 0.3, "height": 0.4}]}
+
+
+def unplace(client, url):
+    changes = [{"id": 1, "x_px": None, "y_px": None}]
+    assert client.patch(f"{url}/experiences", json={"kind": "unplace", "changes": changes}).status_code == 200
+
+
+def blur(client, url):
+    assert client.put(f"{url}/photos/1/blur", json=BOXES).status_code == 200
+
+
+def take_away(client, url):
+    assert client.delete(f"{url}/experiences/1").status_code == 200
+
+
+@pytest.mark.parametrize("change", [unplace, blur, take_away])
+def test_points_are_hidden_until_it_is_known_which_ones_the_others_see(
+    client, stranger, share, seen, yard, library, change
+):
+    page, api, _share = share(originals=True)
+    key = stranger.get(api).json["key"]
+    change(client, yard[0])
+    assert stranger.get(api).json["points"] == 0
+    assert statuses(stranger, all_of(page, api, key)[2:4]) == [404] * 2
+    assert client.get(f"/api/v1/maps/{seen.slug}/landmarks").json["points"] == 4
+    with library.database.read() as session:
+        record = session.get(MapRecord, seen.id)
+    lay_in_library(library, record)
+    assert stranger.get(api).json["key"] not in (None, key)
 
 
 def test_models_name_a_blurred_photo_by_what_is_not_blurred_in_it(client, seen, library):

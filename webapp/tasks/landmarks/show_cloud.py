@@ -43,9 +43,13 @@ from webapp.tasks.maps.library_map import as_map
 BLOCK_POINTS = 131_072
 """Points that are sent at once; each block has points of everywhere."""
 
-_VERSION = 4
+VERSION = 5
+"""Of how points are laid and what is kept of them."""
 _BY_PLACED = "seen_by_placed"
 """In what is said about points: how many of them a placed photo sees. These come first."""
+_PLACED = "placed"
+"""In what is said about points: these photos, by the beginnings of their contents."""
+_BEGINNING = 16
 _GREY = 128
 _MOST_SEEN = 255
 _STEPS = 65_535
@@ -73,10 +77,6 @@ class ShownCloud:
     is_current: bool
     new_photos: int = 0
 
-    def for_visitors(self) -> ShownCloud:
-        """Leave out the points that only photos of the tray see."""
-        return replace(self, points=None if self.points is None else seen_by_placed(self.points))
-
 
 def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
     """Read the landmarks of a map as they were laid on it last."""
@@ -89,9 +89,20 @@ def stored_points(library: Library, record: MapRecord) -> MapPoints | None:
     return read_points(landmarks_folder(library.cfg(record.slug)) / POINTS_FILE)
 
 
-def seen_by_placed(points: MapPoints) -> MapPoints:
-    """Leave out the points that only photos of the tray see; all of them, where that is not known yet."""
-    some = slice(points.about.get(_BY_PLACED, 0))
+def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None:
+    """Read the points that placed photos see.
+
+    None where there are none, and where one of these photos has been blurred, removed or put into the tray
+    since: which points the others see is known again when they are laid anew.
+    """
+    points = stored_points(library, record)
+    found = None if points is None else _now(library, record)
+    if points is None or found is None:
+        return None
+    placed = {content[:_BEGINNING] for content, one in found[1].items() if isinstance(one, Experience)}
+    if _PLACED not in points.about or not placed.issuperset(points.about[_PLACED]):
+        return None
+    some = slice(points.about[_BY_PLACED])
     return replace(points, xyz=points.xyz[some], rgb=points.rgb[some], times_seen=points.times_seen[some])
 
 
@@ -131,7 +142,7 @@ class _Task:
         where = None if self.the_map.georeference is None else asdict(self.the_map.georeference)
         size = self.the_map.satellite.width, self.the_map.satellite.height
         points = control_point_fields(self.the_map.control_points)
-        all_of_it = [_VERSION, self.stored.key, self.rgb is not None, placed, where, size, points]
+        all_of_it = [VERSION, self.stored.key, self.rgb is not None, placed, where, size, points]
         return hashlib.sha256(json.dumps(all_of_it).encode()).hexdigest()[:32]
 
     def shown(self) -> ShownCloud:
@@ -147,15 +158,21 @@ def _task(library: Library, record: MapRecord) -> _Task | None:
     stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
     if stored is None or pieces is None or stored.key != pieces.cloud_key:
         return None
+    now = _now(library, record)
+    if now is None:
+        return None
+    return _Task(folder, stored, pieces, read_colours(folder / COLOURS_FILE, key=stored.key), *now)
+
+
+def _now(library: Library, record: MapRecord) -> tuple[Map, dict[str, AnyPhoto]] | None:
+    """Read the map and its photos by their contents; None where it has no image."""
     with library.database.read() as session:
         found = as_map(session, record)
         own = {photo.id: photo.sha256 for photo in maps.photos(session, record) if not photo.removed}
     if found is None:
         return None
     everyone: list[AnyPhoto] = [*found.experiences, *found.unplaced]
-    photos = {content_of(one, own[experience_of(one.id)]): one for one in level_views(everyone)}
-    rgb = read_colours(folder / COLOURS_FILE, key=stored.key)
-    return _Task(folder, stored, pieces, rgb, found, photos)
+    return found, {content_of(one, own[experience_of(one.id)]): one for one in level_views(everyone)}
 
 
 def block(points: MapPoints, number: int) -> bytes:
@@ -207,6 +224,11 @@ def _lay(task: _Task) -> MapPoints:
             **_about(frame, cloud),
             "coloured": task.rgb is not None,
             _BY_PLACED: int(by_placed.sum()),
+            _PLACED: [
+                content[:_BEGINNING]
+                for content, one in zip(pieces.contents, of_cloud, strict=True)
+                if isinstance(one, Experience)
+            ],
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
             "left_out": _left_out(pieces, laid, of_cloud),
             "residuals": [

@@ -26,8 +26,8 @@ from webapp.tasks.landmarks.show_cloud import (
     BLOCK_POINTS,
     ShownCloud,
     block,
+    points_for_visitors,
     scaling,
-    seen_by_placed,
     stored_points,
 )
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -255,7 +255,7 @@ def _to_save(response: Response, name: str) -> Response:
 
 
 def _points(record: MapRecord, *, visitor: bool) -> MapPoints:
-    found = stored_points(library(), record)
+    found = (points_for_visitors if visitor else stored_points)(library(), record)
     if found is None:
         raise NotFound(_NONE, hint=_HINT)
-    return seen_by_placed(found) if visitor else found
+    return found

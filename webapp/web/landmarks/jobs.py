@@ -8,12 +8,14 @@ from sqlalchemy.orm import Session
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
+from webapp.tasks.landmarks.show_cloud import VERSION
 from webapp.web.context import library
 
 _JOB = "landmarks"
 _JOBS = (_JOB, "place-rest")
 """Both make the landmarks."""
-_LAY = "lay"
+_LAY = f"lay-{VERSION}"
+"""What failed in an older version is tried again."""
 
 
 def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None) -> None:
@@ -30,10 +32,10 @@ def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None
 
 
 def queue_for_visitors(record: MapRecord) -> None:
-    """Queue to lay them anew in nobody's name, unless just that has failed since the map was changed last."""
+    """Queue to lay them anew in nobody's name, unless that ended in vain since the map was changed last."""
     with library().database.read() as session:
         last = jobs.newest(session, record.id, kind=_JOB, key=_LAY)
-    if last is None or last.state != "failed" or last.created_at < record.changed_at:
+    if last is None or last.state not in ("failed", "cancelled") or last.created_at < record.changed_at:
         queue_landmarks(record, only_lay=True, account_id=None)
 
 

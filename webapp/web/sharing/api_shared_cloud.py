@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from apiflask import APIBlueprint
@@ -10,7 +11,7 @@ from flask import Response
 
 from webapp.errors import StorageError
 from webapp.store.maps import maps
-from webapp.tasks.landmarks.show_cloud import shown_cloud
+from webapp.tasks.landmarks.show_cloud import points_for_visitors, shown_cloud
 from webapp.web.context import library, public
 from webapp.web.landmarks import cloud_answers
 from webapp.web.landmarks.cloud_answers import ColmapIn, SharedCloudOut
@@ -29,7 +30,8 @@ blueprint = APIBlueprint(
 def show(token: str) -> dict[str, Any]:
     """Get the landmarks of a shared map, and the cameras that see them, where the owner shows them.
 
-    Where photos were placed or moved since they were laid on the map, a job lays them anew.
+    Where photos were placed or moved since they were laid on the map, a job lays them anew; where one was
+    blurred or put into the tray there are none until then.
     """
     with library().database.read() as session:
         opened = shared_state.open_landmarks(session, token)
@@ -39,7 +41,8 @@ def show(token: str) -> dict[str, Any]:
         if not shown.is_current:
             with suppress(StorageError):  # a full disk: what is there is shown all the same
                 queue_for_visitors(opened.map)
-        return cloud_answers.cloud_json(shown.for_visitors(), cameras)
+        visible = replace(shown, points=points_for_visitors(library(), opened.map))
+        return cloud_answers.cloud_json(visible, cameras)
 
 
 @blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
