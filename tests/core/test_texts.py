@@ -5,7 +5,7 @@ import pytest
 from webapp.core.geo.floors import floor_name_problem
 from webapp.core.mapmodel.control_points import name_problem
 from webapp.core.mapmodel.notes import text_problem, title_problem
-from webapp.core.texts import has_controls, is_line, plain, tidy_name
+from webapp.core.texts import has_controls, is_line, plain, tidy_name, visible
 
 FAMILY = "👨\u200d👩\u200d👧"
 
@@ -19,11 +19,15 @@ def test_lines_have_no_break_spaces_joined_emoji_and_new_ones(line):
 
 
 @pytest.mark.parametrize(
-    "line", ["", " a", "a\u00a0", "a\nb", "a\x00", "a\x85b", "a\u2028b", "a\ud800", "a\uffff", "a" * 61]
+    "line",
+    [
+        *("", " a", "a\u00a0", "a\nb", "a\x00", "a\x85b", "a\u2028b", "a\ud800", "a\uffff", "a" * 121),
+        *("\u200b", "\u200d\u200d", "a\u202eb", "\u2067a"),
+    ],
 )
 def test_what_is_no_line(line):
-    assert not is_line(line, most=60)
-    assert floor_name_problem(line) is not None
+    assert not is_line(line, most=120)
+    assert all(check(line) for check in (title_problem, floor_name_problem, name_problem))
 
 
 def test_line_breaks_are_controls_unless_they_are_allowed():
@@ -46,6 +50,11 @@ def test_line_breaks_are_controls_unless_they_are_allowed():
 )
 def test_names_are_kept_tidy(name, kept):
     assert tidy_name(name, most=12) == kept
+
+
+def test_what_looks_the_same_is_found_but_letters_of_other_case_are_others():
+    assert {visible(name) for name in ("gate 1", "gate\u00a01", "ga\u200bte  1")} == {"gate 1"}
+    assert visible("Gate 1") != visible("gate 1")
 
 
 def test_names_that_look_the_same_are_the_same():

@@ -7,6 +7,9 @@ from unicodedata import category, normalize
 _CONTROLS = ("Cc", "Cs", "Zl", "Zp")
 """Categories of Unicode: control characters, surrogates, and separators of lines and of paragraphs."""
 
+_UNSEEN = (*_CONTROLS, "Cf", "Zs")
+"""With formats and spaces; a character that is newer than this Python's Unicode may be a letter."""
+
 _NO_CHARACTERS = "\ufffe\uffff"
 """What XML cannot hold, besides."""
 
@@ -26,8 +29,12 @@ def has_controls(text: str, *, besides: str = "") -> bool:
 
 
 def is_line(text: str, *, most: int) -> bool:
-    """Return whether a text is one line of 1 to `most` characters, without spaces at its ends."""
-    return 0 < len(text) <= most and text == text.strip() and not has_controls(text)
+    """Return whether a text is one line of 1 to `most` characters that can be read.
+
+    It has no spaces at its ends, something that can be seen, and nothing that turns around what follows it.
+    """
+    is_read = any(category(c) not in _UNSEEN for c in text) and text == text.translate(_DIRECTIONS)
+    return len(text) <= most and is_read and text == text.strip() and not has_controls(text)
 
 
 def tidy_name(name: str, *, most: int) -> str | None:
@@ -37,14 +44,17 @@ def tidy_name(name: str, *, most: int) -> str | None:
     is the same, and can be typed in a search.
     """
     tidy = " ".join(normalize("NFC", name).translate(_DIRECTIONS).split())
-    is_visible = any(category(c)[0] not in "CZ" for c in tidy)
-    return tidy if is_visible and is_line(tidy, most=most) else None
+    return tidy if is_line(tidy, most=most) else None
+
+
+def visible(name: str) -> str:
+    """Return what can be seen of a name: two of which this is the same look alike."""
+    return " ".join("".join(c for c in normalize("NFKC", name) if category(c) != "Cf").split())
 
 
 def plain(name: str) -> str:
     """Return a name without what does not matter in it: capital letters, spaces, what cannot be seen."""
-    seen = "".join(c for c in normalize("NFKC", name) if category(c) != "Cf")
-    return " ".join(seen.split()).casefold()
+    return visible(name).casefold()
 
 
 def folded(text: str) -> str:

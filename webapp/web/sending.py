@@ -9,6 +9,9 @@ from flask import Response, send_file
 
 from webapp.tasks.exchange.export_source import Download
 
+_MEDIA_TYPES = {".webp": "image/webp"}
+"""Which Python before 3.13 does not know where the system has no list of them."""
+
 
 def send_immutable(path: Path, *, etag: str) -> Response:
     """Send a file that never changes under its address; browsers keep it."""
@@ -28,7 +31,12 @@ def as_attachment(response: Response, name: str, *, default: str) -> Response:
 
 
 def _send(path: Path, *, etag: str, caching: str, media_type: str | None = None) -> Response:
-    media_type = media_type or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    media_type = (
+        media_type
+        or _MEDIA_TYPES.get(path.suffix)
+        or mimetypes.guess_type(path.name)[0]
+        or "application/octet-stream"
+    )
     response = send_file(path, mimetype=media_type, etag=etag, conditional=True)
     response.headers["Cache-Control"] = caching
     return response

@@ -155,7 +155,7 @@ export class ListTools {
 
   _leave(cards) {
     if (!cards.length) return;
-    const before = this.cards;
+    const { cards: before, searched } = this;
     const next = before[before.indexOf(cards.at(-1)) + 1] ?? before[before.indexOf(cards[0]) - 1];
     this._keep(before.filter((card) => !cards.includes(card)));
     countBinned(cards.length);
@@ -168,8 +168,9 @@ export class ListTools {
           back.push(card);
         }
       } finally {
-        this._keep(withThem(this.cards, back, before));
         countBinned(-back.length);
+        if (this.searched === searched) this._keep(withThem(this.cards, back, before));
+        else await this.actions.search(this.searched); // they may not be among what is searched for now
       }
     };
     toast(this.actions.binned(cards.length), { action: { label: t("Undo"), run: () => undo().catch(toastError) } });

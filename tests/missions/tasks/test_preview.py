@@ -58,6 +58,15 @@ def test_objects_of_a_whole_list_are_read_together(new_mission, drawn, monkeypat
     assert [len(picture.dots) for picture in drawn()[0]] == [3, 0, 100, 7]
 
 
+def test_a_mission_of_very_many_objects_shows_its_first_ones(new_mission, drawn, monkeypatch):
+    monkeypatch.setattr(preview, "_MOST_COUNTED", 150)
+    for objects in (150, 151):
+        new_mission(0, objects=objects)
+    pictures, asked = drawn()
+    assert [len(picture.dots) for picture in pictures] == [100, 100]
+    assert ["row_number" in statement for statement in asked] == [True, False], "the large one is not counted"
+
+
 def test_a_mission_without_positions_has_no_picture(new_mission, drawn):
     new_mission(0, objects=0)
     assert drawn()[0] == [None]

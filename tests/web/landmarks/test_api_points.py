@@ -78,6 +78,17 @@ def test_what_is_not_valid_is_refused(client, points, change, status, words):
     assert client.get(url).json["points"] == []
 
 
+def test_no_two_points_look_the_same(client, points):
+    url, _ = points
+    assert client.put(f"{url}/gate", json=gate()).status_code == 200
+    answer = client.put(f"{url}/ga%E2%80%8Bte", json=gate())
+    assert answer.status_code == 400
+    assert "looks the same" in answer.json["error"]["message"]
+    assert client.put(f"{url}/gate", json=gate(height_m=3.0)).status_code == 200
+    assert client.put(f"{url}/Gate", json=gate()).status_code == 200
+    assert [point["name"] for point in client.get(url).json["points"]] == ["Gate", "gate"]
+
+
 def test_a_point_stays_editable_without_a_photo_that_showed_it(client, points):
     url, _ = points
     seen = [{"id": 1, "x": 0.1, "y": 0.4}, {"id": 2, "x": 0.2, "y": 0.4}]

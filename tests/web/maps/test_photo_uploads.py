@@ -1,6 +1,7 @@
 """Photos in through the API: many in a request, or piece by piece; and out again."""
 
 import io
+import mimetypes
 import threading
 from dataclasses import replace
 
@@ -383,3 +384,13 @@ def test_the_same_file_from_many_at_once_is_one_photo(app, sign_in, owner, park,
     assert len({r["id"] for r in results}) == 1, "that of the upload which came first"
     assert sorted(r["duplicate"] for r in results) == [False, True, True]
     assert photos() == ["a.jpg"]
+
+
+def test_thumbs_are_named_right_also_where_the_system_has_no_list_of_types(client, park, monkeypatch):
+    file = io.BytesIO()
+    Image.new("RGB", (300, 200), "red").save(file, "JPEG")
+    file.seek(0)
+    client.post(f"/api/v1/maps/{park}/photos", data={"file": [(file, "a.jpg")]})
+    monkeypatch.setattr(mimetypes, "guess_type", lambda name: (None, None))
+    answer = client.get(f"/api/v1/maps/{park}/photos/0/thumb", buffered=True)
+    assert (answer.status_code, answer.mimetype) == (200, "image/webp")

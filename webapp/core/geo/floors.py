@@ -74,7 +74,7 @@ def stretched(width: int, height: int, *, over: tuple[int, int]) -> Affine:
 def floor_name_problem(name: str) -> str | None:
     """Say what is wrong with the name of a floor."""
     if not is_line(name, most=MOST_FLOOR_NAME):
-        return f"must be one line of 1 to {MOST_FLOOR_NAME} characters, without spaces at its ends"
+        return f"must be one line of 1 to {MOST_FLOOR_NAME} readable characters, without spaces at its ends"
     return None
 
 

@@ -58,7 +58,7 @@ class GroundControlPoint:
 def name_problem(name: str) -> str | None:
     """Say what is wrong with the name of a control point."""
     if not is_line(name, most=MOST_NAME) or "/" in name:
-        return f"must be 1 to {MOST_NAME} characters, without / and without spaces at its ends"
+        return f"must be 1 to {MOST_NAME} readable characters, without / and without spaces at its ends"
     return None
 
 

@@ -40,7 +40,7 @@ class MapNote:
 def title_problem(title: str) -> str | None:
     """Say what is wrong with the title of a note."""
     if not is_line(title, most=MOST_TITLE):
-        return f"must be one line of 1 to {MOST_TITLE} characters, without spaces at its ends"
+        return f"must be one line of 1 to {MOST_TITLE} readable characters, without spaces at its ends"
     return None
 
 

@@ -20,6 +20,9 @@ from webapp.tasks.maps.library_map import georeference
 
 _MOST_POINTS = 80
 _MOST_OBJECTS = 100
+_MOST_COUNTED = 2000
+"""Of a mission with more objects the first ones are drawn, as all would have to be read to choose evenly."""
+
 _AT_ONCE = 500
 """Missions whose objects are read together."""
 
@@ -56,7 +59,9 @@ def preview_missions(session: Session, entries: Sequence[Entry]) -> list[Mission
     drawn: list[MissionPreview | None] = []
     for begin in range(0, len(entries), _AT_ONCE):
         some = entries[begin : begin + _AT_ONCE]
-        dots = _objects(session, [entry.mission.id for entry in some if entry.objects])
+        counted = [entry.mission.id for entry in some if 0 < entry.objects <= _MOST_COUNTED]
+        dots = _objects(session, counted)
+        dots |= {e.mission.id: _first(session, e.mission.id) for e in some if e.objects > _MOST_COUNTED}
         drawn += [_draw(session, entry, dots.get(entry.mission.id, _NONE)) for entry in some]
     return drawn
 
@@ -96,6 +101,13 @@ def _objects(session: Session, mission_ids: Sequence[int]) -> dict[int, NDArray[
     for mission_id, lat, lon in session.execute(found.where(is_taken).order_by(mission, id)):
         at[mission_id].append((lat, lon))
     return {mission_id: np.array(rows, np.float64) for mission_id, rows in at.items()}
+
+
+def _first(session: Session, mission_id: int) -> NDArray[np.float64]:
+    """Read where the first `_MOST_OBJECTS` of a mission's objects are."""
+    found = select(MissionObject.lat, MissionObject.lon).where(MissionObject.mission_id == mission_id)
+    rows = session.execute(found.order_by(MissionObject.object_id).limit(_MOST_OBJECTS))
+    return np.array([tuple(row) for row in rows], np.float64).reshape(-1, 2)
 
 
 def _on_image(

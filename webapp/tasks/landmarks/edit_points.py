@@ -9,6 +9,7 @@ from pathlib import Path
 from webapp.core.geo.types import inside
 from webapp.core.mapmodel.control_points import GroundControlPoint, facts_problem, name_problem
 from webapp.core.mapmodel.model import Map
+from webapp.core.texts import visible
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map, write_map
@@ -72,6 +73,7 @@ def set_in_folder(cfg: Path, points: Points) -> None:
 def _check(the_map: Map, points: Points) -> None:
     image = the_map.satellite
     there = {point.name for point in the_map.control_points}
+    look = {visible(name): name for name in [*points, *there]}
     photos = {photo.id for photo in all_photos(the_map)}
     for name, point in points.items():
         if point is None and name not in there:
@@ -81,6 +83,10 @@ def _check(the_map: Map, points: Points) -> None:
         problem = name_problem(name)
         if problem:
             raise UsageError(f"the name of a control point {problem}", where=name[:80])
+        if name not in there and look[visible(name)] != name:
+            raise UsageError(
+                "another control point has a name that looks the same", where=name, hint="choose another one"
+            )
         problem = facts_problem(point)
         if problem:
             raise UsageError(f"the control point {name} {problem}", where=name)
