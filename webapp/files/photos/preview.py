@@ -29,7 +29,7 @@ _SUFFIX: Mapping[Kind, str] = {"preview": ".jpg", "thumb": ".webp"}
 """WebP saves a third of the bytes; on a large picture it spends 0.1 s, thirty times as much as JPEG."""
 _ENCODING: Mapping[Kind, tuple[int, int]] = {
     "preview": (cv2.IMWRITE_JPEG_QUALITY, 85),
-    "thumb": (cv2.IMWRITE_WEBP_QUALITY, 75),
+    "thumb": (cv2.IMWRITE_WEBP_QUALITY, 65),
 }
 _DECODING = BoundedSemaphore(2)
 """A photo of the largest size takes several hundred MB while it is decoded."""
