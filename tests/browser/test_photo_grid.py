@@ -195,3 +195,43 @@ def test_the_size_of_the_grid_is_kept(make_page):
     edit.open()
     expect(edit.page.locator("button[data-view=strip]")).to_have_attribute("aria-pressed", "true")
     assert side.bounding_box()["width"] == edit.page.viewport_size["width"]
+
+
+def test_notes_and_tags_of_several_photos(make_page, api):
+    edit = make_page(4)
+    page = edit.page
+    ids = [photo["id"] for photo in api.state(edit.slug)["photos"]]
+    changes = [{"id": ids[0], "note": "Old oak #tree"}]
+    api.ask("PATCH", f"/maps/{edit.slug}/experiences", data={"kind": "note", "changes": changes})
+    page.reload()
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    page.locator("#selection-note").click()
+    dialog = page.get_by_role("dialog")
+    tree = dialog.get_by_label("#tree")
+    expect(tree).to_be_checked(indeterminate=True)
+    assert axe.findings(page) == []
+    dialog.get_by_test_id("notes-add").fill("Walk of May")
+    dialog.get_by_test_id("tags-add").fill("north, #Gate")
+    dialog.get_by_role("button", name="Save").click()
+    expect(dialog).to_have_count(0)
+    edit.saved()
+    notes = sorted(photo["note"] for photo in api.state(edit.slug)["photos"])
+    assert notes == ["Old oak #tree\nWalk of May #north #gate", *["Walk of May #north #gate"] * 3]
+    page.locator("#filter-menu > summary").click()
+    page.locator("#filter-note").select_option("#tree")
+    expect(edit.tray).to_have_count(1)
+    page.locator("#filter-note").select_option("#gate")
+    expect(edit.tray).to_have_count(4)
+    page.locator("#filter-menu > summary").click()
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    page.locator("#selection-note").click()
+    dialog.get_by_label("#gate").uncheck()
+    tree.check()
+    dialog.get_by_role("button", name="Save").click()
+    expect(edit.tray).to_have_count(0)  # none has the tag of the filter any more
+    notes = sorted(photo["note"] for photo in api.state(edit.slug)["photos"])
+    assert notes == ["Old oak #tree\nWalk of May #north", *["Walk of May #north #tree"] * 3]
+    edit.undo.click()
+    expect(edit.tray).to_have_count(4)

@@ -83,3 +83,24 @@ test("along the way each photo looks to the next, the last one on, and those of 
   assert.deepEqual([...headingsAlong([1, 2, 3, 4, 5], store)], [[1, 90], [2, 90], [3, 180], [5, 180]]);
   assert.equal(headingsAlong([1, 2], store).size, 0);
 });
+
+test("filters keep photos by their notes, their tags and how their positions are known", () => {
+  const photos = [
+    photo(1, { note: "by the #Gate", x_px: 5, y_px: 5, radius_px: 3 }),
+    photo(2, { note: "oak", x_px: 5, y_px: 5, radius_px: null }),
+    photo(3, { note: null }),
+  ];
+  const order = new PhotoOrder(new MapStore({ photos, placements: [], satellite: null }));
+  order.show("all");
+  const shown = (filters) => {
+    order.clear();
+    order.filter(filters);
+    return order.shown();
+  };
+  assert.deepEqual(shown({ note: "yes" }), [1, 2]);
+  assert.deepEqual(shown({ note: "no" }), [3]);
+  assert.deepEqual(shown({ note: "#gate" }), [1]);
+  assert.deepEqual(shown({ accuracy: "suggested" }), [1]);
+  assert.deepEqual(shown({ accuracy: "exact" }), [2]);
+  assert.equal(order.active, 1);
+});

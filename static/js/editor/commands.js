@@ -116,6 +116,14 @@ export class Commands {
     if ((this.store.photos.get(id)?.note ?? "") !== note) this._edit("note", [{ id, note }]);
   }
 
+  /** Write the notes of several photos. @param {Map<number, string>} notes by id */
+  noteAll(notes) {
+    const changed = [...notes].filter(([id, note]) => (this.store.photos.get(id)?.note ?? "") !== note);
+    if (!changed.length) return;
+    this._edit("note", changed.map(([id, note]) => ({ id, note })));
+    this.say(tn("The note of {n} photo is changed.", "The notes of {n} photos are changed.", changed.length));
+  }
+
   /** Turn the current photo by some degrees; one without a heading starts at north. */
   turnBy(degrees) {
     const { current, canEdit } = this.store;

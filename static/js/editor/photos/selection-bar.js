@@ -4,6 +4,7 @@ import { byId } from "../../shared/dom.js";
 import { tn } from "../../shared/i18n.js";
 import { floorDialog } from "../floors/floor-dialog.js";
 import { headingDialog } from "./heading-dialog.js";
+import { noteDialog } from "./note-dialog.js";
 import { timeDialog } from "./time-dialog.js";
 
 /** Connect the bar. @param {import("../commands.js").Commands} commands */
@@ -12,6 +13,7 @@ export function connectSelection(commands) {
   const selected = () => store.order.filter((id) => store.selection.has(id));
   byId("selection-heading").addEventListener("click", () => headingDialog(commands, selected()));
   byId("selection-time").addEventListener("click", () => timeDialog(commands, selected()));
+  byId("selection-note").addEventListener("click", () => noteDialog(commands, selected()));
   byId("selection-tray").addEventListener("click", () => commands.toTray(selected()));
   byId("selection-floor").addEventListener("click", () => floorDialog(commands, selected()));
   byId("selection-remove").addEventListener("click", () => commands.remove(selected()));

@@ -1,0 +1,64 @@
+/** The notes and tags of several photos at once. */
+
+import { errorLine, field, openDialog } from "../../shared/dialogs.js";
+import { h } from "../../shared/dom.js";
+import { t, tn } from "../../shared/i18n.js";
+import { countTags, retagged, tagsOf } from "./tags.js";
+
+const MOST = 4000; // characters of a note
+
+/**
+ * Ask what is added to the notes, and which tags all photos get or lose.
+ * @param {import("../commands.js").Commands} commands
+ * @param {number[]} ids
+ */
+export function noteDialog(commands, ids) {
+  const { store } = commands;
+  const photos = ids.map((id) => store.photos.get(id));
+  const here = countTags(photos);
+  const ticks = new Map([...countTags(store.photos.values()).keys()].map((tag) => [tag, tick(here.get(tag) ?? 0, photos.length)]));
+  const words = h("textarea", { class: "input note-input", rows: 2, maxlength: MOST, "data-testid": "notes-add" });
+  const tags = h("input", { class: "input", autocomplete: "off", maxlength: 200, placeholder: t("gate, north"), "data-testid": "tags-add" });
+  const error = errorLine();
+  const save = h("button", { class: "button button--primary", type: "button" }, t("Save"));
+  const known = ticks.size > 0 && h("fieldset", { class: "tag-list small" }, h("legend", {}, t("Tags")), ...[...ticks].map(([tag, input]) => h("label", { class: "check" }, input, `#${tag}`)));
+  const dialog = openDialog(tn("Note and tags of {n} photo", "Notes and tags of {n} photos", ids.length), [
+    field(t("Add to each note"), words),
+    known,
+    field(t("New tags"), tags),
+    h("p", { class: "soft small" }, t("Tags are the words of a note that begin with #. Filter and search find them.")),
+    error,
+  ].filter(Boolean), { actions: [save] });
+  save.addEventListener("click", () => {
+    const changes = {
+      add: [...[...ticks].filter(([, { checked }]) => checked).map(([tag]) => tag), ...tagsOf(asTags(tags.value))],
+      remove: [...ticks].filter(([, { checked, indeterminate }]) => !checked && !indeterminate).map(([tag]) => tag),
+    };
+    const notes = new Map(photos.map(({ id, note }) => [id, retagged(withWords(note, words.value.trim()), changes)]));
+    const long = photos.find(({ id }) => notes.get(id).length > MOST);
+    if (long) {
+      error.show({ message: t("The note of {name} would be longer than {n} characters.", { name: long.name, n: MOST }) });
+      return;
+    }
+    commands.noteAll(notes);
+    dialog.close();
+  });
+}
+
+/** Ticked where all photos have the tag, undecided where some have it and they are to stay so. */
+function tick(count, all) {
+  const input = h("input", { type: "checkbox" });
+  input.checked = count === all;
+  input.indeterminate = count > 0 && count < all;
+  return input;
+}
+
+/** What is typed as new tags: words, with or without #, with spaces or commas between them. @param {string} text */
+function asTags(text) {
+  return text.split(/[\s,;]+/).filter(Boolean).map((word) => `#${word.replace(/^#+/, "")}`).join(" ");
+}
+
+/** A note with a line more. @param {?string} note @param {string} words */
+function withWords(note, words) {
+  return [note, words].filter(Boolean).join("\n");
+}
