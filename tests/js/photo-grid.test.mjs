@@ -86,7 +86,7 @@ test("along the way each photo looks to the next, the last one on, and those of 
 
 test("filters keep photos by their notes, their tags and how their positions are known", () => {
   const photos = [
-    photo(1, { note: "by the #Gate", x_px: 5, y_px: 5, radius_px: 3 }),
+    photo(1, { camera: "Canon EOS 5D", note: "by the #Gate", x_px: 5, y_px: 5, radius_px: 3 }),
     photo(2, { note: "oak", x_px: 5, y_px: 5, radius_px: null }),
     photo(3, { note: null }),
   ];
@@ -102,5 +102,6 @@ test("filters keep photos by their notes, their tags and how their positions are
   assert.deepEqual(shown({ note: "#gate" }), [1]);
   assert.deepEqual(shown({ accuracy: "suggested" }), [1]);
   assert.deepEqual(shown({ accuracy: "exact" }), [2]);
+  assert.deepEqual(shown({ camera: "Canon EOS 5D" }), [1]);
   assert.equal(order.active, 1);
 });

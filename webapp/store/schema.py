@@ -196,6 +196,8 @@ class Photo(Base):
     uploaded_at: Mapped[datetime] = mapped_column(default=now)
     taken_at: Mapped[str | None]
     """ISO 8601, as in `map.json`."""
+    camera: Mapped[str | None]
+    """Maker and model, from EXIF."""
     fov_deg: Mapped[float | None]
     gps_lat: Mapped[float | None]
     gps_lon: Mapped[float | None]

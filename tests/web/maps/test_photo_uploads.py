@@ -394,3 +394,23 @@ def test_thumbs_are_named_right_also_where_the_system_has_no_list_of_types(clien
     monkeypatch.setattr(mimetypes, "guess_type", lambda name: (None, None))
     answer = client.get(f"/api/v1/maps/{park}/photos/0/thumb", buffered=True)
     assert (answer.status_code, answer.mimetype) == (200, "image/webp")
+
+
+@pytest.mark.parametrize(
+    ("maker", "model", "camera"),
+    [
+        ("Canon", "Canon EOS 5D", "Canon EOS 5D"),
+        ("SONY \0", "ILCE-7M3", "SONY ILCE-7M3"),
+        ("", "Pixel 8", "Pixel 8"),
+        ("OLYMPUS CORPORATION", "", "OLYMPUS CORPORATION"),
+        ("", "", None),
+    ],
+)
+def test_the_camera_of_a_photo_is_kept(send, client, park, maker, model, camera):
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110] = maker, model
+    file = io.BytesIO()
+    Image.new("RGB", (300, 200), "red").save(file, "JPEG", exif=exif)
+    send((file.getvalue(), "a.jpg"))
+    (photo,) = client.get(f"/api/v1/maps/{park}").json["photos"]
+    assert photo["camera"] == camera

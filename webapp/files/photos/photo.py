@@ -10,13 +10,16 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
 
-_MAKER = 0x010F
+_MAKER, _MODEL = 0x010F, 0x0110
+_MOST_CAMERA = 100
+"""Characters of the name of a camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,8 @@ class PhotoFacts:
         By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ...
     maker : str or None
         Who made the camera; empty when EXIF does not say, None when there is no EXIF.
+    camera : str or None
+        Maker and model of the camera, where EXIF says it.
     """
 
     width: int
@@ -53,6 +58,7 @@ class PhotoFacts:
     notes: tuple[str, ...] = ()
     format: str = ""
     maker: str | None = None
+    camera: str | None = None
 
     @property
     def heading_deg(self) -> float | None:
@@ -137,7 +143,15 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
         notes=(*exif.notes, note) if note else exif.notes,
         format=kind,
         maker=text(exif.image.get(_MAKER)) if exif.image else None,
+        camera=_camera(text(exif.image.get(_MAKER)), text(exif.image.get(_MODEL))) if exif.image else None,
     )
+
+
+def _camera(maker: str, model: str) -> str | None:
+    """Name a camera; many models begin with their maker already."""
+    first = maker.casefold().split()[:1]
+    known = first and model.casefold().split()[:1] == first
+    return tidy_name(model if known else f"{maker} {model}", most=_MOST_CAMERA)
 
 
 def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> Pixels:

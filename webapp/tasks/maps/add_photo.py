@@ -226,6 +226,7 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
         width=facts.width,
         height=facts.height,
         taken_at=facts.taken_at,
+        camera=facts.camera,
         fov_deg=facts.fov_deg,
         gps_lat=gps.lat if gps else None,
         gps_lon=gps.lon if gps else None,

@@ -279,6 +279,7 @@ def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
     row.sha256, row.size_bytes = hashlib.sha256(data).hexdigest(), len(data)
     row.width, row.height = facts.width, facts.height
     row.taken_at = row.taken_at or facts.taken_at
+    row.camera = facts.camera
     row.fov_deg = facts.fov_deg if row.fov_deg is None else row.fov_deg
     if isinstance(facts.gps, Gps):
         row.gps_lat, row.gps_lon = facts.gps.lat, facts.gps.lon

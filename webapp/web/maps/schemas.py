@@ -74,6 +74,10 @@ class PhotoOut(Schema):
         allow_none=True, metadata={"description": "Horizontal field of view of the upright photo."}
     )
     taken_at = String(allow_none=True)
+    camera = String(
+        allow_none=True,
+        metadata={"description": "Maker and model by EXIF; null: not said, or added by an older version."},
+    )
     width = Integer(metadata={"description": "Pixels of the upright photo."})
     height = Integer()
     gps = Nested(GpsOut, allow_none=True)

@@ -214,6 +214,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "heading_deg": photo.heading_deg,
         "fov_deg": photo.fov_deg,
         "taken_at": photo.taken_at,
+        "camera": photo.camera,
         "width": photo.width,
         "height": photo.height,
         "gps": gps,

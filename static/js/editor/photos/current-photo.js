@@ -124,6 +124,7 @@ export class CurrentPhoto {
     const fact = (name, ...text) => [h("dt", {}, name), h("dd", {}, ...text)];
     const facts = [];
     if (photo.taken_at) facts.push(...fact(t("Taken"), clockText(photo.taken_at)));
+    if (photo.camera) facts.push(...fact(t("Camera"), photo.camera));
     facts.push(...fact(t("GPS"), this._gps(photo)));
     if (position) {
       const radius = this.store.radius(photo.id);

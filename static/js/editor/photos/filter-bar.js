@@ -3,7 +3,7 @@
 import { byId, h } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
 import { debounce } from "../../shared/timing.js";
-import { countTags } from "./tags.js";
+import { countEach, countTags } from "./tags.js";
 
 /**
  * Connect them.
@@ -17,6 +17,7 @@ export function connectFilters(order, store) {
     gps: byId("filter-gps", HTMLSelectElement),
     heading: byId("filter-heading", HTMLSelectElement),
     accuracy: byId("filter-accuracy", HTMLSelectElement),
+    camera: byId("filter-camera", HTMLSelectElement),
     note: byId("filter-note", HTMLSelectElement),
     from: byId("filter-from", HTMLInputElement),
     to: byId("filter-to", HTMLInputElement),
@@ -24,13 +25,19 @@ export function connectFilters(order, store) {
   sort.addEventListener("change", () => order.sortBy(/** @type {*} */ (sort.value)));
   search.addEventListener("input", debounce(() => order.filter({ text: search.value.trim() }), 150));
   for (const [name, field] of Object.entries(fields)) field.addEventListener("change", () => order.filter({ [name]: field.value }));
-  const own = [...fields.note.options];
   byId("filter-menu").addEventListener("toggle", () => {
-    const tags = countTags(store.photos.values());
-    fields.note.replaceChildren(...own, ...[...tags].map(([tag, count]) => h("option", { value: `#${tag}` }, `#${tag} (${count})`)));
-    fields.note.value = order.filters.note;
-    if (!fields.note.value) order.filter({ note: "any" }); // no photo has this tag any more
+    const photos = [...store.photos.values()];
+    offerBesides("note", [...countTags(photos)].map(([tag, count]) => [`#${tag}`, count]));
+    offerBesides("camera", [...countEach(photos.map(({ camera }) => camera).filter(Boolean))]);
   });
+  /** Values that photos have, after the choices that there always are. */
+  function offerBesides(name, values) {
+    const field = fields[name];
+    const always = [...field.options].filter((option) => !option.dataset.found);
+    field.replaceChildren(...always, ...values.map(([value, count]) => h("option", { value, "data-found": "yes" }, `${value} (${count})`)));
+    field.value = order.filters[name];
+    if (!field.value) order.filter({ [name]: "any" }); // no photo has it any more
+  }
   byId("filter-clear").addEventListener("click", () => order.clear());
   const render = () => {
     for (const [name, field] of Object.entries(fields)) field.value = order.filters[name];

@@ -16,7 +16,7 @@ export function noteDialog(commands, ids) {
   const { store } = commands;
   const photos = ids.map((id) => store.photos.get(id));
   const here = countTags(photos);
-  const ticks = new Map([...countTags(store.photos.values()).keys()].map((tag) => [tag, tick(here.get(tag) ?? 0, photos.length)]));
+  const ticks = new Map([...countTags([...store.photos.values()]).keys()].map((tag) => [tag, tick(here.get(tag) ?? 0, photos.length)]));
   const words = h("textarea", { class: "input note-input", rows: 2, maxlength: MOST, "data-testid": "notes-add" });
   const tags = h("input", { class: "input", autocomplete: "off", maxlength: 200, placeholder: t("gate, north"), "data-testid": "tags-add" });
   const error = errorLine();

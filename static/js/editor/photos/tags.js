@@ -12,15 +12,21 @@ export function tagsOf(note) {
 }
 
 /**
- * How many of some photos have each tag, by name.
- * @param {Iterable<{note?: ?string}>} photos
+ * How often each of some texts is there, in alphabetical order.
+ * @param {string[]} texts
  * @returns {Map<string, number>}
  */
-export function countTags(photos) {
+export function countEach(texts) {
   const counts = new Map();
-  for (const { note } of photos) for (const tag of tagsOf(note)) counts.set(tag, (counts.get(tag) ?? 0) + 1);
+  for (const text of texts) counts.set(text, (counts.get(text) ?? 0) + 1);
   return new Map([...counts].toSorted(([a], [b]) => a.localeCompare(b)));
 }
+
+/**
+ * How many of some photos have each tag.
+ * @param {Array<{note?: ?string}>} photos
+ */
+export const countTags = (photos) => countEach(photos.flatMap(({ note }) => tagsOf(note)));
 
 /**
  * Change the tags of a note, and leave its other words as they are.
