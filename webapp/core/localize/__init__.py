@@ -1,1 +1,1 @@
-"""The methods: `vote` (the thesis of 2013, exactly), `verified` (ours), `thorough` (with a network)."""
+"""The methods: `vote` (the baseline, that of the thesis of 2013), `verified`, `thorough` and `landmarks`."""
