@@ -2,6 +2,7 @@
 
 from sqlalchemy import select
 
+from tests.quick_apps import remember_rules
 from tests.robot.wire import Wire
 from webapp.app.web import create_app
 from webapp.missions.store import missions, tracks
@@ -9,6 +10,8 @@ from webapp.missions.store.schema import Mission, MissionObject
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+
+remember_rules()
 
 
 class Site:

@@ -6,12 +6,14 @@ import pytest
 from flask.testing import FlaskClient
 from itsdangerous import URLSafeTimedSerializer
 
+from tests.quick_apps import remember_rules, remember_templates
 from webapp.app.web import create_app
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 
 CSRF = "0" * 40
+remember_rules()
 
 
 class Browser(FlaskClient):
@@ -42,6 +44,7 @@ def library(settings, new_library):
 @pytest.fixture
 def app(settings, library):
     app = create_app(settings, library=library)
+    remember_templates(app)
     app.testing = True
     app.test_client_class = Browser
     return app
