@@ -1,4 +1,6 @@
-"""Finds a browser for the tests of the pages, and installs Debian's chromium where there is none.
+"""Finds a browser for the tests of the pages, and installs one of Debian where there is none.
+
+Chromium without windows (`chromium-headless-shell`) comes first: a new context takes a quarter of the time.
 
 python tests/browser/ensure_browser.py
 """
@@ -9,7 +11,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-COMMANDS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+SHELL = "chromium-headless-shell"
+COMMANDS = (SHELL, "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 ELSEWHERE = (
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
@@ -35,15 +38,23 @@ def install() -> None:
             raise SystemExit(MISSING)
         by = ["sudo"] if sys.stdin.isatty() else ["sudo", "--non-interactive"]
     sys.stderr.write("no browser is here: installing chromium through apt\n")
-    for words in (["update", "--quiet"], ["install", "--quiet", "--yes", "chromium"]):
-        if subprocess.run([*by, "apt-get", *words], stdout=sys.stderr).returncode:
-            raise SystemExit(MISSING)
+    if not _apt(by, "update"):
+        raise SystemExit(MISSING)
+    if not _apt(by, "install", SHELL) and not _apt(by, "install", "chromium"):  # Ubuntu has no shell
+        raise SystemExit(MISSING)
+
+
+def _apt(by: list[str], verb: str, *packages: str) -> bool:
+    command = [*by, "apt-get", verb, "--quiet", "--yes", *packages]
+    return subprocess.run(command, stdout=sys.stderr).returncode == 0
 
 
 def main() -> None:
     """Make sure that there is one, and say which."""
     if find_browser() is None:
         install()
+    elif shutil.which("chromium") and not shutil.which(SHELL) and os.geteuid() == 0:
+        _apt([], "install", SHELL)  # only quicker: where that fails, what is there does as well
     found = find_browser()
     if found is None:
         raise SystemExit(MISSING)
