@@ -30,12 +30,9 @@ class Api:
 
     def call(self, method: str, path: str, **options: Any) -> APIResponse:
         """Ask for a path below `/api/v1`; any status is an answer."""
-        # The server closes idle connections, perhaps just when the next request is sent.
-        retries = 2 if method == "GET" else 0
-        headers = self._headers
-        return self.request.fetch(
-            f"/api/v1{path}", method=method, headers=headers, max_retries=retries, **options
-        )
+        # The server closes idle connections, perhaps just when the next request is sent, so none is kept.
+        headers = {**self._headers, "Connection": "close"}
+        return self.request.fetch(f"/api/v1{path}", method=method, headers=headers, **options)
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
         """Ask for what must succeed; gives its JSON."""
