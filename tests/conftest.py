@@ -1,10 +1,13 @@
 """Fixtures that many tests share."""
 
+import hashlib
 import os
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +19,7 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
+import webapp
 from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
@@ -41,6 +45,9 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.register_profile("fuzz", max_examples=1000, deadline=None, print_blob=True)
 hypothesis.settings.load_profile("suite")
+
+
+OUTDATED_AFTER_S = 86_400
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -139,27 +146,52 @@ def common_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def sample_folder(common_folder: Path) -> Path:
-    """The sample map, made once for all tests and test processes: nobody may change it."""
-    with FileLock(common_folder / "sample.lock"):
-        report = make_sample.make_sample(
-            common_folder / "library" / "sample", settings=Settings(), progress=Progress()
-        )
-    return report.cfg_path.parent
+def kept_folder(pytestconfig: pytest.Config) -> Path:
+    """A folder for what takes long to compute: later runs have it, until the program changes."""
+    digest = hashlib.sha256(sys.version.encode())
+    for package in ("numpy", "opencv-python-headless", "pillow"):
+        digest.update(version(package).encode())
+    root = Path(webapp.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root)} ".encode() + path.read_bytes())
+    cache: pytest.Cache = pytestconfig.cache
+    name = f"computed-{digest.hexdigest()[:16]}"
+    folder = cache.mkdir(name)
+    for other in folder.parent.glob("computed-*"):
+        if other != folder and other.stat().st_mtime < time.time() - OUTDATED_AFTER_S:
+            shutil.rmtree(other, ignore_errors=True)
+    return folder
 
 
 @pytest.fixture(scope="session")
-def ready_sample(common_folder: Path, sample_folder: Path) -> Path:
+def sample_folder(common_folder: Path, kept_folder: Path) -> Path:
+    """The sample map, made once for all tests and test processes: nobody may change it."""
+    folder = common_folder / "library" / "sample"
+    with FileLock(kept_folder / "sample.lock"):
+        make_sample.make_sample(kept_folder / "sample", settings=Settings(), progress=Progress())
+        _copy_once(kept_folder / "sample", folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def ready_sample(common_folder: Path, sample_folder: Path, kept_folder: Path) -> Path:
     """The same with its index and calibration, made once: nobody may change it, but copies are ready, too."""
     folder = common_folder / "ready" / "sample"
-    with FileLock(common_folder / "ready.lock"):
-        if not (common_folder / "ready.done").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
-            options = OpenOptions(jobs=1)
-            build_map(folder / "map.cfg", options, settings=Settings(), progress=Progress())
-            (common_folder / "ready.done").touch()
+    kept = kept_folder / "ready" / "sample"
+    with FileLock(kept_folder / "ready.lock"):
+        if not (kept_folder / "ready.done").exists():
+            shutil.rmtree(kept, ignore_errors=True)
+            shutil.copytree(sample_folder, kept, ignore=shutil.ignore_patterns("derived"))
+            build_map(kept / "map.cfg", OpenOptions(jobs=1), settings=Settings(), progress=Progress())
+            (kept_folder / "ready.done").touch()
+        _copy_once(kept, folder)
     return folder
+
+
+def _copy_once(kept: Path, folder: Path) -> None:
+    """Give a run its own copy, so that a test that changes it spoils no later run."""
+    if not folder.exists():
+        shutil.copytree(kept, folder)
 
 
 def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:

@@ -60,14 +60,14 @@ def streets(street_service: StreetServer) -> Iterator[StreetServer]:
 @pytest.fixture(scope="session")
 def app(
     tmp_path_factory: pytest.TempPathFactory,
-    sample_folder: Path,
+    ready_sample: Path,
     tiles: TileServer,
     geocoder: GeocoderServer,
     street_service: StreetServer,
 ) -> Iterator[App]:
-    """The program with a library that has the sample's files already, so that the start is quick."""
+    """The program with a library that has the sample and its index already, so that the start is quick."""
     library = tmp_path_factory.mktemp("served") / "maps"
-    shutil.copytree(sample_folder, library / "sample")
+    shutil.copytree(ready_sample, library / "sample")
     services = library.with_name("services.json")
     one = {"name": "Local imagery", "url": tiles.url, "attribution": "© these tests", "max_zoom": 19}
     services.write_text(json.dumps([one]), encoding="utf-8")
