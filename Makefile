@@ -18,8 +18,8 @@ RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py
            tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find
 REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
-# The tests of a file share what they need, so they run in one process.
-PYTEST  = $(BIN)/pytest -n auto --dist loadfile
+# The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
+PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt

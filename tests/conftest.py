@@ -6,6 +6,7 @@ import shutil
 import signal
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -49,6 +50,22 @@ hypothesis.settings.load_profile("suite")
 
 OUTDATED_AFTER_S = 86_400
 
+TESTS_WORTH = {
+    "test_map_kinds": 400,
+    "test_serve_command": 300,
+    "test_build_interrupted": 230,
+    "test_on_demand": 200,
+    "test_place_rest": 150,
+    "test_adjust": 140,
+    "test_orient_map": 130,
+    "test_localize_sample": 120,
+    "test_plain_install": 110,
+    "test_localize_command": 100,
+    "test_make_sample": 90,
+    "test_localize_by_landmarks": 80,
+}
+"""Files with long tests: how many usual ones take as long."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let the tests of records run on the other database, too."""
@@ -58,6 +75,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=os.environ.get("EXPMAP_TEST_DATABASE", "sqlite"),
         help="What libraries of tests keep their records in.",
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest, so that no process is left with one of them at the end."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    tests = Counter(item.path for item in items)
+    items.sort(key=lambda item: (-TESTS_WORTH.get(item.path.stem, tests[item.path]), item.path))
 
 
 @pytest.fixture(scope="session")
