@@ -71,3 +71,45 @@ def test_the_plan_of_a_floor_covers_a_new_image_of_the_map(make_page, page, api,
         " const {x, y, width, height} = image.getBoundingClientRect(); return [x, y, width, height]; })"
     )
     assert len(boxes) == 2 and boxes[0] == pytest.approx(boxes[1], abs=0.5)
+
+
+def test_a_note_is_shown_on_its_floor_alone_and_moved_to_another(make_page, page, api):
+    edit = make_page(1)
+    api.ask("POST", f"/maps/{edit.slug}/floors", multipart={"name": "Gallery", "level": "1"})
+    switch, mark = page.get_by_test_id("floor-switch"), page.locator(".note-mark")
+    switch.get_by_role("button", name="Gallery").click()
+    page.locator("#place-menu > summary").click()
+    page.locator("#note-button").click()
+    page.get_by_test_id("note-title").fill("Lift")
+    floor = page.get_by_role("dialog").get_by_label("Floor")
+    assert floor.evaluate("select => select.selectedOptions[0].textContent") == "Gallery"
+    assert axe.findings(page) == []
+    page.get_by_test_id("note-save").click()
+    expect(mark).to_have_count(1)
+    switch.get_by_role("button", name="Ground floor").click()
+    expect(mark).to_have_count(0)
+    switch.get_by_role("button", name="Gallery").click()
+    mark.click()
+    floor.select_option("Ground floor")
+    page.get_by_test_id("note-save").click()
+    expect(mark).to_have_count(0)
+    switch.get_by_role("button", name="Ground floor").click()
+    expect(mark).to_have_count(1)
+    page.get_by_test_id("undo").click()
+    expect(mark).to_have_count(0)
+    assert [note["floor"] for note in api.state(edit.slug)["notes"]] == [1]
+
+
+def test_all_floors_are_printed_into_one_pdf(make_page, page, api):
+    edit = make_page(1)
+    api.ask("POST", f"/maps/{edit.slug}/floors", multipart={"name": "Gallery", "level": "1"})
+    page.get_by_test_id("floor-switch").get_by_role("button", name="Gallery").wait_for()
+    page.locator("summary", has=page.locator("use[href$='#chevron-down']")).first.click()
+    page.get_by_test_id("print-map").click()
+    page.get_by_role("dialog").get_by_label("Floor").select_option("All floors, a page each")
+    expect(page.get_by_test_id("print-png")).to_be_hidden()
+    sheet = page.get_by_test_id("print-preview")
+    page.wait_for_function("image => image.naturalWidth > 0", arg=sheet.element_handle(), timeout=60_000)
+    with page.expect_download() as download:
+        page.get_by_test_id("print-pdf").click()
+    assert download.value.path().read_bytes().count(b"/Type /Page\n") == 2

@@ -42,3 +42,15 @@ def test_a_map_whose_image_is_missing_is_not_printed(expmap, make_map, tmp_path)
     code, _, err = expmap("map", "print", cfg, tmp_path / "sheet.pdf")
     assert code != 0
     assert read_map(cfg).satellite.path in err
+
+
+def test_one_floor_and_all_of_them_exclude_each_other(expmap, make_map, tmp_path):
+    cfg, pdf = make_map(tmp_path, 1), tmp_path / "sheet.pdf"
+    assert expmap("map", "print", cfg, pdf, "--all-floors")[0] == 0
+    assert pdf.read_bytes().count(b"/Type /Page\n") == 1
+    code, _, err = expmap("map", "print", cfg, tmp_path / "sheet.png", "--all-floors")
+    assert code == 2
+    assert "only a PDF has several pages" in err
+    code, _, err = expmap("map", "print", cfg, pdf, "--all-floors", "--floor", "1")
+    assert code == 2
+    assert "exclude each other" in err

@@ -71,6 +71,9 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
     "--floor", metavar="NAME", help="Name or level of the floor; default: that of the map's own image."
 )
 @click.option(
+    "--all-floors", is_flag=True, help="Each floor on a page of its own, the lowest first; PDF only."
+)
+@click.option(
     "--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
     help="What `expmap localize --json` printed: show the best place of each photo.",
 )  # fmt: skip
@@ -88,9 +91,12 @@ def print_command(
     title: str | None,
     attribution: str,
     floor: str | None,
+    all_floors: bool,
     answers: Path | None,
 ) -> None:
     """Print a map on one sheet of paper: its image with the photos on it, legend, scale, north and date.
+
+    Of several floors one is printed, or all, each on a page of its own.
 
     The scale and north are those of the map's georeference; without one the sheet says so. In a PDF
     text and marks are sharp at any size.
@@ -98,6 +104,8 @@ def print_command(
     form = out.suffix[1:].lower()
     if form not in SHEET_FORMATS:
         raise UsageError("the name of the file must end with .pdf or .png", where=str(out))
+    if all_floors and floor is not None:
+        raise UsageError("--floor and --all-floors exclude each other", hint="give one of them")
     source = of_folder(cfg)
     options = SheetOptions(
         paper,
@@ -110,7 +118,7 @@ def print_command(
         extent,
         title,
         attribution,
-        _floor(source.map, floor),
+        None if all_floors else _floor(source.map, floor),
     )
     data = print_map(
         source,

@@ -4,6 +4,7 @@ import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { clamped, pixelOf } from "../shared/map/coords.js";
+import { floorSelect } from "../shared/map/floor-switch.js";
 import { NoteLayer, noteDialog, notePhotos } from "../shared/map/note-layer.js";
 import { toastError } from "../shared/toast.js";
 
@@ -28,7 +29,7 @@ export class Notes {
 
   /** Write a new note. @param {number[]} at map pixel */
   add([x_px, y_px]) {
-    this.edit({ id: null, title: "", text: "", x_px, y_px, photos: [...this.store.selection] });
+    this.edit({ id: null, title: "", text: "", x_px, y_px, photos: [...this.store.selection], floor: this.store.floor });
   }
 
   /** The newest revision of which the notes are known: a later change of somebody else is not overwritten. */
@@ -47,7 +48,8 @@ export class Notes {
     const error = errorLine();
     const save = h("button", { class: "button button--primary", type: "button", "data-testid": "note-save" }, t("Save"));
     const remove = note.id !== null && h("button", { class: "button", type: "button", "data-testid": "note-remove" }, icon("trash"), t("Remove"));
-    const body = [field(t("Title"), title), field(t("Text"), text), linked, notePhotos(this.store, note.photos), error].filter(Boolean);
+    const floor = this.store.floors.length > 0 && floorSelect(this.store.floors, note.floor);
+    const body = [field(t("Title"), title), field(t("Text"), text), floor && field(t("Floor"), floor), linked, notePhotos(this.store, note.photos), error].filter(Boolean);
     const dialog = openDialog(note.id === null ? t("New note") : t("Note"), body, { actions: [remove, save].filter(Boolean) });
     const done = (button, run) => button.addEventListener("click", () => busy(button, async () => {
       try {
@@ -57,7 +59,9 @@ export class Notes {
         error.show(problem);
       }
     }));
-    const wish = () => ({ ...note, title: title.value.trim(), text: text.value.trim(), photos: about.checked ? photos : [] });
+    const wish = () => ({
+      ...note, title: title.value.trim(), text: text.value.trim(), photos: about.checked ? photos : [], ...(floor && { floor: Number(floor.value) }),
+    });
     done(save, () => (note.id === null ? this.server.addNote(wish()) : this.server.changeNote(wish(), seen)));
     if (remove) done(remove, () => this.server.removeNote(note.id, seen));
     title.focus();

@@ -4,12 +4,14 @@ import { file } from "./api.js";
 import { errorLine, field, openDialog } from "./dialogs.js";
 import { h, icon } from "./dom.js";
 import { t } from "./i18n.js";
+import { floorSelect } from "./map/floor-switch.js";
 import { debounce } from "./timing.js";
 
 const PREVIEW_DPI = 80;
 const PAUSE_MS = 300;
 const RESOLUTIONS = [150, 200, 300];
 const USUAL_DPI = 200;
+const ALL_FLOORS = "all";
 
 /**
  * Open the dialog.
@@ -33,6 +35,8 @@ export function printDialog(map, answers) {
   const show = async () => {
     const query = fields.query(answers);
     for (const [n, form] of ["pdf", "png"].entries()) links[n].href = `/api/v1${base}.${form}?${query}`;
+    links[1].hidden = query.has("all_floors");
+    query.delete("all_floors");
     query.set("dpi", String(PREVIEW_DPI));
     const mine = (asked += 1);
     frame.classList.add("print-preview--waits");
@@ -60,7 +64,7 @@ function sheetFields({ floors, floor }) {
     orientation: choice([["auto", t("Automatic")], ["portrait", t("Portrait")], ["landscape", t("Landscape")]]),
     extent: choice([["image", t("The whole image")], ["photos", t("Around the photos")]]),
     labels: choice([["numbers", t("Numbers")], ["names", t("Names")], ["none", t("None")]]),
-    ...(floors.length && { floor: choice(floors.toReversed().map(({ id, name }) => [String(id), name]), String(floor)) }),
+    ...(floors.length && { floor: floorSelect(floors, floor, [[ALL_FLOORS, t("All floors, a page each")]]) }),
     dpi: choice(RESOLUTIONS.map((dpi) => [String(dpi), t("{n} dpi", { n: dpi })]), String(USUAL_DPI)),
   };
   const titled = h("input", { class: "input", maxlength: 300, placeholder: t("Name of the map"), autocomplete: "off" });
@@ -82,6 +86,10 @@ function sheetFields({ floors, floor }) {
   ];
   const query = (answers) => {
     const made = new URLSearchParams(Object.entries(chosen).map(([name, input]) => [name, input.value]));
+    if (made.get("floor") === ALL_FLOORS) {
+      made.set("all_floors", "true");
+      made.set("floor", String(floor)); // of which the preview is
+    }
     made.set("headings", String(headings.checked));
     made.set("control_points", String(points.checked));
     made.set("notes", String(notes.checked));

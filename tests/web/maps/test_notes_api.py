@@ -62,6 +62,7 @@ def test_a_note_is_added_changed_and_removed_and_each_step_undone(client, url):
         "x_px": 20,
         "y_px": 30,
         "photos": [0],
+        "floor": 0,
     }
     assert answer.json["notes"] == [first]
     assert answer.json["undo"] == {"kind": "notes", "count": 1}

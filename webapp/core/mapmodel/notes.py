@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.texts import has_controls, is_line
 
@@ -28,6 +29,8 @@ class MapNote:
         May have several lines.
     photos : tuple of int
         Ids of the photos that it is about.
+    floor : int
+        Id of the floor that the spot is on.
     """
 
     id: int
@@ -35,6 +38,7 @@ class MapNote:
     position: MapPixel | None
     text: str = ""
     photos: tuple[int, ...] = ()
+    floor: int = BASE_FLOOR
 
 
 def title_problem(title: str) -> str | None:

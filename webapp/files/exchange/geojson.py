@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
+from typing import Any
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
@@ -25,7 +26,7 @@ def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iter
         UTF-8. A photo whose place has no position on the Earth has no geometry. What is unknown is null.
     """
     photos = ([_photo(e, georeference, map_)] for e in map_.experiences)
-    return write_collection(title, chain(photos, ([_note(note, georeference)] for note in map_.notes)))
+    return write_collection(title, chain(photos, ([_note(note, map_, georeference)] for note in map_.notes)))
 
 
 def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
@@ -84,14 +85,19 @@ def photo_properties(e: Experience) -> dict[str, object]:
 
 
 def _photo(e: Experience, georeference: Georeference, map_: Map) -> str:
-    floor = map_.floor_named(e.floor)
-    on = {} if floor is None else {"floor": floor.name, "level": floor.level}
+    on = _floor(map_, e.floor)
     return point_feature(e.id, _latlon(e.position, georeference), properties={**photo_properties(e), **on})
 
 
-def _note(note: MapNote, georeference: Georeference) -> str:
+def _floor(map_: Map, id: int) -> dict[str, Any]:
+    floor = map_.floor_named(id)
+    return {} if floor is None else {"floor": floor.name, "level": floor.level}
+
+
+def _note(note: MapNote, map_: Map, georeference: Georeference) -> str:
     at = None if note.position is None else _latlon(note.position, georeference)
-    properties = {"title": note.title, "note": note.text or None, "photos": list(note.photos)}
+    about = {"title": note.title, "note": note.text or None, "photos": list(note.photos)}
+    properties = about | _floor(map_, note.floor)
     return point_feature(f"note-{note.id}", at, properties=properties)
 
 

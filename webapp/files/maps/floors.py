@@ -34,8 +34,15 @@ def parse_floors(field: JsonField) -> tuple[Floor, ...]:
     return floors
 
 
-def check_floors_of(field: JsonField, floor_of: Mapping[int, int], *, floors: Iterable[Floor]) -> None:
-    """Refuse photos, by id, on floors that the map does not have.
+def check_floors_of(
+    field: JsonField, floor_of: Mapping[int, int], *, what: str, floors: Iterable[Floor]
+) -> None:
+    """Refuse photos or notes, by id, on floors that the map does not have.
+
+    Parameters
+    ----------
+    what : str
+        `photo` or `note`.
 
     Raises
     ------
@@ -44,7 +51,7 @@ def check_floors_of(field: JsonField, floor_of: Mapping[int, int], *, floors: It
     known = {BASE_FLOOR, *(floor.id for floor in floors)}
     for id, floor in floor_of.items():
         if floor not in known:
-            raise field.error(f"has the photo {id} on the floor {floor}, which is not in $.floors")
+            raise field.error(f"has the {what} {id} on the floor {floor}, which is not in $.floors")
 
 
 def floor_fields(floor: Floor) -> dict[str, Any]:

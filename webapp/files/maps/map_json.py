@@ -126,7 +126,10 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
             raise item.error(f"names the placement {name!r} a second time")
         placements[name] = positions
     experiences, floors = by_id(top["experiences"], parse=_photo), parse_floors(top["floors"])
-    check_floors_of(top["experiences"], {id: photo.floor for id, photo in experiences.items()}, floors=floors)
+    notes = parse_notes(top["notes"])
+    of_photos = {id: photo.floor for id, photo in experiences.items()}
+    check_floors_of(top["experiences"], of_photos, what="photo", floors=floors)
+    check_floors_of(top["notes"], {note.id: note.floor for note in notes}, what="note", floors=floors)
     return MapJson(
         revision=top["revision"].integer(default=0, largest=MAX_NUMBER),
         next_id=top["next_id"].integer(default=0, largest=MAX_NUMBER + 1),
@@ -136,7 +139,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         title=None if top["title"].missing else top["title"].text(),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
         control_points=parse_control_points(top["control_points"]),
-        notes=parse_notes(top["notes"]),
+        notes=notes,
         floors=floors,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MapNote, text_problem, title_problem
@@ -55,6 +56,7 @@ def note_fields(note: MapNote) -> dict[str, Any]:
         **({} if at is None else {"x_px": at.x, "y_px": at.y}),
         **({"text": note.text} if note.text else {}),
         **({"photos": list(note.photos)} if note.photos else {}),
+        **({"floor": note.floor} if note.floor != BASE_FLOOR else {}),
     }
 
 
@@ -64,7 +66,7 @@ def notes_fields(notes: Iterable[MapNote]) -> list[dict[str, Any]]:
 
 
 def _note(item: JsonField) -> tuple[int, MapNote]:
-    fields = item.record(required=("id", "title"), optional=("x_px", "y_px", "text", "photos"))
+    fields = item.record(required=("id", "title"), optional=("x_px", "y_px", "text", "photos", "floor"))
     problem = title_problem(fields["title"].text())
     if problem:
         raise fields["title"].error(problem)
@@ -75,7 +77,10 @@ def _note(item: JsonField) -> tuple[int, MapNote]:
     position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
     photos = [photo.integer(largest=MAX_NUMBER) for photo in fields["photos"].items()]
     text = parse_text(fields["text"]) or ""
-    return number, MapNote(number, fields["title"].text(), position, text, tuple(dict.fromkeys(photos)))
+    floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
+    return number, MapNote(
+        number, fields["title"].text(), position, text, tuple(dict.fromkeys(photos)), floor
+    )
 
 
 def _pixel(field: JsonField) -> float:

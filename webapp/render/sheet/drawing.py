@@ -192,6 +192,14 @@ class PdfDrawing:
         self._canvas.setCreator("Experience Map")
         self._canvas.setLineCap(1)
 
+    def page(self, size: tuple[float, float], *, first: bool) -> None:
+        """Begin a page of this size; the first one is there already."""
+        if not first:
+            self._canvas.showPage()
+        self._height = size[1]
+        self._canvas.setPageSize(size)
+        self._canvas.setLineCap(1)
+
     def image(self, pixels: NDArray[np.uint8], box: Box) -> None:
         """Put a picture into a box, as JPEG."""
         jpeg = io.BytesIO()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
 from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced
+from webapp.render.sheet.book import draw_book
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
 from webapp.render.sheet.page import SheetContent, draw_sheet, printed_part
 from webapp.settings import Settings
@@ -29,6 +31,9 @@ _FAINT = 0.35
 _MOST_PX = 12_000
 """Longer side of the image that is read, however small the part of it that is printed."""
 
+_MOST_BOOK_PX = 400_000_000
+"""Pixels of all pages of a PDF: they are in memory, compressed, until it is sent."""
+
 
 def print_map(
     source: Source,
@@ -39,42 +44,72 @@ def print_map(
     settings: Settings,
     answers: tuple[SheetAnswer, ...] = (),
 ) -> bytes:
-    """Print a map on one sheet of paper, as PDF or PNG; of several floors one.
+    """Print a map on one sheet of paper, as PDF or PNG; of several floors one, or each on a page of a PDF.
 
     Raises
     ------
     UsageError
-        The map has no such floor.
+        The map has no such floor, or its floors do not fit into one file.
     PhotoError
         The satellite image cannot be used.
     MapError
         Its path leads out of the map's folder.
     """
-    source, floor = _of_floor(source, options.floor)
+    if not options.attribution:
+        known = source_of(source.cfg.parent, source.map.satellite.path).get("attribution")
+        options = replace(options, attribution=known if isinstance(known, str) else "")
+    draw = partial(_content, source, options=options, answers=answers, settings=settings)
+    if options.floor is not None:
+        return draw_sheet(draw(options.floor), form=form, options=options, words=words)
+    if form != "pdf":
+        raise UsageError("only a PDF has several pages", where="floor", hint="print one floor, or a PDF")
+    title = options.title or source.map.title or source.title
+    _check_size(len(source.map.floors), options)
+    floors = sorted(source.map.floors, key=lambda floor: floor.level)
+    contents = map(draw, [floor.id for floor in floors] or [BASE_FLOOR])
+    # Each page says its floor, whatever its title is.
+    return draw_book(contents, title=title, options=replace(options, title=None), words=words)
+
+
+def _content(
+    source: Source,
+    id: int,
+    *,
+    options: SheetOptions,
+    answers: tuple[SheetAnswer, ...],
+    settings: Settings,
+) -> SheetContent:
+    """Read what is printed of a floor."""
+    source, floor = _of_floor(source, id)
     map_, side = source.map, _side(source, options)
     satellite = _read(source, map_.satellite.path, lambda raster: reduced(raster, side), settings=settings)
     if floor is not None and floor.image is not None:
         satellite = _with_floor(source, satellite, floor.image, side=side, settings=settings)
-    if not options.attribution:
-        known = source_of(source.cfg.parent, map_.satellite.path).get("attribution")
-        options = replace(options, attribution=known if isinstance(known, str) else "")
-    title = map_.title or source.title
+    title = (options.title if options.floor is None else None) or map_.title or source.title
     if floor is not None:
         title = f"{title} – {floor.name}"
         answers = tuple(answer for answer in answers if answer.floor == floor.id)
-    content = SheetContent(map_, satellite, title, answers)
-    return draw_sheet(content, form=form, options=options, words=words)
+    return SheetContent(map_, satellite, title, answers)
+
+
+def _check_size(pages: int, options: SheetOptions) -> None:
+    width, height = (side / 72 * options.dpi for side in options.page_sizes()[0])
+    if pages * width * height > _MOST_BOOK_PX:
+        raise UsageError(
+            f"{pages} floors do not fit into one file", where="dpi", hint="choose fewer pixels an inch"
+        )
 
 
 def _of_floor(source: Source, id: int) -> tuple[Source, Floor | None]:
-    """Leave out the photos of other floors."""
+    """Leave out the photos and notes of other floors."""
     map_ = source.map
     floor = map_.floor_named(id)
     if floor is None and (map_.floors or id != BASE_FLOOR):
         names = ", ".join(one.name for one in map_.floors) or "none"
         raise UsageError(f"the map has no floor {id}", where="floor", hint=f"its floors are: {names}")
     there = tuple(e for e in map_.experiences if e.floor == id)
-    return replace(source, map=replace(map_, experiences=there)), floor
+    notes = tuple(note for note in map_.notes if note.floor == id)
+    return replace(source, map=replace(map_, experiences=there, notes=notes)), floor
 
 
 def _with_floor(

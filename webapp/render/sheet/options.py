@@ -57,8 +57,8 @@ class SheetOptions:
         Instead of the map's.
     attribution : str
         Whom the image is from.
-    floor : int
-        Id of the floor, on a map that has several.
+    floor : int or None
+        Id of the floor, on a map that has several; None prints each on a page of its own.
     """
 
     paper: Paper = "a4"
@@ -71,7 +71,7 @@ class SheetOptions:
     extent: Extent = "image"
     title: str | None = None
     attribution: str = ""
-    floor: int = BASE_FLOOR
+    floor: int | None = BASE_FLOOR
 
     def page_sizes(self) -> list[tuple[float, float]]:
         """Width and height of the paper in points, in each orientation that it may have."""

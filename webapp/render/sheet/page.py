@@ -69,12 +69,17 @@ def draw_sheet(
     bytes
         PDF or PNG; the same content always gives the same bytes.
     """
-    part = printed_part(content.map, options)
-    size = max(options.page_sizes(), key=lambda size: _map_scale(part, size, top=_MARGIN + 50))
+    size = page_size(content.map, options)
     title = options.title or content.title
     drawing: Drawing = PdfDrawing(size, title=title) if form == "pdf" else PngDrawing(size, dpi=options.dpi)
     compose(drawing, content, size=size, options=options, words=words)
     return drawing.finish()
+
+
+def page_size(map_: Map, options: SheetOptions) -> tuple[float, float]:
+    """Choose the size of the paper in points: of those that it may have, that on which the map is largest."""
+    part = printed_part(map_, options)
+    return max(options.page_sizes(), key=lambda size: _map_scale(part, size, top=_MARGIN + 50))
 
 
 def compose(

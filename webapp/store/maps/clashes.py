@@ -46,7 +46,7 @@ def placed_on_present_image(
 def without_floor(
     session: Session, record: MapRecord, changes: Mapping[str, Mapping[str, Any] | None]
 ) -> str | None:
-    """Say why a change would leave floors that do not fit together, or photos on one that is not there."""
+    """Say why a change would leave floors that do not fit together, or something on one that is not there."""
     if any(target.startswith("floor/") for target in changes) and _floors_clash(record, changes):
         return "the floors have been changed in the meantime"
     floors = {f"floor/{floor['id']}" for floor in record.floors or ()} | {"floor/0"}
@@ -59,6 +59,9 @@ def without_floor(
     there = select(Photo.id).where(Photo.map_id == record.id, Photo.floor.in_(left))
     if left and any(f"photo/{id}" not in moved for id in session.scalars(there)):
         return "photos were placed on the floor in the meantime"
+    written = {f"note/{note['id']}" for note in record.notes or () if note.get("floor") in left}
+    if written - changes.keys():
+        return "notes were written on the floor in the meantime"
     return None
 
 

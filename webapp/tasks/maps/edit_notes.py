@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import inside
 from webapp.core.mapmodel.notes import MOST_NOTES, MapNote, text_problem, title_problem
 from webapp.errors import NotFound, UsageError
@@ -12,7 +13,7 @@ from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps.library_map import notes
+from webapp.tasks.maps.library_map import floors, notes
 
 
 def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
@@ -39,12 +40,20 @@ def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -
 
 
 def change_note(
-    library: Library, map_id: int, *, note: MapNote, account_id: int, seen: int | None = None
+    library: Library,
+    map_id: int,
+    *,
+    note: MapNote,
+    account_id: int,
+    seen: int | None = None,
+    keep_floor: bool = False,
 ) -> int | None:
     """Replace a note; the revision is None when it was so already.
 
     Parameters
     ----------
+    keep_floor : bool
+        It stays on its floor, whatever `note` says.
     seen : int or None
         Newest revision that the author knows; None overwrites whatever is there.
 
@@ -57,8 +66,9 @@ def change_note(
         The note was changed after `seen`.
     """
     with library.changing(map_id) as change:
-        _check_there(change.record, note.id)
-        return _write(change, note, account_id=account_id, seen=seen)
+        there = _found(change.record, note.id)
+        changed = replace(note, floor=there.floor) if keep_floor else note
+        return _write(change, changed, account_id=account_id, seen=seen)
 
 
 def remove_note(
@@ -71,7 +81,7 @@ def remove_note(
     NotFound, Conflict
     """
     with library.changing(map_id) as change:
-        _check_there(change.record, id)
+        _found(change.record, id)
         done = edits.apply(
             change.session,
             change.record,
@@ -83,9 +93,11 @@ def remove_note(
     return None if done is None else done.turn
 
 
-def _check_there(record: MapRecord, id: int) -> None:
-    if id not in {note.id for note in notes(record)}:
+def _found(record: MapRecord, id: int) -> MapNote:
+    found = next((note for note in notes(record) if note.id == id), None)
+    if found is None:
         raise NotFound(f"the map has no note {id}", hint="somebody may have removed it; reload the page")
+    return found
 
 
 def _write(change: MapChange, note: MapNote, *, account_id: int, seen: int | None = None) -> int | None:
@@ -112,3 +124,5 @@ def _check(record: MapRecord, note: MapNote) -> None:
         raise UsageError("the map has no satellite image yet", hint="add one, or start from a blank plan")
     if note.position is not None and not inside(note.position, width=width, height=height):
         raise UsageError("the note is outside the image", where="x_px, y_px")
+    if note.floor not in {BASE_FLOOR, *(floor.id for floor in floors(record))}:
+        raise UsageError(f"the map has no floor {note.floor}", where="floor", hint="reload the page")

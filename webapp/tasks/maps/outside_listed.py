@@ -40,12 +40,17 @@ def changed_points(
 def changed_notes(
     session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
 ) -> dict[str, Fields]:
-    """Give the notes on spots that change, as `changed_points` does control points."""
+    """Give the notes on spots that change, as `changed_points` does control points.
+
+    A file without floors does not know where they are: they stay on theirs.
+    """
+    there = {note.id: note for note in notes(record)}
     after = {}
     for note in map_.notes:
         photos = tuple(known[id] for id in note.photos if id in known)
-        after[f"note/{note.id}"] = note_fields(replace(note, photos=photos))
-    before = {f"note/{note.id}": note_fields(note) for note in notes(record)}
+        floor = there[note.id].floor if not map_.floors and note.id in there else note.floor
+        after[f"note/{note.id}"] = note_fields(replace(note, photos=photos, floor=floor))
+    before = {f"note/{id}": note_fields(note) for id, note in there.items()}
     return _changed(session, record, before=before, after=after)
 
 

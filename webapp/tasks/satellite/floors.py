@@ -1,4 +1,4 @@
-"""Floors of a map of the library: added, changed, aligned and removed, each as one edit."""
+"""Floors of a map of the library: added, changed and removed, each as one edit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from sqlalchemy import select
 
-from webapp.core.geo.affine import Affine, affine_through, apply_affine, compose, is_affine
+from webapp.core.geo.affine import Affine, affine_through
 from webapp.core.geo.floors import (
     BASE_FLOOR,
     Floor,
@@ -22,24 +22,22 @@ from webapp.core.geo.floors import (
     level_problem,
     stretched,
 )
-from webapp.core.geo.types import MapPixel, inside
 from webapp.errors import GeoreferenceError, NotFound, UsageError
 from webapp.files.maps.floors import floor_fields
+from webapp.files.maps.notes import note_fields
 from webapp.files.satellite.georeference_files import read_geotiff
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import Settings
 from webapp.store.library import Library
-from webapp.store.maps import edits, maps
+from webapp.store.maps import edits
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.maps.library_map import floors
+from webapp.tasks.maps.library_map import floors, notes
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.display import PREVIEW_PX
 from webapp.tasks.satellite.files import as_shown, keep_file, taken_back_if_refused
-
-MOST_PAIRS = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +95,7 @@ def add_floor(
     ):
         there = list(floors(change.record)) or [replace(new.base, id=BASE_FLOOR)]
         floor = replace(new.floor, id=1 + max(one.id for one in there), image=image)
-        return FloorEdit(floor.id, _write(change, [*there, floor], account_id=account_id))
+        return FloorEdit(floor.id, write_floors(change, [*there, floor], account_id=account_id))
 
 
 def change_floor(
@@ -111,7 +109,7 @@ def change_floor(
     """
     with library.changing(map_id) as change:
         changed = replace(found_floor(change.record, id), **fields)
-        return FloorEdit(id, _write(change, _with(change.record, changed), account_id=account_id))
+        return FloorEdit(id, write_floors(change, with_floor(change.record, changed), account_id=account_id))
 
 
 def set_floor_image(
@@ -129,12 +127,12 @@ def set_floor_image(
         _kept_image(library, map_id, file=file, settings=settings) as image,
         library.changing(map_id) as change,
     ):
-        changed = replace(_further(change.record, id), image=image)
-        return FloorEdit(id, _write(change, _with(change.record, changed), account_id=account_id))
+        changed = replace(further_floor(change.record, id), image=image)
+        return FloorEdit(id, write_floors(change, with_floor(change.record, changed), account_id=account_id))
 
 
 def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, account_id: int) -> FloorEdit:
-    """Remove a floor.
+    """Remove a floor; its notes come to the same spots of the floor of the map's own image.
 
     Parameters
     ----------
@@ -149,7 +147,7 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
-        _further(record, id)
+        further_floor(record, id)
         left = [floor for floor in floors(record) if floor.id != id]
         own = (Photo.map_id == record.id, Photo.floor == id)
         changes: dict[str, Mapping[str, Any] | None] = {}
@@ -159,96 +157,15 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
             standing += photo.is_placed
         if standing and not to_tray:
             raise photos_on_floor(standing)
-        revision = _write(change, left if len(left) > 1 else [], account_id=account_id, changes=changes)
+        for note in notes(record):
+            if note.floor == id:
+                changes[f"note/{note.id}"] = note_fields(replace(note, floor=BASE_FLOOR))
+        revision = write_floors(change, left if len(left) > 1 else [], account_id=account_id, changes=changes)
     return FloorEdit(id, revision)
 
 
-def align_floor(
-    library: Library,
-    map_id: int,
-    *,
-    id: int,
-    pairs: Sequence[tuple[MapPixel, MapPixel]],
-    account_id: int,
-) -> FloorEdit:
-    """Move the image of a floor over the map, and the photos on the floor with it.
-
-    Parameters
-    ----------
-    pairs : sequence of (MapPixel, MapPixel)
-        Where spots are shown now, and where they are to be. One moves the image; two turn and scale it, too;
-        from three on it may be sheared as well.
-
-    Raises
-    ------
-    UsageError
-        The floor has no image of its own, the spots do not say how to lay it, or photos would leave the map.
-    NotFound
-    """
-    with library.changing(map_id) as change:
-        session, record = change.session, change.record
-        floor = _further(record, id)
-        if floor.image is None:
-            raise UsageError("the floor has no image of its own", hint="give it one first")
-        move = _fit(pairs)
-        laid = compose(move, floor.image.map_from_image)
-        if not is_affine(laid):
-            raise UsageError("the spots do not say how to lay the image", hint="choose spots far apart")
-        changes = _moved_photos(maps.photos(session, record), record, floor=id, move=move)
-        moved = replace(floor, image=replace(floor.image, map_from_image=laid))
-        revision = _write(change, _with(record, moved), account_id=account_id, changes=changes)
-    return FloorEdit(id, revision)
-
-
-def _moved_photos(
-    photos: Sequence[Photo], record: MapRecord, *, floor: int, move: Affine
-) -> dict[str, Mapping[str, Any] | None]:
-    """Take the photos of a floor along with its image."""
-    image = needed_image(record, with_georeference=False)
-    a, _, _, d, _, _ = move
-    turn_deg = math.degrees(math.atan2(d, a))
-    changes: dict[str, Mapping[str, Any] | None] = {}
-    for photo in photos:
-        if photo.floor != floor or photo.x_px is None or photo.y_px is None:
-            continue
-        at = apply_affine(move, MapPixel(photo.x_px, photo.y_px))
-        on_map = inside(at, width=image.width, height=image.height)
-        if photo.removed and not on_map:
-            changes[f"photo/{photo.id}"] = TRAY  # should the removal be undone
-            continue
-        if not on_map:
-            raise UsageError(
-                f"{photo.name} would leave the map", hint="align the floor before photos are placed on it"
-            )
-        fields: dict[str, Any] = {"x_px": at.x, "y_px": at.y, "radius_px": photo.radius_px}
-        if photo.heading_deg is not None:
-            fields["heading_deg"] = (photo.heading_deg + turn_deg) % 360.0
-        changes[f"photo/{photo.id}"] = fields
-    return changes
-
-
-def _fit(pairs: Sequence[tuple[MapPixel, MapPixel]]) -> Affine:
-    """Fit the simplest transformation to pairs of spots by least squares: shift, similarity, affine."""
-    if not 0 < len(pairs) <= MOST_PAIRS:
-        raise UsageError(f"give 1 to {MOST_PAIRS} pairs of spots", where="pairs")
-    if len(pairs) == 1:
-        (x, y), (to_x, to_y) = pairs[0]
-        return (1.0, 0.0, to_x - x, 0.0, 1.0, to_y - y)
-    before, after = (np.array([pair[side] for pair in pairs], np.float64) for side in (0, 1))
-    if len(pairs) == 2:
-        start, end = (complex(*before[1] - before[0]), complex(*after[1] - after[0]))
-        if not start or not end:
-            raise UsageError("two of the spots are one", where="pairs", hint="choose spots far apart")
-        turn = end / start
-        shift = complex(*after[0]) - turn * complex(*before[0])
-        return (turn.real, -turn.imag, shift.real, turn.imag, turn.real, shift.imag)
-    found = affine_through(before, after)
-    if found is None:
-        raise UsageError("the spots are on one line", where="pairs", hint="choose spots all over the floor")
-    return found
-
-
-def _with(record: MapRecord, changed: Floor) -> list[Floor]:
+def with_floor(record: MapRecord, changed: Floor) -> list[Floor]:
+    """Return the floors of a map, of which one is changed."""
     return [changed if floor.id == changed.id else floor for floor in floors(record)]
 
 
@@ -265,8 +182,13 @@ def found_floor(record: MapRecord, id: int) -> Floor:
     return found
 
 
-def _further(record: MapRecord, id: int) -> Floor:
-    """Find a floor besides that of the map's own image."""
+def further_floor(record: MapRecord, id: int) -> Floor:
+    """Find a floor besides that of the map's own image.
+
+    Raises
+    ------
+    NotFound, UsageError
+    """
     found = found_floor(record, id)
     check_removable(id)
     return found
@@ -293,14 +215,19 @@ def photos_on_floor(count: int) -> UsageError:
     )
 
 
-def _write(
+def write_floors(
     change: MapChange,
     wanted: Sequence[Floor],
     *,
     account_id: int,
     changes: Mapping[str, Mapping[str, Any] | None] | None = None,
 ) -> int | None:
-    """Have the map these floors, with other changes in the same edit."""
+    """Have the map these floors, with other changes in the same edit; gives its revision.
+
+    Raises
+    ------
+    UsageError, Conflict
+    """
     session, record = change.session, change.record
     needed_image(record, with_georeference=False)
     check_floors(wanted)

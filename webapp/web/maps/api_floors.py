@@ -20,7 +20,8 @@ from webapp.files.part_file import receive, show_file_as
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import display, floors
-from webapp.tasks.satellite.floors import MOST_PAIRS, FloorEdit, NewFloor
+from webapp.tasks.satellite.align_floor import MOST_PAIRS, align_floor
+from webapp.tasks.satellite.floors import FloorEdit, NewFloor
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean
@@ -153,15 +154,13 @@ def put_image(slug: str, id: int, given: dict[str, FileStorage]) -> dict[str, An
 @blueprint.input(AlignIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def align(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Move, turn and scale the image of a floor, with its photos, as one step that can be undone.
+    """Move, turn and scale the image of a floor, with its photos and notes, as one step that can be undone.
 
     One pair of spots moves it, two also turn and scale it, from three on it may be sheared.
     """
     record = open_map(slug, "editor")
     pairs = [(MapPixel(*pair["shown"]), MapPixel(*pair["wanted"])) for pair in data["pairs"]]
-    return _answer(
-        record, floors.align_floor(library(), record.id, id=id, pairs=pairs, account_id=account().id)
-    )
+    return _answer(record, align_floor(library(), record.id, id=id, pairs=pairs, account_id=account().id))
 
 
 @blueprint.delete(f"/{_ID}")

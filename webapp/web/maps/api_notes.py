@@ -8,6 +8,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, List, Nested, String
 from apiflask.validators import Length
 
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
 from webapp.store.schema import MapRecord
@@ -35,6 +36,10 @@ class NoteIn(Schema):
         load_default=list,
         validate=Length(max=_MOST_PHOTOS),
         metadata={"description": "Ids of the photos that it is about."},
+    )
+    floor = RecordNumber(
+        load_default=None,
+        metadata={"description": "Id of its floor; without one, a new note is on 0, others stay on theirs."},
     )
 
 
@@ -68,7 +73,12 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Replace a note, as one step that can be undone; `If-Match` has the revision that you know."""
     record = open_map(slug, "editor")
     revision = edit_notes.change_note(
-        library(), record.id, note=_note(id, data), account_id=account().id, seen=if_match()
+        library(),
+        record.id,
+        note=_note(id, data),
+        account_id=account().id,
+        seen=if_match(),
+        keep_floor=data["floor"] is None,
     )
     return _answer(record, revision)
 
@@ -84,7 +94,8 @@ def remove(slug: str, id: int) -> dict[str, Any]:
 
 def _note(id: int, data: dict[str, Any]) -> MapNote:
     text, photos = data["text"].strip(), tuple(dict.fromkeys(data["photos"]))
-    return MapNote(id, data["title"].strip(), MapPixel(data["x_px"], data["y_px"]), text, photos)
+    floor = BASE_FLOOR if data["floor"] is None else data["floor"]
+    return MapNote(id, data["title"].strip(), MapPixel(data["x_px"], data["y_px"]), text, photos, floor)
 
 
 def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from typing import Any, cast
 
@@ -83,6 +84,10 @@ class PrintIn(Schema):
         load_default=BASE_FLOOR,
         metadata={"description": "Id of the floor, on a map that has several."},
     )
+    all_floors = Boolean(
+        load_default=False,
+        metadata={"description": "Each floor on a page of its own, the lowest first; PDF only."},
+    )
     answers = Boolean(
         load_default=False, metadata={"description": "Show the best places of answers, too: all, or some."}
     )
@@ -93,12 +98,14 @@ class PrintIn(Schema):
 
 @blueprint.get("/<slug>/print.<any(pdf,png):sheet>")
 @blueprint.input(PrintIn, location="query", arg_name="query")
-@blueprint.doc(responses=file_answer("One sheet of paper.", "*/*"))
+@blueprint.doc(responses=file_answer("One sheet of paper, or one for each floor.", "*/*"))
 def print_sheet(slug: str, sheet: SheetFormat, *, query: dict[str, Any]) -> Response:
-    """Print a map on one sheet of paper, with legend, scale, north and date."""
+    """Print a map on one sheet of paper, with legend, scale, north and date; all floors as pages of a PDF."""
     record = open_map(slug)
     answers = _answers(record, query) if query["answers"] else ()
     options = SheetOptions(**{name: query[name] for name in SheetOptions.__slots__})
+    if query["all_floors"]:
+        options = replace(options, floor=None)
     with _limit.slot():
         source = of_library(library(), record.id)
         data = print_map(

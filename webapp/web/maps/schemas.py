@@ -151,6 +151,7 @@ class NoteOut(Schema):
     x_px = Float(allow_none=True, metadata={"description": "null: the present image does not show it."})
     y_px = Float(allow_none=True)
     photos = List(Integer(), metadata={"description": "Ids of the photos that it is about."})
+    floor = Integer(metadata={"description": "Id of the floor that the spot is on."})
 
 
 class FloorOut(Schema):

@@ -10,7 +10,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.geo.floors import Floor
+from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import PhotoSource
@@ -231,7 +231,7 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
 
 def notes_json(record: MapRecord) -> list[dict[str, Any]]:
     """Return the notes on spots of a map."""
-    empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": []}
+    empty: dict[str, Any] = {"x_px": None, "y_px": None, "text": "", "photos": [], "floor": BASE_FLOOR}
     return [{**empty, **note} for note in record.notes or ()]
 
 

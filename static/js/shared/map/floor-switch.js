@@ -41,3 +41,16 @@ export class FloorSwitch {
 export function levelText(level) {
   return level.toLocaleString(locale, { maximumFractionDigits: 1 });
 }
+
+/**
+ * A field to choose a floor, the highest on top.
+ * @param {import("./map-store.js").Floor[]} floors
+ * @param {number} chosen id
+ * @param {string[][]} [more] further choices, value and words, below
+ */
+export function floorSelect(floors, chosen, more = []) {
+  const options = [...floors.toReversed().map(({ id, name }) => [String(id), name]), ...more];
+  const select = h("select", { class: "select" }, ...options.map(([value, words]) => h("option", { value }, words)));
+  select.value = String(chosen);
+  return select;
+}

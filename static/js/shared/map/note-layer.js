@@ -7,9 +7,9 @@ import { latLngOf, pixelOf } from "./coords.js";
 
 const SIDE = 30;
 
-/** @typedef {{id: number, title: string, text: string, x_px: ?number, y_px: ?number, photos: number[]}} Note */
+/** @typedef {{id: number, title: string, text: string, x_px: ?number, y_px: ?number, photos: number[], floor: number}} Note */
 
-/** A layer of Leaflet with a mark for each note; follows the store. */
+/** A layer of Leaflet with a mark for each note on the floor that is shown; follows the store. */
 export class NoteLayer {
   /**
    * @param {import("./map-store.js").MapStore} store
@@ -24,13 +24,14 @@ export class NoteLayer {
     /** @type {Map<number, L.Marker>} by the ids of the notes */
     this.marks = new Map();
     this.dragged = null;
-    store.on("notes satellite", () => this.show());
+    store.on("notes satellite floor", () => this.show());
     this.show();
   }
 
   /** A mark stays the same element as long as its note is there: it keeps the focus, and may be under a finger. */
   show() {
-    const notes = this.store.notes.filter(({ x_px: x }) => x !== null);
+    const { floors, floor } = this.store;
+    const notes = this.store.notes.filter((note) => note.x_px !== null && (!floors.length || note.floor === floor));
     for (const [id, mark] of this.marks) {
       if (notes.some((note) => note.id === id)) continue;
       mark.remove();
