@@ -8,7 +8,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import Response, request, send_file
+from flask import Response, send_file
 from werkzeug.datastructures import FileStorage
 
 from webapp.core.geo.types import LatLon
@@ -25,6 +25,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
+from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import answer, received
@@ -36,8 +37,8 @@ blueprint = APIBlueprint(
     url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
     tag="Missions",
 )
+blueprint.before_request(limit_photo)
 
-_OTHER_BYTES = 100_000
 _FAR = 1e12
 
 
@@ -122,12 +123,6 @@ class FusionOut(Schema):
     )
     fixes = List(Nested(StatisticsOfFixesOut))
     gated = List(Dict(), metadata={"description": "The fixes that were left out, each with its `reason`."})
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
 
 
 @blueprint.post("/fixes")

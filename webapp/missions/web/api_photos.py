@@ -17,6 +17,7 @@ from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import open_mission
+from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.fields import Boolean
 from webapp.web.openapi import file_answer
@@ -28,8 +29,8 @@ blueprint = APIBlueprint(
     url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/photos",
     tag="Missions",
 )
+blueprint.before_request(limit_photo)
 
-_OTHER_BYTES = 100_000
 _FAR = 1e12
 _SHA = "<string(length=64):sha256>"
 
@@ -91,12 +92,6 @@ def photo_json(photo: MissionPhoto) -> dict[str, Any]:
         "url": address("preview"),
         "thumb": address("thumb"),
     }
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
 
 
 @blueprint.get("")

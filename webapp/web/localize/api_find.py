@@ -8,7 +8,7 @@ from typing import Any, cast
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, Nested, String
 from apiflask.validators import Range
-from flask import current_app, request
+from flask import current_app
 from flask.blueprints import BlueprintSetupState
 
 from webapp.files.part_file import check_space, discard, receive
@@ -17,6 +17,7 @@ from webapp.tasks.find.find_map import BUDGET_S, MOST_MAPS, LibrarySearch, find_
 from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize.upload import UploadedPhoto
 from webapp.tasks.maps.add_photo import tidy_name
+from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.language import translate
 from webapp.web.localize.answers import Located
@@ -24,11 +25,9 @@ from webapp.web.localize.api_localize import map_cache
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_find", __name__, url_prefix="/api/v1", tag="Localization")
+blueprint.before_request(limit_photo)
 
 _RANKING = "expmap-map-ranking"
-
-_OTHER_BYTES = 100_000
-"""Of a request, besides its file."""
 
 
 class FindIn(Schema):
@@ -86,12 +85,6 @@ class SearchOut(Schema):
 def _make_ranking(state: BlueprintSetupState) -> None:
     made_with = state.app.extensions[STATE]
     state.app.extensions[_RANKING] = MapRanking(made_with.library, made_with.settings)
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
 
 
 @blueprint.post("/find")

@@ -6,13 +6,14 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, String
 from apiflask.validators import Length, OneOf, Range, Regexp
-from flask import Response, current_app, request
+from flask import Response, current_app
 from flask.blueprints import BlueprintSetupState
 from werkzeug.datastructures import FileStorage
 
@@ -33,6 +34,7 @@ from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web import metrics
+from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import AnswerOut
@@ -41,14 +43,13 @@ from webapp.web.sending import send_revalidated
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
+blueprint.before_request(partial(limit_photo, MAX_PHOTOS))
 
 _CACHE = "expmap-map-cache"
 _MOST_TOP = 20
 _FAR_PX = 1e7
 _ON_A_MAP = Range(-_FAR_PX, _FAR_PX)
 _MOST_KEY = 100
-_OTHER_BYTES = 100_000
-"""Of a request, besides its files."""
 
 
 class QuestionIn(Schema):
@@ -126,12 +127,6 @@ def _make_cache(state: BlueprintSetupState) -> None:
     state.app.extensions[_CACHE] = MapCache(
         made_with.library, made_with.settings, on_look=metrics.look_counter(state.app)
     )
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6 * MAX_PHOTOS) + _OTHER_BYTES
 
 
 @blueprint.get("/examples/<string(maxlength=200):name>")

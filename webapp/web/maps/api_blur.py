@@ -61,9 +61,7 @@ def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[st
     given = {part: [BlurBox(**box) for box in boxes] for part, boxes in data.items()}
     wanted = show_photo.NewBlur(**given)
     revision = show_photo.blur_photo(library(), record.id, photo_id=id, wanted=wanted, settings=settings())
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=account(), revision=revision)
+    return state.edited(record, revision)
 
 
 class SuggestedBoxOut(BoxOut):

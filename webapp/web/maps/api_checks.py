@@ -147,7 +147,7 @@ def fix(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     revision = findings.fix_findings(
         library(), record.id, fix=data["code"], ids=data["ids"], account_id=who.id, settings=settings()
     )
-    return _answer(record, revision)
+    return map_state.edited(record, revision)
 
 
 @checks_api.get("/health")
@@ -183,7 +183,7 @@ def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
     taken = outside_edit.take(
         library(), record.id, account_id=who.id, settings=settings(), sha256=data["sha256"]
     )
-    return {**_answer(record, taken.revision), "left_out": taken.left_out}
+    return {**map_state.edited(record, taken.revision), "left_out": taken.left_out}
 
 
 @checks_api.post("/outside-edit/discard")
@@ -213,14 +213,6 @@ def _health(record: MapRecord) -> dict[str, Any]:
 def _outside(record: MapRecord) -> dict[str, Any]:
     shown = outside_edit.show(library(), record.id, settings=settings())
     return {"changed": False} if shown is None else {"changed": True, **shown}
-
-
-def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    """Return what an edit changed."""
-    who = account()
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return map_state.edited(session, row, account=who, revision=revision)
 
 
 class EvaluationRequest(Schema):

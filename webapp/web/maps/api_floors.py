@@ -9,7 +9,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, List, Nested, String
 from apiflask.validators import Length, Range
-from flask import Response, request
+from flask import Response
 from flask_babel import gettext
 from werkzeug.datastructures import FileStorage
 
@@ -17,11 +17,11 @@ from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, MOST_FLOOR_NAME, F
 from webapp.core.geo.types import MapPixel
 from webapp.errors import UsageError
 from webapp.files.part_file import receive, show_file_as
-from webapp.store.schema import MapRecord
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.satellite import display, floors
 from webapp.tasks.satellite.align_floor import MOST_PAIRS, align_floor
-from webapp.tasks.satellite.floors import FloorEdit, NewFloor
+from webapp.tasks.satellite.floors import NewFloor
+from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean
@@ -31,13 +31,12 @@ from webapp.web.openapi import file_answer
 from webapp.web.sending import send_immutable
 
 blueprint = APIBlueprint("api_floors", __name__, url_prefix="/api/v1/maps/<slug>/floors", tag="Floors")
+blueprint.before_request(limit_image)
 
 _limit = ConcurrencyLimit("images of floors", share=0.125)
 blueprint.record(_limit.set_up)
 
 _ID = "<int(max=2147483647):id>"
-_OTHER_PARTS = 100_000
-"""Bytes of a form besides its image."""
 
 
 class FloorIn(Schema):
@@ -95,13 +94,6 @@ class FloorsOut(Schema):
     floors = List(Nested(FloorOut), metadata={"description": "The lowest first."})
 
 
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    if request.method in ("POST", "PUT"):
-        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _OTHER_PARTS
-
-
 @blueprint.get("")
 @blueprint.output(FloorsOut)
 def show(slug: str) -> dict[str, Any]:
@@ -120,7 +112,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
     with _limit.slot():
         new = NewFloor(floor, base, _received(given.get("file")))
         edit = floors.add_floor(library(), record.id, new=new, account_id=account().id, settings=settings())
-    return _answer(record, edit)
+    return state.edited(record, edit.revision)
 
 
 @blueprint.patch(f"/{_ID}")
@@ -131,7 +123,7 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     record = open_map(slug, "editor")
     fields = {**data, **({"name": data["name"].strip()} if "name" in data else {})}
     edit = floors.change_floor(library(), record.id, id=id, fields=fields, account_id=account().id)
-    return _answer(record, edit)
+    return state.edited(record, edit.revision)
 
 
 @blueprint.put(f"/{_ID}/image")
@@ -147,7 +139,7 @@ def put_image(slug: str, id: int, given: dict[str, FileStorage]) -> dict[str, An
         edit = floors.set_floor_image(
             library(), record.id, id=id, file=file, account_id=account().id, settings=settings()
         )
-    return _answer(record, edit)
+    return state.edited(record, edit.revision)
 
 
 @blueprint.post(f"/{_ID}/align")
@@ -160,7 +152,8 @@ def align(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """
     record = open_map(slug, "editor")
     pairs = [(MapPixel(*pair["shown"]), MapPixel(*pair["wanted"])) for pair in data["pairs"]]
-    return _answer(record, align_floor(library(), record.id, id=id, pairs=pairs, account_id=account().id))
+    edit = align_floor(library(), record.id, id=id, pairs=pairs, account_id=account().id)
+    return state.edited(record, edit.revision)
 
 
 @blueprint.delete(f"/{_ID}")
@@ -170,7 +163,7 @@ def remove(slug: str, id: int, query: dict[str, bool]) -> dict[str, Any]:
     """Remove a floor, as one step that can be undone."""
     record = open_map(slug, "editor")
     edit = floors.remove_floor(library(), record.id, id=id, to_tray=query["tray"], account_id=account().id)
-    return _answer(record, edit)
+    return state.edited(record, edit.revision)
 
 
 @blueprint.get(f"/{_ID}/image")
@@ -191,10 +184,3 @@ def _received(file: FileStorage | None) -> Path | None:
     with show_file_as(tidy_name(file.filename or ""), part):
         receive(part, file.stream, max_bytes=int(settings().satellite.max_mb * 1e6))
     return part
-
-
-def _answer(record: MapRecord, edit: FloorEdit) -> dict[str, Any]:
-    who = account()
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=who, revision=edit.revision)

@@ -263,7 +263,7 @@ def _binned(slug: str, *, into: bool) -> dict[str, Any]:
 
 def _edited(slug: str, edit: RequestedEdit) -> dict[str, Any]:
     record = open_map(slug, "editor")
-    return _answer(record, edit_map.edit_map(library(), record.id, edit=edit, account_id=account().id))
+    return state.edited(record, edit_map.edit_map(library(), record.id, edit=edit, account_id=account().id))
 
 
 def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
@@ -274,12 +274,4 @@ def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
     if step.clash is not None:
         hint = f"your edit stays out of {way} from now on; the one before it can be taken back"
         raise Conflict(step.clash, where=f"map {slug}", hint=hint)
-    return _answer(record, step.edit.turn)
-
-
-def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    """Return what an edit changed, and nothing of what others did at the same time: `changes` has that."""
-    who = account()
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=who, revision=revision)
+    return state.edited(record, step.edit.turn)

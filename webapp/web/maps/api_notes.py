@@ -11,7 +11,6 @@ from apiflask.validators import Length
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
-from webapp.store.schema import MapRecord
 from webapp.tasks.maps import edit_notes
 from webapp.web.context import account, if_match, library, open_map
 from webapp.web.fields import RecordNumber
@@ -63,7 +62,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     """Add a note, as one step that can be undone."""
     record = open_map(slug, "editor")
     note = _note(0, data)
-    return _answer(record, edit_notes.add_note(library(), record.id, note=note, account_id=account().id))
+    return state.edited(record, edit_notes.add_note(library(), record.id, note=note, account_id=account().id))
 
 
 @blueprint.put(f"/{_ID}")
@@ -80,7 +79,7 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
         seen=if_match(),
         keep_floor=data["floor"] is None,
     )
-    return _answer(record, revision)
+    return state.edited(record, revision)
 
 
 @blueprint.delete(f"/{_ID}")
@@ -89,16 +88,10 @@ def remove(slug: str, id: int) -> dict[str, Any]:
     """Take a note away, as one step that can be undone; `If-Match` has the revision that you know."""
     record = open_map(slug, "editor")
     revision = edit_notes.remove_note(library(), record.id, id=id, account_id=account().id, seen=if_match())
-    return _answer(record, revision)
+    return state.edited(record, revision)
 
 
 def _note(id: int, data: dict[str, Any]) -> MapNote:
     text, photos = data["text"].strip(), tuple(dict.fromkeys(data["photos"]))
     floor = BASE_FLOOR if data["floor"] is None else data["floor"]
     return MapNote(id, data["title"].strip(), MapPixel(data["x_px"], data["y_px"]), text, photos, floor)
-
-
-def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=account(), revision=revision)

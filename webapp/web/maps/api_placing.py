@@ -16,7 +16,6 @@ from webapp.errors import UsageError
 from webapp.files.exchange.gpx import parse_gpx
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.text_file import MAX_BYTES
-from webapp.store.schema import MapRecord
 from webapp.tasks.maps import place_by_list, place_by_track, placements
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_list import ListPreview, PositionList
@@ -297,7 +296,7 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
         positions=positions,
         clusters_px=data["clusters_px"],
     )
-    return _answer(record, revision)
+    return state.edited(record, revision)
 
 
 @placements_api.delete("/<string(maxlength=60):name>")
@@ -305,11 +304,4 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
 def delete(slug: str, name: str) -> dict[str, Any]:
     """Delete a placement; the photos and their places on the map stay."""
     record, who = open_map(slug, "editor"), account()
-    return _answer(record, placements.delete(library(), record.id, name=name, account_id=who.id))
-
-
-def _answer(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    who = account()
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.edited(session, row, account=who, revision=revision)
+    return state.edited(record, placements.delete(library(), record.id, name=name, account_id=who.id))

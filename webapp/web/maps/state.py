@@ -23,6 +23,7 @@ from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.maps.show_photo import look_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
+from webapp.web import context
 from webapp.web.language import translate_job
 from webapp.web.state import library
 
@@ -119,25 +120,35 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
     }
 
 
-def edited(session: Session, record: MapRecord, *, account: Account, revision: int | None) -> dict[str, Any]:
-    """Return what one edit changed; `revision` is None for one that changed nothing.
+def edited(record: MapRecord, revision: int | None) -> dict[str, Any]:
+    """Return what one edit changed, and nothing of what others did at the same time: `changes` has that.
+
+    Parameters
+    ----------
+    record : MapRecord
+        As it was before or after.
+    revision : int or None
+        Of the edit; None for one that changed nothing.
 
     Returns
     -------
     dict
         `revision`, `photos` (without those that somebody has changed again), `placements`, `undo`, `redo`.
     """
-    since = record.revision if revision is None else revision - 1
-    changed = [p for p in maps.photos(session, record, since=since) if p.revision == revision]
-    return {
-        "revision": revision,
-        **(image(record) if record.satellite_revision == revision else {}),
-        "photos": _changed(record, changed),
-        "placements": _placements(session, record),
-        "notes": notes_json(record),
-        "floors": floors_json(record),
-        **_history(session, record, account=account),
-    }
+    who = context.account()
+    with library().database.read() as session:
+        now = session.get_one(MapRecord, record.id)
+        since = now.revision if revision is None else revision - 1
+        changed = [p for p in maps.photos(session, now, since=since) if p.revision == revision]
+        return {
+            "revision": revision,
+            **(image(now) if now.satellite_revision == revision else {}),
+            "photos": _changed(now, changed),
+            "placements": _placements(session, now),
+            "notes": notes_json(now),
+            "floors": floors_json(now),
+            **_history(session, now, account=who),
+        }
 
 
 def _changed(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:

@@ -26,6 +26,7 @@ from webapp.tasks.satellite.display import DisplayFile
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
 from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
+from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import Boolean, RecordNumber
@@ -33,6 +34,7 @@ from webapp.web.openapi import file_answer
 from webapp.web.satellite.api_georeference import ImageAnswer, answer
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
+blueprint.before_request(limit_image)
 
 _limit = ConcurrencyLimit("satellite images", share=0.125)
 """An image of the largest size keeps a core busy for some ten seconds."""
@@ -40,8 +42,6 @@ _limit = ConcurrencyLimit("satellite images", share=0.125)
 blueprint.record(_limit.set_up)
 
 _KEPT = timedelta(days=365)
-_OTHER_PARTS = 1_000_000
-"""Bytes of a form besides its image."""
 
 _WORLDFILE_BYTES = 10_000
 
@@ -113,13 +113,6 @@ class ServicesOut(Schema):
     """The tile services that can be used here."""
 
     services = List(Nested(ServiceOut))
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    if request.method == "PUT":
-        request.max_content_length = int(settings().satellite.max_mb * 1e6) + _OTHER_PARTS
 
 
 @blueprint.get("/tile-services")

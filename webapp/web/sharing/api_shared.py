@@ -23,6 +23,7 @@ from webapp.tasks.maps import show_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.floors import found_floor
 from webapp.web import metrics
+from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
 from webapp.web.counting import CountingStorage
@@ -34,6 +35,7 @@ from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
+blueprint.before_request(limit_photo)
 
 _LIMITER = "expmap-visits"
 _MINUTE_S = 60
@@ -41,7 +43,6 @@ visitors_limit = ConcurrencyLimit("visitors", share=0.25)
 """Visitors may not keep the threads from those who work here."""
 
 blueprint.record(visitors_limit.set_up)
-_OTHER_BYTES = 100_000
 _ID = "<int(max=2147483647):id>"
 
 
@@ -85,12 +86,6 @@ class VisitIn(Schema):
 @blueprint.record_once
 def _make_limiter(state: BlueprintSetupState) -> None:
     state.app.extensions[_LIMITER] = FixedWindowRateLimiter(CountingStorage())
-
-
-@blueprint.before_request
-def limit_bytes() -> None:
-    """Refuse what is too large while it is read."""
-    request.max_content_length = int(settings().photo.max_mb * 1e6) + _OTHER_BYTES
 
 
 @blueprint.get("")
