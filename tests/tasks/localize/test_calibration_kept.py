@@ -6,6 +6,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import DEFAULT
+from webapp.files.localize import calibration as calibrationfile
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -88,3 +89,12 @@ def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
     assert sorted(tried) == list(range(12))
     whole = [*trials.try_photos(opened.indexed, Progress()).values()]
     assert stored.calibration == calibrate.fit_trials(opened.indexed, whole)
+
+
+def test_a_newer_format_of_calibrations_takes_the_trials_that_there_are(cfg, monkeypatch):
+    opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    first = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+    monkeypatch.setattr(calibrationfile, "FORMAT", calibrationfile.FORMAT + 1)
+    monkeypatch.setattr(trials, "_try", lambda *a, **k: pytest.fail("tried again"))
+    again = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+    assert again.calibration == first.calibration

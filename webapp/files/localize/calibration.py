@@ -16,8 +16,11 @@ from webapp.files import atomic
 TrialRecord = dict[str, Any] | None
 """Plain values; None for a photo that cannot be used."""
 
-FORMAT = 14
-"""Another one where the evidence that the slopes belong to means something else."""
+FORMAT = 15
+"""Another one where the evidence that the slopes belong to means something else, or the radii do."""
+
+TRIALS_FORMAT = 14
+"""Another one where trials record something else; a new `FORMAT` alone takes those that there are."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
 from webapp.tasks.localize import landmarks, orient_map
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.localize.trials import Trial, try_photos
+from webapp.tasks.localize.trials import Hidden, Trial, try_photos
 
 _CHANGED_SHARE = 0.1
 """A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
@@ -32,6 +32,7 @@ _PREFIX = 8
 """Characters of a content hash that are enough to detect whether a map has changed much."""
 
 _FEWEST_RADII = 10
+"""Photos from which on radii are fitted, in all; of one kind, from which on it has its whole weight."""
 
 _PHOTO_SIGMAS = (0.5, 0.25, 1.0, 3.0)
 """How far a query may be from its best photo, place radii; the first unless another is better."""
@@ -87,7 +88,7 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
     ------
     Cancelled, StorageError
     """
-    key = f"{calibrationfile.FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
+    key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
     key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
     with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
         sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
@@ -224,18 +225,29 @@ def _radius_scale(
 ) -> float:
     """Scale the stated spreads so that the radius held the truth in 68 % of the right answers.
 
-    Never down: a map's own photos are easier than those that come later.
+    A photo hidden alone is too easy, as its neighbours of the same walk are on both sides of it. One hidden
+    with these is too hard, as what is left is farther away than from most queries. Both kinds have the same
+    weight however many were right, a kind of few less. Never down: a map's own photos are easier than those
+    that come later.
     """
-    ratios = []
+    ratios: dict[Hidden, list[float]] = {"photo": [], "place": []}
     for trial, at, error in zip(trials, located, errors, strict=True):
         if not at or trial.hidden == "surroundings":
             continue
         first = int(probabilities(trial.evidence, DEFAULT)[0].argmax())
         if error[first] <= place_radius_px and at[first].kind == "position":
-            ratios.append(float(error[first]) / at[first].sigma_px)
-    if len(ratios) < _FEWEST_RADII:
+            ratios[trial.hidden].append(float(error[first]) / at[first].sigma_px)
+    if sum(map(len, ratios.values())) < _FEWEST_RADII:
         return DEFAULT.radius_scale
-    return max(float(np.quantile(ratios, _COVERAGE)), 1.0)
+    weights = [np.full(len(r), 1.0 / max(len(r), _FEWEST_RADII)) for r in ratios.values()]
+    return max(_quantile(np.concatenate([*ratios.values()]), np.concatenate(weights), at=_COVERAGE), 1.0)
+
+
+def _quantile(values: NDArray[np.float64], weights: NDArray[np.float64], *, at: float) -> float:
+    """Interpolate the weighted quantile between the middles of the weights."""
+    order = np.argsort(values, kind="stable")
+    share = (np.cumsum(weights[order]) - weights[order] / 2.0) / weights.sum()
+    return float(np.interp(at, share, values[order]))
 
 
 def photo_keys(opened: OpenMap) -> frozenset[str]:
