@@ -157,6 +157,12 @@ models_group = LazyGroup(
     where={"list": "webapp.cli.models:list_models", "fetch": "webapp.cli.models:fetch"},
 )
 
+library_group = LazyGroup(
+    name="library",
+    help="Where the records of a library are.",
+    where={"move": "webapp.cli.operate.move:move"},
+)
+
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
@@ -176,8 +182,9 @@ root = LazyGroup(
         "foxglove": "webapp.app.main:foxglove_group",
         "account": "webapp.app.main:account_group",
         "settings": "webapp.cli.settings:settings",
-        "backup": "webapp.cli.backup:backup",
-        "restore": "webapp.cli.backup:restore",
+        "backup": "webapp.cli.operate.backup:backup",
+        "restore": "webapp.cli.operate.backup:restore",
+        "library": "webapp.app.main:library_group",
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

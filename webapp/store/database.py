@@ -12,7 +12,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from webapp.errors import DatabaseUnavailable, NotFound, UsageError
-from webapp.store.backends.backend import ALONE, TOGETHER, TURN, Backend, too_large
+from webapp.store.backends.backend import ALONE, MOVING, TOGETHER, TURN, Backend, too_large
 from webapp.store.backends.postgresql import Postgresql
 from webapp.store.backends.sqlite import Sqlite
 from webapp.store.backends.watching import Polling, Watch
@@ -59,6 +59,7 @@ class Database:
         self._reading = self.engine.execution_options(**reading) if reading else self.engine
         self._alone = self.engine.execution_options(**{TURN: ALONE})
         self._together = self.engine.execution_options(**{TURN: TOGETHER})
+        self._for_moves = self.engine.execution_options(**{TURN: MOVING})
         self._turn = self.backend.turn()
         self._listener = self.backend.listener(self.engine)
 
@@ -100,6 +101,21 @@ class Database:
         with self._turn, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
             session.commit()
+
+    @contextmanager
+    def moving(self) -> Iterator[Connection]:
+        """Keep everybody else from writing, as long as it takes, also where the records have left.
+
+        What the block changes is on disk, all together, when it ends without an error.
+
+        Raises
+        ------
+        StorageError
+            The database cannot be written.
+        """
+        with self._turn, self.translated_errors(), self._for_moves.begin() as connection:
+            self.backend.unlimited(connection)
+            yield connection
 
     def watch(self, topic: str, *, look_s: float) -> AbstractContextManager[Watch]:
         """Watch a topic for changes, in the block; see `announce`.
@@ -148,9 +164,9 @@ class Database:
             raise known from error
 
 
-def backend_of(session: Session) -> Backend:
-    """Return what is special about the database of a session."""
-    return _BACKENDS[session.get_bind().dialect.name]
+def backend_of(who: Session | Connection) -> Backend:
+    """Return what is special about the database of a session or a connection."""
+    return _BACKENDS[(who.get_bind() if isinstance(who, Session) else who).dialect.name]
 
 
 def moment(session: Session) -> datetime:
@@ -160,7 +176,7 @@ def moment(session: Session) -> datetime:
 
 def announce(connection: Connection, topic: str) -> None:
     """Wake who watches a topic on any machine, once the transaction is kept."""
-    _BACKENDS[connection.dialect.name].announce(connection, topic)
+    backend_of(connection).announce(connection, topic)
 
 
 def _url_hint() -> str:

@@ -10,12 +10,14 @@ from pathlib import Path
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from alembic.util.exc import CommandError
 from filelock import FileLock, Timeout
 
 from webapp.errors import DatabaseUnavailable, StorageError
 from webapp.store.database import THREADS, Database
 from webapp.store.maps.changing import MapChange, change_map
+from webapp.store.moving import marks
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
 """Schemas of versions before 0.7.0, which that version converts."""
@@ -28,6 +30,9 @@ DATABASE = "library.db"
 
 SERVER = "database-server"
 """Marks the folder of a library whose records are in one."""
+
+MOVING = "moving.lock"
+"""Is held by who moves the records to another database."""
 
 _WAIT_S = 120
 
@@ -122,11 +127,13 @@ def _open(library: Library, *, is_on_server: bool) -> None:
     try:
         library.uploads.mkdir(parents=True, exist_ok=True)
         with FileLock(library.inner / "migrate.lock", timeout=_WAIT_S):
+            _check_not_moving(library)
             if is_on_server:
                 _open_on_server(library)
             else:
                 _check_not_elsewhere(library)
                 _check_not_emptied(library)
+                _check_is_here(there)
                 migrate(there)
     except DatabaseUnavailable as error:
         reason = str(error.__cause__ or "").strip().splitlines()[:1]
@@ -164,18 +171,54 @@ def _check_not_elsewhere(library: Library) -> None:
         raise StorageError(
             "the records of this library are in a database server",
             where=str(library.folder),
-            hint=f"set EXPMAP_DATABASE: {marker.read_text('utf-8').strip()}",
+            hint=f"set EXPMAP_DATABASE: {marker.read_text('utf-8').strip()}; or have them in SQLite again: "
+            "expmap library move --to sqlite",
+        )
+
+
+def _check_not_moving(library: Library) -> None:
+    """Refuse while the records are on their way to another database."""
+    lock = library.inner / MOVING
+    try:
+        if lock.exists():
+            FileLock(lock, timeout=0).acquire().lock.release()
+    except Timeout as error:
+        raise StorageError(
+            "the records of this library are being moved to another database",
+            where=str(library.folder),
+            hint="wait until it has finished",
+        ) from error
+
+
+def _check_is_here(database: Database) -> None:
+    """Refuse a database that the records have left, and one that they have not come to completely."""
+    with database.translated_errors(), database.engine.connect() as connection:
+        is_filling = marks.filling_key(connection) is not None
+        moved = marks.moved_mark(connection)
+    if is_filling:
+        raise StorageError(
+            "the move of records into this database has not finished",
+            where=database.name,
+            hint="run the same command again, which completes it",
+        )
+    if moved is not None:
+        raise StorageError(
+            f"the records of this library have moved to {moved.place}",
+            where=database.name,
+            hint="open it there; to go back: expmap library move (docs/cluster.md)",
         )
 
 
 def _open_on_server(library: Library) -> None:
     """Migrate the database of a server, if the folder has the files of the library in it, or both are new."""
     marker = library.inner / SERVER
+    _check_is_here(library.database)
     if (library.inner / DATABASE).exists():
         raise StorageError(
             "this folder has a library of its own, in SQLite",
             where=str(library.folder),
-            hint="begin in another folder, or unset EXPMAP_DATABASE",
+            hint="move its records to the server: expmap library move --to postgresql; or begin in another "
+            "folder, or unset EXPMAP_DATABASE",
         )
     is_new, is_empty = not marker.is_file(), not has_tables(library.database)
     if _has_maps(library) if is_empty else is_new:
@@ -191,19 +234,35 @@ def _open_on_server(library: Library) -> None:
 
 
 def has_tables(database: Database) -> bool:
-    """Return whether a library was begun in a database.
+    """Return whether a library was begun in a database; errors as `schema_version`."""
+    return schema_version(database) is not None
+
+
+def newest_schema() -> str | None:
+    """Return the version of the tables that this program makes."""
+    return ScriptDirectory.from_config(_migrations()).get_current_head()
+
+
+def schema_version(database: Database) -> str | None:
+    """Return the version of the tables of a database; None where it has none.
 
     Raises
     ------
     StorageError
-        The database cannot hold one, or cannot be reached.
+        The database cannot hold a library, or cannot be reached.
     """
     with (
         database.translated_errors(),
         database.engine.connect() as connection,
         database.backend.migration(connection),
     ):
-        return MigrationContext.configure(connection).get_current_revision() is not None
+        return MigrationContext.configure(connection).get_current_revision()
+
+
+def _migrations() -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    return config
 
 
 def migrate(database: Database) -> None:
@@ -214,8 +273,7 @@ def migrate(database: Database) -> None:
     StorageError
         An older version has made it, which 0.7.0 converts; or a newer one than this.
     """
-    config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    config = _migrations()
     with (
         database.translated_errors(),
         database.engine.connect() as connection,

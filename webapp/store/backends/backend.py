@@ -12,7 +12,7 @@ from sqlalchemy import URL, Connection, Engine
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
-from webapp.errors import ExpMapError, NotFound
+from webapp.errors import ExpMapError, NotFound, StorageError
 from webapp.store.backends.watching import Listener
 
 WAIT_S = 30
@@ -22,6 +22,12 @@ TURN = "turn"
 """Option of connections that write: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
 
 ALONE, TOGETHER = "alone", "together"
+
+MOVING = "moving"
+"""As `ALONE`, also in a database that the records have left."""
+
+MOVED = "library_moved"
+"""Table that marks a database that the records have left: nobody writes there any more."""
 
 
 class Backend(ABC):
@@ -89,7 +95,31 @@ class Backend(ABC):
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
-        """Insert many rows of plain numbers, in the driver's own way."""
+        """Insert many rows of plain values, in the driver's own way; names are quoted where SQL needs it."""
+
+    @abstractmethod
+    def unlimited(self, connection: Connection) -> None:
+        """Let a transaction take as long as it needs."""
+
+    @abstractmethod
+    def is_open_elsewhere(self, connection: Connection) -> bool:
+        """Return whether other processes are connected; False where the database does not know."""
+
+    @abstractmethod
+    def last_ids(self, connection: Connection) -> dict[str, int]:
+        """Return the last id that was given, deleted ones included, by the names of tables that keep it."""
+
+    @abstractmethod
+    def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
+        """Have tables go on after their last ids, or after the largest that is there."""
+
+
+def has_moved() -> StorageError:
+    """Make the error for who still has a database open that the records have left."""
+    return StorageError(
+        "the records of this library have moved to another database: nothing was changed",
+        hint="start the program again: it says where they are",
+    )
 
 
 def too_large() -> NotFound:

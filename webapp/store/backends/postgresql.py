@@ -16,7 +16,16 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError, UsageError
 from webapp.extras import extra
-from webapp.store.backends.backend import ALONE, TURN, WAIT_S, Backend, too_large
+from webapp.store.backends.backend import (
+    MOVED,
+    MOVING,
+    TOGETHER,
+    TURN,
+    WAIT_S,
+    Backend,
+    has_moved,
+    too_large,
+)
 from webapp.store.backends.watching import CHANNEL, Listener
 
 _log = logging.getLogger(__name__)
@@ -72,6 +81,22 @@ _SQLSTATES: Mapping[str, DatabaseUnavailable] = {
     "57014": _TOO_SLOW,
 }
 """What passes, by its code in PostgreSQL."""
+
+_OTHERS = """
+SELECT count(*) FROM pg_stat_activity
+WHERE datname = current_database() AND application_name = 'expmap' AND pid <> pg_backend_pid()
+"""
+_COUNTERS = """
+SELECT table_name, column_name, pg_get_serial_sequence(quote_ident(table_name), column_name)
+FROM information_schema.columns
+WHERE table_schema = current_schema() AND left(column_default, 8) = 'nextval('
+"""
+
+_HAS_MOVED = f"""
+SELECT EXISTS (
+    SELECT FROM pg_class WHERE relname = '{MOVED}' AND relnamespace = current_schema()::text::regnamespace
+)
+"""
 
 _TOO_LARGE = "22003"
 _DAMAGED = ("XX001", "XX002")
@@ -202,12 +227,41 @@ class Postgresql(Backend):
                 statement, None, error, dialect.loaded_dbapi.Error, dialect=dialect
             ) from error
 
+    def unlimited(self, connection: Connection) -> None:
+        """Lift the limits, until the end of the transaction."""
+        for name in ("statement_timeout", "idle_in_transaction_session_timeout"):
+            connection.exec_driver_sql(f"SET LOCAL {name} = 0")
+
+    def is_open_elsewhere(self, connection: Connection) -> bool:
+        """Return whether a process of the program is connected, on any machine."""
+        return bool(connection.exec_driver_sql(_OTHERS).scalar_one())
+
+    def last_ids(self, connection: Connection) -> dict[str, int]:
+        """Return those of all tables that number their rows."""
+        found = {}
+        for table, _, counter in connection.exec_driver_sql(_COUNTERS).all():
+            last, called = connection.exec_driver_sql(f"SELECT last_value, is_called FROM {counter}").one()
+            found[str(table)] = int(last) if called else 0
+        return found
+
+    def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
+        """Set the sequences; one that gave nothing yet stays as it is."""
+        for table, column, counter in connection.exec_driver_sql(_COUNTERS).all():
+            query = f'SELECT coalesce(max("{column}"), 0) FROM "{table}"'
+            at_least = max(last.get(table, 0), connection.exec_driver_sql(query).scalar_one())
+            if at_least:
+                connection.exec_driver_sql(f"SELECT setval('{counter}', {at_least})")
+
 
 def _begin(connection: Connection) -> None:
     turn = connection.get_execution_options().get(TURN)
-    if turn is not None:
-        kind = "" if turn == ALONE else "_shared"
-        connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock{kind}({_LOCK})")
+    if turn is None:
+        return
+    kind = "_shared" if turn == TOGETHER else ""
+    connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock{kind}({_LOCK})")
+    # Only now, by a statement of its own: it sees what was kept while this one waited for the lock.
+    if turn != MOVING and connection.exec_driver_sql(_HAS_MOVED).scalar_one():
+        raise has_moved()
 
 
 def _check(connection: Connection) -> None:

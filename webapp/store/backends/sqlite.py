@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from datetime import datetime
 from typing import Any
@@ -15,7 +15,7 @@ from sqlalchemy.exc import DatabaseError, DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import DiskFull, ExpMapError, StorageError
-from webapp.store.backends.backend import TURN, WAIT_S, Backend
+from webapp.store.backends.backend import MOVED, MOVING, TURN, WAIT_S, Backend, has_moved
 from webapp.store.clock import now
 
 _STEPS = 20_000
@@ -93,6 +93,27 @@ class Sqlite(Backend):
         statement = f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})"
         connection.exec_driver_sql(statement, [tuple(row) for row in rows])
 
+    def unlimited(self, connection: Connection) -> None:
+        """Do nothing: there is no limit."""
+
+    def is_open_elsewhere(self, connection: Connection) -> bool:
+        """Return False: a file does not know."""
+        return False
+
+    def last_ids(self, connection: Connection) -> dict[str, int]:
+        """Return those of tables that never give an id again; others go on after the largest."""
+        rows = connection.exec_driver_sql("SELECT name, seq FROM sqlite_sequence")
+        return {str(name): int(last) for name, last in rows}
+
+    def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
+        """Set those of tables that never give an id again."""
+        tables = connection.exec_driver_sql("SELECT name FROM sqlite_master WHERE sql LIKE '%AUTOINCREMENT%'")
+        there = self.last_ids(connection)
+        for (name,) in tables.all():
+            at_least = max(last.get(name, 0), there.get(name, 0))
+            connection.exec_driver_sql("DELETE FROM sqlite_sequence WHERE name = ?", (name,))
+            connection.exec_driver_sql("INSERT INTO sqlite_sequence VALUES (?, ?)", (name, at_least))
+
 
 def _prepare(connection: Any, _record: object) -> None:
     connection.isolation_level = None  # the driver's own way of beginning would come too late
@@ -101,5 +122,9 @@ def _prepare(connection: Any, _record: object) -> None:
 
 
 def _begin(connection: Connection) -> None:
-    writes = TURN in connection.get_execution_options()
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+    turn = connection.get_execution_options().get(TURN)
+    connection.exec_driver_sql("BEGIN" if turn is None else "BEGIN IMMEDIATE")
+    if turn in (None, MOVING):
+        return
+    if connection.exec_driver_sql(f"SELECT 1 FROM sqlite_master WHERE name = '{MOVED}'").first():
+        raise has_moved()

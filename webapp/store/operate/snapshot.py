@@ -9,8 +9,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.errors import DiskFull, StorageError, UsageError
+from webapp.errors import DiskFull, StorageError
+from webapp.progress import Progress
 from webapp.store.database import Database
+from webapp.store.moving import marks
+from webapp.store.moving.copying import copy_records, prepare
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,26 +81,37 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
     Raises
     ------
-    UsageError
-        It is not a SQLite database.
     StorageError, DiskFull
-        The disk refused.
+        The disk or the database refused.
     """
-    if database.engine.dialect.name != "sqlite":
-        raise UsageError(
-            "the records of this library are in a database server, which has backups of its own",
-            hint="use pg_dump, and copy the folder: docs/cluster.md",
-        )
     try:
+        if database.engine.dialect.name != "sqlite":
+            _copy_from_server(database, target)
         with closing(sqlite3.connect(target)) as copy:
-            with database.engine.connect() as connection:
-                source = connection.connection.driver_connection
-                assert isinstance(source, sqlite3.Connection)
-                source.backup(copy)
+            if database.engine.dialect.name == "sqlite":
+                with database.engine.connect() as connection:
+                    source = connection.connection.driver_connection
+                    assert isinstance(source, sqlite3.Connection)
+                    source.backup(copy)
             copy.execute("PRAGMA journal_mode=DELETE")  # one file, without journal files
             return _contents(copy, readers)
     except sqlite3.Error as error:
         raise _storage_error(error, target) from error
+
+
+def _copy_from_server(database: Database, target: Path) -> None:
+    """Make a SQLite database of the rows that a server has at one moment."""
+    for end in ("-wal", "-shm"):  # of one that was killed
+        target.with_name(f"{target.name}{end}").unlink(missing_ok=True)
+    target.write_bytes(b"")
+    with closing(Database(f"sqlite:///{target}")) as copy:
+        prepare(copy, key="backup")
+        with database.read() as session:
+            connection = session.connection()
+            database.backend.unlimited(connection)
+            copy_records(connection, copy, progress=Progress())
+        with copy.moving() as written:
+            marks.unmark_filling(written)
 
 
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -17,13 +18,16 @@ from sqlalchemy import select
 from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import Conflict, InputError, UsageError
-from webapp.files.atomic import storage_error, sync_folder
+from webapp.files.atomic import storage_error, sync_folder, write_text
 from webapp.files.backup import read_manifest, unpack
 from webapp.files.lock import any_alive
 from webapp.progress import Progress
 from webapp.store.clock import now
-from webapp.store.library import DATABASE, INNER, open_library
+from webapp.store.database import Database
+from webapp.store.library import DATABASE, INNER, SERVER, open_library
 from webapp.store.maps.changing import INDEX_JOB
+from webapp.store.moving import marks
+from webapp.store.moving.copying import copy_records, prepare
 from webapp.store.operate import jobs, snapshot
 from webapp.store.operate.snapshot import SnapshotContents
 from webapp.store.schema import MapRecord, Photo
@@ -57,6 +61,7 @@ def restore(
     folder: Path,
     *,
     parts: Sequence[LibraryPart],
+    url: str | None = None,
     force: bool = False,
     progress: Progress,
 ) -> RestoreReport:
@@ -70,6 +75,8 @@ def restore(
         Of the library; made when missing.
     parts : sequence of LibraryPart
         What the library keeps besides maps.
+    url : str or None
+        Of an empty database for the records, instead of a SQLite file in the folder.
     force : bool
         Also where there is something already, which then is kept in a folder of its own.
     progress : Progress
@@ -78,7 +85,7 @@ def restore(
     Raises
     ------
     UsageError
-        The folder is not empty.
+        The folder is not empty, or the database.
     Conflict
         A server or a worker is running on it.
     InputError
@@ -104,7 +111,8 @@ def restore(
             progress.note("unpacking")
             files = _unpack(archive, stage, parts, progress=progress)
             contents = _prepare(stage, parts)
-            before = _swap(folder, stage, there)
+            with _records_in(url, stage, key=f"restore into {folder}", progress=progress):
+                before = _swap(folder, stage, there)
         finally:
             shutil.rmtree(stage, ignore_errors=True)
     except OSError as error:
@@ -166,6 +174,24 @@ def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
     finally:
         library.database.close()
     return contents
+
+
+@contextmanager
+def _records_in(url: str | None, stage: Path, *, key: str, progress: Progress) -> Iterator[None]:
+    """Put the records into a server before the block; they can be used when it has ended."""
+    if url is None:
+        yield
+        return
+    file = stage / INNER / DATABASE
+    with closing(Database(url)) as target:
+        with closing(Database(f"sqlite:///{file}")) as source, source.moving() as connection:
+            prepare(target, key=key, again=True)
+            copy_records(connection, target, progress=progress)
+        file.unlink()
+        write_text(stage / INNER / SERVER, f"{target.name}\n")
+        yield
+        with target.moving() as written:
+            marks.unmark_filling(written)
 
 
 def _check_names(contents: SnapshotContents) -> None:

@@ -10,7 +10,6 @@ import click
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.library import Composition, existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
-from webapp.errors import UsageError
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
 
@@ -49,19 +48,19 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
 def restore(composition: Composition, file: Path, library: Path | None, force: bool) -> None:
     """Make a library of the backup FILE.
 
-    All of it is checked first. Indexes are built again, by the first server or worker.
+    All of it is checked first. With EXPMAP_DATABASE, the records go into that database, which has to be empty.
+    Indexes are built again, by the first server or worker.
     """
     settings = library_settings(library)
-    if settings.database is not None:
-        raise UsageError(
-            "backups are restored into libraries in SQLite only",
-            where="EXPMAP_DATABASE",
-            hint="unset it; of PostgreSQL see docs/cluster.md",
-        )
     folder = settings.library
     with terminal_progress("unpacking") as progress:
         report = restore_library.restore(
-            file, folder, parts=composition.library_parts(), force=force, progress=progress
+            file,
+            folder,
+            parts=composition.library_parts(),
+            url=settings.database,
+            force=force,
+            progress=progress,
         )
     if report.before is not None:
         click.echo(f"what was there before is in {report.before}", err=True)

@@ -1,0 +1,326 @@
+"""The records of a library move from SQLite to PostgreSQL and back, unchanged, and never are in two places."""
+
+import hashlib
+import os
+import shutil
+import signal
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from sqlalchemy import insert
+
+from webapp.errors import StorageError, UsageError
+from webapp.missions.store import missions
+from webapp.missions.store.schema import Pose, Track, TrackProfile
+from webapp.progress import Progress
+from webapp.store.accounts import accounts
+from webapp.store.database import Database
+from webapp.store.library import DATABASE, SERVER, open_library
+from webapp.store.maps import edits
+from webapp.store.moving import copying, marks
+from webapp.store.moving.copying import copy_records, prepare
+from webapp.store.operate import jobs
+from webapp.store.schema import Account, Job, MapRecord, Photo, QueryRecord
+from webapp.tasks.maps import adopt_map, export
+from webapp.tasks.operate import move
+from webapp.tasks.operate.move import TICKET, move_to_file, move_to_server
+
+ZERO_AT_THE_END = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, make_map):
+    """A library in SQLite with rows of every kind of value."""
+    folder = tmp_path_factory.mktemp("moves") / "library"
+    library = open_library(folder)
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+        session.add(Account(name="Žofie 'x' \\ \t\n 🗺", created_at=ZERO_AT_THE_END))
+    make_map(library.map_folder("park"), 3)
+    adopt_map.adopt_map(library, "park", account_id=owner.id)
+    with library.database.write() as session:
+        record = session.query(MapRecord).one()
+        moved = {"photo/1": {"x_px": -0.0, "y_px": 1 / 3}}
+        edits.apply(session, record, changes=moved, kind="move", account_id=owner.id)
+        session.add_all([new_query("kept"), new_query("deleted")])
+        mission = missions.create(session, "Yard", account_id=owner.id).id
+        session.add(Track(id=1, mission_id=mission, source="gps"))
+        session.flush()
+        row = {"track_id": 1, "lon": -0.0, "travelled_m": 1e-300}
+        poses = [{**row, "number": n, "time_s": n / 7, "lat": 50 + n / 3e5} for n in range(2100)]
+        session.execute(insert(Pose), poses)
+        session.add(TrackProfile(track_id=1, chunk=0, points=bytes(range(256))))
+    with library.database.write() as session:
+        session.delete(session.query(QueryRecord).filter_by(name="deleted").one())
+    export.export_map(library, record.id)
+    library.database.close()
+    return folder
+
+
+@pytest.fixture
+def folder(made, tmp_path):
+    """A copy of it."""
+    return shutil.copytree(made, tmp_path / "library")
+
+
+def new_query(name):
+    return QueryRecord(
+        map_id=1, name=name, file="q.jpg", width=4, height=3, options={}, evidence=[],
+        answer={"z": 1, "a": [1e-300, None, "\u00fc\u0000"]},
+    )  # fmt: skip
+
+
+@pytest.fixture
+def server(postgresql):
+    """Addresses of new, empty databases."""
+    made = []
+
+    def new():
+        made.append(postgresql.new_database(empty=True))
+        return made[-1]
+
+    yield new
+    for url in made:
+        postgresql.drop(url)
+
+
+def file_url(folder):
+    return f"sqlite:///{folder / '.library' / DATABASE}"
+
+
+def hashes(url, tmp_path):
+    """Rows and hash of each table, as a copy of a database has them."""
+    source, copy = Database(url), Database(f"sqlite:///{tmp_path / 'compared.db'}")
+    try:
+        prepare(copy, key="a", again=True)
+        with source.moving() as connection:
+            return copy_records(connection, copy, progress=Progress())
+    finally:
+        source.close()
+        copy.close()
+
+
+def files(folder):
+    return {
+        p.relative_to(folder): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in folder.rglob("*")
+        if p.is_file() and ".library" not in p.parts and not p.name.endswith("lock")
+    }
+
+
+def to_server(folder, url, progress=None):
+    return move_to_server(folder, url, progress=progress or Progress())
+
+
+def to_file(folder, url, progress=None):
+    return move_to_file(folder, url, progress=progress or Progress())
+
+
+def test_all_is_the_same_there_and_back(folder, server, tmp_path):
+    url, before, photos = server(), hashes(file_url(folder), tmp_path), files(folder)
+    assert {copy.name for copy in before if copy.rows} > {"account", "map", "photo", "pose", "edit", "query"}
+    there = to_server(folder, url)
+    assert there.tables == before
+    assert hashes(url, tmp_path) == before
+    library = open_library(folder, url=url)
+    with library.database.read() as session:
+        assert session.query(Account).filter_by(created_at=ZERO_AT_THE_END).one().name.endswith("🗺")
+        assert session.get_one(Photo, (1, 1)).y_px == 1 / 3
+        assert session.get_one(TrackProfile, (1, 0)).points == bytes(range(256))
+    library.database.close()
+    back = to_file(folder, url)
+    assert back.tables == before
+    assert hashes(file_url(folder), tmp_path) == before
+    assert files(folder) == photos
+    open_library(folder).database.close()
+
+
+def test_no_id_is_given_again(folder, server):
+    url = server()
+    to_server(folder, url)
+    library = open_library(folder, url=url)
+
+    def add(name):
+        with library.database.write() as session:
+            row = new_query(name)
+            session.add(row)
+            session.flush()
+            job = jobs.enqueue(session, "index", map_id=1, key=name)
+            return row.id, job.id
+
+    first = add("after the deleted one")
+    assert first[0] == 3
+    with library.database.write() as session:
+        session.delete(session.get_one(QueryRecord, first[0]))
+        session.delete(session.get_one(Job, first[1]))
+    library.database.close()
+    to_file(folder, url)
+    library = open_library(folder)
+    assert add("back") == (first[0] + 1, first[1] + 1)
+    library.database.close()
+
+
+def test_what_was_left_says_where_all_is(folder, server):
+    url = server()
+    kept = Path(to_server(folder, url).kept)
+    with pytest.raises(StorageError, match="in a database server.*--to sqlite"):
+        open_library(folder)
+    with pytest.raises(UsageError, match="in a database server already"):
+        to_server(folder, url)
+    to_file(folder, url)
+    with pytest.raises(StorageError, match=f"moved to .*{DATABASE}"):
+        open_library(folder, url=url)
+    with pytest.raises(UsageError, match="in SQLite already"):
+        to_file(folder, url)
+    with pytest.raises(UsageError, match="is not empty"):
+        to_server(folder, url)
+    assert kept.exists()
+    assert to_server(folder, server()).tables, "an empty one is needed"
+
+
+def test_the_old_file_is_not_taken_for_the_library(folder, server):
+    kept = Path(to_server(folder, server()).kept)
+    (folder / ".library" / SERVER).unlink()
+    kept.rename(folder / ".library" / DATABASE)
+    with pytest.raises(StorageError, match="have moved to postgresql"):
+        open_library(folder)
+
+
+@pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+def test_who_still_has_the_old_database_open_writes_nothing(folder, server, where, monkeypatch):
+    monkeypatch.setattr("webapp.tasks.operate.move._check_alone", lambda connection: None)
+    url = server()
+    if where == "postgresql":
+        to_server(folder, url)
+        stale = Database(url)
+        with stale.write() as session:
+            session.add(Account(name="early"))
+        to_file(folder, url)
+    else:
+        stale = Database(f"sqlite:///{to_server(folder, url).kept}")
+    for locks_rows in (False, True):
+        with pytest.raises(StorageError, match="have moved"), stale.write(locks_rows=locks_rows) as session:
+            session.add(Account(name="late"))
+    with stale.read() as session:
+        assert session.query(Account).filter_by(name="late").count() == 0
+    stale.close()
+
+
+class Stop(Exception):
+    pass
+
+
+class StopAt(Progress):
+    """Stops a move at a table."""
+
+    def __init__(self, table):
+        self._table = table
+
+    def note(self, text):
+        if text.endswith(f" {self._table}"):
+            raise Stop
+
+
+def test_a_stopped_move_goes_on(folder, server, tmp_path):
+    url, before = server(), hashes(file_url(folder), tmp_path)
+    with pytest.raises(Stop):
+        to_server(folder, url, StopAt("pose"))
+    with pytest.raises(StorageError, match="has not finished"):
+        open_library(tmp_path / "other", url=url)
+    open_library(folder).database.close()
+    other = server()
+    assert to_server(folder, url).tables == before
+    with pytest.raises(Stop):
+        to_file(folder, url, StopAt("pose"))
+    open_library(folder, url=url).database.close()
+    assert to_file(folder, url).tables == before
+    assert not (folder / ".library" / TICKET).exists()
+    assert to_server(folder, other).tables == before
+
+
+@pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+def test_a_library_that_was_used_meanwhile_is_copied_anew(folder, server, where):
+    url = server()
+    if where == "postgresql":
+        to_server(folder, url)
+    there = to_file if where == "postgresql" else to_server
+    with pytest.raises(Stop):
+        there(folder, url, StopAt("pose"))
+    library = open_library(folder, url=url if where == "postgresql" else None)
+    with library.database.write() as session:
+        session.query(Account).filter_by(created_at=ZERO_AT_THE_END).one().name = "changed"
+    library.database.close()
+    there(folder, url)
+    library = open_library(folder, url=None if where == "postgresql" else url)
+    with library.database.read() as session:
+        assert session.query(Account).filter_by(name="changed").count() == 1
+    library.database.close()
+
+
+STEPS = [
+    (move, "prepare"),
+    (copying, "_insert"),
+    (copying, "_read"),
+    (move, "copy_records"),
+    (marks, "mark_moved"),
+    (move, "_move"),
+    (marks, "unmark_filling"),
+    (move, "write_text"),
+    (move, "_join_journal"),
+    (move, "sync_folder"),
+]
+"""What a move does, one after the other; it is killed before and after each, the first time that it comes there."""
+
+
+def run_until(monkeypatch, step, run):
+    """Run in a process of its own, which is killed at a step; returns whether it came so far."""
+    module, name, after = step
+    done = getattr(module, name)
+
+    def killed(*args, **options):
+        if after:
+            done(*args, **options)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    child = os.fork()
+    if child == 0:
+        setattr(module, name, killed)
+        try:
+            run()
+        finally:
+            os._exit(0)
+    return os.WIFSIGNALED(os.waitpid(child, 0)[1])
+
+
+def opens(folder, url):
+    """Whether a library can be opened."""
+    try:
+        open_library(folder, url=url).database.close()
+    except StorageError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+def test_a_move_can_be_killed_anywhere(folder, server, where, monkeypatch, tmp_path):
+    url, before = server(), hashes(file_url(folder), tmp_path)
+    if where == "postgresql":
+        to_server(folder, url)
+    there = to_file if where == "postgresql" else to_server
+    old, new = (None, url) if where == "sqlite" else (url, None)
+    seen = []
+    for module, name in STEPS:
+        for after in (False, True):
+            if run_until(monkeypatch, (module, name, after), lambda: there(folder, url)):
+                seen.append((name, opens(folder, old), opens(folder, new)))
+    assert len(seen) >= 14
+    assert not any(old_opens and new_opens for _, old_opens, new_opens in seen)
+    assert seen[0][1], "before all is there, the old one can be used"
+    try:
+        there(folder, url)
+    except UsageError as error:
+        assert "already" in str(error), "the last one was killed when all was done"
+    assert (opens(folder, old), opens(folder, new)) == (False, True)
+    assert hashes(url if where == "sqlite" else file_url(folder), tmp_path) == before
+    assert not (folder / ".library" / TICKET).exists()

@@ -1,0 +1,1 @@
+"""Commands that look after a whole library: backups, and moving its records."""

@@ -1,0 +1,251 @@
+"""Copies all records of a library from one database to another, table by table, and compares them.
+
+A table is kept when it is complete and both sides have the same rows. So a copy that was killed goes on with
+the next table.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    Connection,
+    DateTime,
+    Float,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    cast,
+    func,
+    inspect,
+    select,
+)
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.types import TypeEngine
+
+from webapp.errors import StorageError, UsageError
+from webapp.progress import Progress
+from webapp.store.database import Database, backend_of
+from webapp.store.library import has_tables, migrate
+from webapp.store.moving import marks
+
+_ROWS, _LARGE_ROWS = 2000, 50
+"""At once, of plain tables and of those with rows of any size."""
+
+_NOT_RECORDS = marks.MARKS | {"alembic_version"}
+
+Row = Sequence[Any]
+Convert = Callable[[Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class TableCopy:
+    """A table that both databases have.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of its rows, in the order of their keys.
+    """
+
+    name: str
+    rows: int
+    sha256: str
+
+
+class OtherRows(Exception):
+    """A table that was copied earlier has other rows by now: the copy has to begin again."""
+
+
+def prepare(target: Database, *, key: str, again: bool = False) -> None:
+    """Make the tables in an empty database, marked as being filled.
+
+    Parameters
+    ----------
+    key : str
+        Of the move; one of that key that was killed goes on.
+    again : bool
+        Throw away what the move has copied so far.
+
+    Raises
+    ------
+    UsageError
+        The database is not empty.
+    StorageError
+        It cannot hold a library, or cannot be written.
+    """
+    has_tables(target)  # checks the database itself
+    with target.moving() as connection:
+        names, earlier = inspect(connection).get_table_names(), marks.filling_key(connection)
+        if earlier not in (None, key) or (names and earlier is None):
+            raise UsageError(
+                "the database is not empty"
+                if earlier is None
+                else "another move has begun to fill this database",
+                where=target.name,
+                hint="make an empty one: nothing in it is deleted",
+            )
+        if again:
+            there = MetaData()
+            there.reflect(connection)
+            there.drop_all(connection)
+        if again or earlier is None:
+            marks.mark_filling(connection, key)
+    migrate(target)
+
+
+def copy_records(source: Connection, target: Database, *, progress: Progress) -> tuple[TableCopy, ...]:
+    """Copy all tables to a database that `prepare` has made ready; those that are there are compared.
+
+    Parameters
+    ----------
+    source : Connection
+        In a transaction that sees one state of the database.
+    progress : Progress
+        One step a row.
+
+    Raises
+    ------
+    OtherRows
+        The source has changed since an earlier copy.
+    StorageError, DiskFull
+        The database refused rows, or gives other ones back.
+    Cancelled
+    """
+    tables = _tables(source)
+    progress.size(sum(_count(source, table) for table in tables))
+    copies = []
+    for table in tables:
+        progress.note(f"table {table.name}")
+        with target.moving() as connection:
+            copies.append(_copied(source, connection, table, progress=progress))
+    last = backend_of(source).last_ids(source)
+    with target.moving() as connection:
+        target.backend.keep_last_ids(connection, last)
+    return tuple(copies)
+
+
+def _tables(source: Connection) -> list[Table]:
+    """Read which tables there are, those that others refer to first."""
+    there = MetaData()
+    there.reflect(source)
+    return [table for table in there.sorted_tables if table.name not in _NOT_RECORDS]
+
+
+def _copied(source: Connection, target: Connection, table: Table, *, progress: Progress) -> TableCopy:
+    """Copy a table that is not there yet, and compare what the database then has."""
+    is_new = not _count(target, table)
+    digest, rows = _Digest(table), 0
+    for batch in _batches(source, table):
+        progress.check()
+        if is_new:
+            _insert(target, table, batch)
+        digest.add(batch)
+        rows += len(batch)
+        progress.advance(len(batch))
+    copy = TableCopy(table.name, rows, digest.sha256)
+    if _read(target, table) == copy:
+        return copy
+    if not is_new:
+        raise OtherRows(table.name)
+    raise StorageError(
+        f"the database does not give back what was copied to the table {table.name}",
+        hint="the library is as it was; please report this",
+    )
+
+
+def _read(connection: Connection, table: Table) -> TableCopy:
+    digest, rows = _Digest(table), 0
+    for batch in _batches(connection, table):
+        digest.add(batch)
+        rows += len(batch)
+    return TableCopy(table.name, rows, digest.sha256)
+
+
+def _count(connection: Connection, table: Table) -> int:
+    return connection.execute(select(func.count()).select_from(table)).scalar_one()
+
+
+def _batches(connection: Connection, table: Table) -> Iterator[Sequence[Row]]:
+    """Read all rows in the order of their keys; JSON as the text that is stored."""
+    columns = [cast(c, Text).label(c.name) if isinstance(c.type, JSON) else c for c in table.columns]
+    large = any(isinstance(c.type, JSON | LargeBinary) for c in table.columns)
+    query = select(*columns).order_by(*table.primary_key.columns)
+    options = {"yield_per": _LARGE_ROWS if large else _ROWS}
+    yield from connection.execute(query, execution_options=options).partitions()
+
+
+def _insert(connection: Connection, table: Table, batch: Sequence[Row]) -> None:
+    """Insert rows; of times SQLite has the text that SQLAlchemy makes of them."""
+    quote = connection.dialect.identifier_preparer.quote
+    names = [quote(column.name) for column in table.columns]
+    write = [
+        DateTime().dialect_impl(connection.dialect).bind_processor(connection.dialect)
+        if isinstance(column.type, DateTime)
+        else None
+        for column in table.columns
+    ]
+    if any(write):
+        batch = [_by_column(row, write) for row in batch]
+    try:
+        backend_of(connection).insert(connection, quote(table.name), columns=names, rows=batch)
+    except DBAPIError as error:
+        known = backend_of(connection).error(error, where=table.name)
+        if isinstance(known, StorageError):
+            raise known from error
+        reason = next(iter(str(error.orig).splitlines()), "")
+        raise StorageError(
+            f"the database refuses rows: {reason}",
+            where=f"table {table.name}",
+            hint="the library is as it was",
+        ) from error
+
+
+class _Digest:
+    """Hashes rows so that they have the same hash in every database."""
+
+    def __init__(self, table: Table) -> None:
+        self._hash = hashlib.sha256()
+        self._plain = [_plain(column.type) for column in table.columns]
+
+    def add(self, batch: Sequence[Row]) -> None:
+        """Add rows."""
+        for row in batch:
+            self._hash.update(repr(_by_column(row, self._plain)).encode())
+
+    @property
+    def sha256(self) -> str:
+        """Of all rows so far, hexadecimal."""
+        return self._hash.hexdigest()
+
+
+def _plain(kind: TypeEngine[Any]) -> Convert | None:
+    """Return what makes a value of a column the same in all databases; None where it is already."""
+    if isinstance(kind, Float):
+        return _without_sign_of_zero
+    if isinstance(kind, DateTime):
+        return datetime.isoformat
+    return _hash_of if isinstance(kind, LargeBinary) else None
+
+
+def _without_sign_of_zero(value: float) -> float:
+    """Return -0.0, which SQLite keeps as 0.0, as that."""
+    return value + 0.0
+
+
+def _hash_of(value: bytes) -> bytes:
+    return hashlib.sha256(value).digest()
+
+
+def _by_column(row: Row, convert: Sequence[Convert | None]) -> tuple[Any, ...]:
+    """Convert the values of a row that are not NULL."""
+    return tuple(
+        value if change is None or value is None else change(value)
+        for value, change in zip(row, convert, strict=True)
+    )

@@ -1,0 +1,282 @@
+"""Moves the records of a library from SQLite to a PostgreSQL server, or back; its files stay where they are.
+
+Others are kept from writing from the first moment on. When all rows are there and compared, the old
+database is marked as left, and then the folder names the new one: so there are never two that can be
+opened. A move that was killed leaves the old one in use, or neither, and is completed by the same command.
+Nothing is deleted: the old database is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+from sqlalchemy import Connection
+
+from webapp.errors import Busy, Conflict, NotFound, StorageError, UsageError
+from webapp.files.atomic import storage_error, sync_folder, write_text
+from webapp.files.lock import any_alive
+from webapp.progress import Progress
+from webapp.store.clock import now
+from webapp.store.database import Database, backend_of
+from webapp.store.library import DATABASE, INNER, MOVING, SERVER, newest_schema, schema_version
+from webapp.store.moving import marks
+from webapp.store.moving.copying import OtherRows, TableCopy, copy_records, prepare
+from webapp.store.moving.marks import MovedMark
+
+TICKET = "moving.json"
+"""In `.library`, while a move is not complete: its key, and where to."""
+
+_PART = f"{DATABASE}.moving"
+_WAIT_S, _LOOK_S = 5.0, 0.1
+"""For processes that are just ending."""
+
+_IN_USE = Conflict(
+    "a server, a worker or a command is using this library", hint="stop them first, on all machines"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MoveReport:
+    """What was moved.
+
+    Attributes
+    ----------
+    tables : tuple of TableCopy
+        As they are in both databases.
+    place : str
+        The new database.
+    kept : str
+        The old one.
+    """
+
+    tables: tuple[TableCopy, ...]
+    place: str
+    kept: str
+
+
+def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
+    """Move the records of a library from SQLite to a server.
+
+    Parameters
+    ----------
+    url : str
+        Of an empty database, or of one that this move has begun to fill.
+    progress : Progress
+        One step a row.
+
+    Raises
+    ------
+    NotFound
+        There is no library in the folder.
+    UsageError
+        Its records are in a server already, or the database is not empty.
+    Conflict
+        Somebody uses the library.
+    StorageError, DiskFull, MissingPart
+        One of the databases cannot be read or written, or is of another version of the program.
+    Cancelled
+        The library is as it was.
+    """
+    inner = folder.resolve() / INNER
+    with _alone(inner), closing(Database(url)) as target:
+        file, marker = inner / DATABASE, inner / SERVER
+        if marker.exists() and _ticket(inner, target.name) is None:
+            raise UsageError(
+                "the records of this library are in a database server already",
+                where=str(folder),
+                hint=marker.read_text("utf-8").strip(),
+            )
+        key = _begin(inner, target.name)
+        tables: tuple[TableCopy, ...] = ()
+        if not marker.exists():
+            _join_journal(file)  # nobody has it open
+            with closing(Database(f"sqlite:///{file}")) as source:
+                tables = _move(source, target, key=key, progress=progress)
+            write_text(marker, f"{target.name}\n")
+        kept = _put_aside(file)
+        with target.moving() as connection:
+            marks.unmark_filling(connection)
+        (inner / TICKET).unlink()
+    return MoveReport(tables, target.name, str(kept))
+
+
+def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveReport:
+    """Move the records of a library from a server to SQLite.
+
+    Parameters
+    ----------
+    url : str or None
+        Of the database where they are.
+    progress : Progress
+        One step a row.
+
+    Raises
+    ------
+    NotFound
+        There is no library in the folder.
+    UsageError
+        Its records are in SQLite already, or there is no address.
+    Conflict, StorageError, DiskFull, MissingPart, Cancelled
+        As for `move_to_server`.
+    """
+    inner = folder.resolve() / INNER
+    with _alone(inner):
+        file, marker = inner / DATABASE, inner / SERVER
+        if not marker.exists():
+            if _ticket(inner, str(file)) is None:
+                raise UsageError("the records of this library are in SQLite already", where=str(folder))
+            (inner / TICKET).unlink()  # killed in the last moment
+            return MoveReport((), str(file), "the database in the server")
+        if url is None:
+            raise UsageError(
+                "the address of the database is needed",
+                where="EXPMAP_DATABASE",
+                hint=f"set it: {marker.read_text('utf-8').strip()}",
+            )
+        key = _begin(inner, str(file))
+        tables: tuple[TableCopy, ...] = ()
+        with closing(Database(url)) as source:
+            if not file.exists():
+                tables = _fill_file(source, file, key=key, progress=progress)
+            elif not _has_left(source, key):
+                raise StorageError("this folder has a library of its own, in SQLite", where=str(folder))
+        marker.unlink()  # from now on it is the file that is opened
+        sync_folder(inner)
+        (inner / TICKET).unlink()
+    return MoveReport(tables, str(file), source.name)
+
+
+def _fill_file(source: Database, file: Path, *, key: str, progress: Progress) -> tuple[TableCopy, ...]:
+    """Make the SQLite file, under another name until all is there."""
+    part = file.with_name(_PART)
+    with (
+        closing(Database(f"sqlite:///{part}")) as target,
+        target.translated_errors(),
+        target.engine.connect() as connection,
+    ):
+        is_ours = marks.filling_key(connection) == key
+    if not is_ours:  # of a move that was given up, or was killed between the next steps
+        _remove(part)
+    with closing(Database(f"sqlite:///{part}")) as target:
+        tables = _move(source, target, key=key, place=str(file), progress=progress)
+        with target.moving() as connection:
+            marks.unmark_filling(connection)
+    _join_journal(part)
+    part.rename(file)
+    sync_folder(file.parent)
+    return tables
+
+
+def _move(
+    source: Database, target: Database, *, key: str, place: str | None = None, progress: Progress
+) -> tuple[TableCopy, ...]:
+    """Copy and compare all records, and mark the old database as left."""
+    if schema_version(source) != newest_schema():
+        raise StorageError(
+            "the database is of another version of the program",
+            where=source.name,
+            hint="open the library once with this version (expmap serve), or move it by that one",
+        )
+    with source.moving() as connection:
+        _check_alone(connection)
+        moved = marks.moved_mark(connection)
+        if moved is not None and moved.key != key:
+            raise StorageError(f"the records of this library have moved to {moved.place}", where=source.name)
+        if marks.filling_key(connection) is not None:
+            raise StorageError("the move of records into this database has not finished", where=source.name)
+        prepare(target, key=key)
+        try:
+            tables = copy_records(connection, target, progress=progress)
+        except OtherRows:  # the library was used after the move had been killed
+            prepare(target, key=key, again=True)
+            tables = copy_records(connection, target, progress=progress)
+        if moved is None:
+            marks.mark_moved(connection, MovedMark(key, place or target.name))
+    return tables
+
+
+def _has_left(source: Database, key: str) -> bool:
+    with source.translated_errors(), source.engine.connect() as connection:
+        moved = marks.moved_mark(connection)
+    return moved is not None and moved.key == key
+
+
+@contextmanager
+def _alone(inner: Path) -> Iterator[None]:
+    """Keep others from opening a library; refuse where somebody has."""
+    if not any((inner / name).is_file() for name in (DATABASE, SERVER)):
+        raise NotFound(
+            "there is no library in this folder", where=str(inner.parent), hint="set it: --library FOLDER"
+        )
+    try:
+        with FileLock(inner / MOVING, timeout=_WAIT_S):
+            if any_alive(inner / "workers"):
+                raise _IN_USE
+            yield
+    except Timeout as error:
+        raise Busy(
+            "the records of this library are being moved already",
+            wait_s=60,
+            hint="wait until it has finished",
+        ) from error
+    except OSError as error:
+        raise storage_error(error, where=str(inner)) from error
+
+
+def _check_alone(connection: Connection) -> None:
+    """Refuse where another process is connected, on any machine; one may be just ending."""
+    until = time.monotonic() + _WAIT_S
+    while backend_of(connection).is_open_elsewhere(connection):
+        if time.monotonic() > until:
+            raise _IN_USE
+        time.sleep(_LOOK_S)
+
+
+def _begin(inner: Path, place: str) -> str:
+    """Note that a move has begun, or find the note of one that was killed; gives its key."""
+    key = _ticket(inner, place)
+    if key is None:
+        key = secrets.token_hex(8)
+        write_text(inner / TICKET, json.dumps({"key": key, "place": place}))
+    return key
+
+
+def _ticket(inner: Path, place: str) -> str | None:
+    """Return the key of a move to a place that is not complete."""
+    path = inner / TICKET
+    if not path.exists():
+        return None
+    ticket = json.loads(path.read_text("utf-8"))
+    return str(ticket["key"]) if ticket["place"] == place else None
+
+
+def _put_aside(file: Path) -> Path:
+    """Keep the old file under another name; gives that."""
+    kept = file.with_name(f"{file.stem}-until-{now():%Y%m%dT%H%M%S}{file.suffix}")
+    if file.exists():
+        _join_journal(file)
+        file.rename(kept)
+        sync_folder(file.parent)
+    return kept
+
+
+def _join_journal(file: Path) -> None:
+    """Put what SQLite has in journal files into its file, so that it can be renamed."""
+    try:
+        with closing(sqlite3.connect(file, timeout=_WAIT_S)) as database:
+            database.execute("PRAGMA journal_mode=DELETE")
+    except sqlite3.OperationalError as error:
+        raise _IN_USE from error
+
+
+def _remove(part: Path) -> None:
+    for end in ("", "-wal", "-shm"):
+        part.with_name(f"{part.name}{end}").unlink(missing_ok=True)
