@@ -1,104 +1,32 @@
-"""The records of a library move from SQLite to PostgreSQL and back, unchanged, and never are in two places."""
+"""The records of a library move from SQLite to PostgreSQL and back, unchanged, and are in one place only."""
 
 import hashlib
 import os
-import shutil
 import signal
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from sqlalchemy import insert
 
+from tests.tasks.operate.moves import (
+    ZERO_AT_THE_END,
+    Stop,
+    StopAt,
+    file_url,
+    hashes,
+    new_query,
+    opens,
+    to_file,
+    to_server,
+)
 from webapp.errors import StorageError, UsageError
-from webapp.missions.store import missions
-from webapp.missions.store.schema import Pose, Track, TrackProfile
-from webapp.progress import Progress
-from webapp.store.accounts import accounts
+from webapp.missions.store.schema import TrackProfile
 from webapp.store.database import Database
 from webapp.store.library import DATABASE, SERVER, open_library
-from webapp.store.maps import edits
 from webapp.store.moving import copying, marks
-from webapp.store.moving.copying import copy_records, prepare
 from webapp.store.operate import jobs
-from webapp.store.schema import Account, Job, MapRecord, Photo, QueryRecord
-from webapp.tasks.maps import adopt_map, export
+from webapp.store.schema import Account, Job, Photo, QueryRecord
 from webapp.tasks.operate import move
-from webapp.tasks.operate.move import TICKET, move_to_file, move_to_server
-
-ZERO_AT_THE_END = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory, make_map):
-    """A library in SQLite with rows of every kind of value."""
-    folder = tmp_path_factory.mktemp("moves") / "library"
-    library = open_library(folder)
-    with library.database.write() as session:
-        owner = accounts.ensure_owner(session)
-        session.add(Account(name="Žofie 'x' \\ \t\n 🗺", created_at=ZERO_AT_THE_END))
-    make_map(library.map_folder("park"), 3)
-    adopt_map.adopt_map(library, "park", account_id=owner.id)
-    with library.database.write() as session:
-        record = session.query(MapRecord).one()
-        moved = {"photo/1": {"x_px": -0.0, "y_px": 1 / 3}}
-        edits.apply(session, record, changes=moved, kind="move", account_id=owner.id)
-        session.add_all([new_query("kept"), new_query("deleted")])
-        mission = missions.create(session, "Yard", account_id=owner.id).id
-        session.add(Track(id=1, mission_id=mission, source="gps"))
-        session.flush()
-        row = {"track_id": 1, "lon": -0.0, "travelled_m": 1e-300}
-        poses = [{**row, "number": n, "time_s": n / 7, "lat": 50 + n / 3e5} for n in range(2100)]
-        session.execute(insert(Pose), poses)
-        session.add(TrackProfile(track_id=1, chunk=0, points=bytes(range(256))))
-    with library.database.write() as session:
-        session.delete(session.query(QueryRecord).filter_by(name="deleted").one())
-    export.export_map(library, record.id)
-    library.database.close()
-    return folder
-
-
-@pytest.fixture
-def folder(made, tmp_path):
-    """A copy of it."""
-    return shutil.copytree(made, tmp_path / "library")
-
-
-def new_query(name):
-    return QueryRecord(
-        map_id=1, name=name, file="q.jpg", width=4, height=3, options={}, evidence=[],
-        answer={"z": 1, "a": [1e-300, None, "\u00fc\u0000"]},
-    )  # fmt: skip
-
-
-@pytest.fixture
-def server(postgresql):
-    """Addresses of new, empty databases."""
-    made = []
-
-    def new():
-        made.append(postgresql.new_database(empty=True))
-        return made[-1]
-
-    yield new
-    for url in made:
-        postgresql.drop(url)
-
-
-def file_url(folder):
-    return f"sqlite:///{folder / '.library' / DATABASE}"
-
-
-def hashes(url, tmp_path):
-    """Rows and hash of each table, as a copy of a database has them."""
-    source, copy = Database(url), Database(f"sqlite:///{tmp_path / 'compared.db'}")
-    try:
-        prepare(copy, key="a", again=True)
-        with source.moving() as connection:
-            return copy_records(connection, copy, progress=Progress())
-    finally:
-        source.close()
-        copy.close()
+from webapp.tasks.operate.move import TICKET
 
 
 def files(folder):
@@ -107,14 +35,6 @@ def files(folder):
         for p in folder.rglob("*")
         if p.is_file() and ".library" not in p.parts and not p.name.endswith("lock")
     }
-
-
-def to_server(folder, url, progress=None):
-    return move_to_server(folder, url, progress=progress or Progress())
-
-
-def to_file(folder, url, progress=None):
-    return move_to_file(folder, url, progress=progress or Progress())
 
 
 def test_all_is_the_same_there_and_back(folder, server, tmp_path):
@@ -164,7 +84,7 @@ def test_no_id_is_given_again(folder, server):
 def test_what_was_left_says_where_all_is(folder, server):
     url = server()
     kept = Path(to_server(folder, url).kept)
-    with pytest.raises(StorageError, match="in a database server.*--to sqlite"):
+    with pytest.raises(StorageError, match=r"in a database server.*--to sqlite"):
         open_library(folder)
     with pytest.raises(UsageError, match="in a database server already"):
         to_server(folder, url)
@@ -205,21 +125,6 @@ def test_who_still_has_the_old_database_open_writes_nothing(folder, server, wher
     with stale.read() as session:
         assert session.query(Account).filter_by(name="late").count() == 0
     stale.close()
-
-
-class Stop(Exception):
-    pass
-
-
-class StopAt(Progress):
-    """Stops a move at a table."""
-
-    def __init__(self, table):
-        self._table = table
-
-    def note(self, text):
-        if text.endswith(f" {self._table}"):
-            raise Stop
 
 
 def test_a_stopped_move_goes_on(folder, server, tmp_path):
@@ -270,7 +175,7 @@ STEPS = [
     (move, "_join_journal"),
     (move, "sync_folder"),
 ]
-"""What a move does, one after the other; it is killed before and after each, the first time that it comes there."""
+"""What a move does, one after the other; it is killed before and after each, when it first comes there."""
 
 
 def run_until(monkeypatch, step, run):
@@ -291,15 +196,6 @@ def run_until(monkeypatch, step, run):
         finally:
             os._exit(0)
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
-
-
-def opens(folder, url):
-    """Whether a library can be opened."""
-    try:
-        open_library(folder, url=url).database.close()
-    except StorageError:
-        return False
-    return True
 
 
 @pytest.mark.parametrize("where", ["sqlite", "postgresql"])

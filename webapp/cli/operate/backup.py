@@ -48,8 +48,8 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
 def restore(composition: Composition, file: Path, library: Path | None, force: bool) -> None:
     """Make a library of the backup FILE.
 
-    All of it is checked first. With EXPMAP_DATABASE, the records go into that database, which has to be empty.
-    Indexes are built again, by the first server or worker.
+    All of it is checked first. With EXPMAP_DATABASE, the records go into that database, which has to be
+    empty. Indexes are built again, by the first server or worker.
     """
     settings = library_settings(library)
     folder = settings.library

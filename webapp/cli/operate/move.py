@@ -25,8 +25,9 @@ _SQLITE, _SERVER = "sqlite", "postgresql"
 def move(to: str, library: Path | None) -> None:
     """Move the records of a library from SQLite to PostgreSQL, or back.
 
-    Stop its servers and workers first. All rows are compared before the new database is used. Nothing is deleted:
-    the old one is kept, but cannot be opened any more. One that was killed is completed by the same command.
+    Stop its servers and workers first. All rows are compared before the new database is used. Nothing is
+    deleted: the old one is kept, but cannot be opened any more. A move that was killed is completed by the
+    same command.
     """
     settings = library_settings(library)
     folder = settings.library

@@ -7,7 +7,8 @@ the next table.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -142,13 +143,14 @@ def _copied(source: Connection, target: Connection, table: Table, *, progress: P
     """Copy a table that is not there yet, and compare what the database then has."""
     is_new = not _count(target, table)
     digest, rows = _Digest(table), 0
-    for batch in _batches(source, table):
-        progress.check()
-        if is_new:
-            _insert(target, table, batch)
-        digest.add(batch)
-        rows += len(batch)
-        progress.advance(len(batch))
+    with closing(_batches(source, table)) as batches:
+        for batch in batches:
+            progress.check()
+            if is_new:
+                _insert(target, table, batch)
+            digest.add(batch)
+            rows += len(batch)
+            progress.advance(len(batch))
     copy = TableCopy(table.name, rows, digest.sha256)
     if _read(target, table) == copy:
         return copy
@@ -162,9 +164,10 @@ def _copied(source: Connection, target: Connection, table: Table, *, progress: P
 
 def _read(connection: Connection, table: Table) -> TableCopy:
     digest, rows = _Digest(table), 0
-    for batch in _batches(connection, table):
-        digest.add(batch)
-        rows += len(batch)
+    with closing(_batches(connection, table)) as batches:
+        for batch in batches:
+            digest.add(batch)
+            rows += len(batch)
     return TableCopy(table.name, rows, digest.sha256)
 
 
@@ -172,13 +175,14 @@ def _count(connection: Connection, table: Table) -> int:
     return connection.execute(select(func.count()).select_from(table)).scalar_one()
 
 
-def _batches(connection: Connection, table: Table) -> Iterator[Sequence[Row]]:
+def _batches(connection: Connection, table: Table) -> Generator[Sequence[Row]]:
     """Read all rows in the order of their keys; JSON as the text that is stored."""
     columns = [cast(c, Text).label(c.name) if isinstance(c.type, JSON) else c for c in table.columns]
     large = any(isinstance(c.type, JSON | LargeBinary) for c in table.columns)
     query = select(*columns).order_by(*table.primary_key.columns)
     options = {"yield_per": _LARGE_ROWS if large else _ROWS}
-    yield from connection.execute(query, execution_options=options).partitions()
+    with connection.execute(query, execution_options=options) as result:
+        yield from result.partitions()
 
 
 def _insert(connection: Connection, table: Table, batch: Sequence[Row]) -> None:

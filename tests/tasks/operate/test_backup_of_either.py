@@ -1,0 +1,55 @@
+"""A backup of a library in SQLite or in PostgreSQL is restored into either."""
+
+import shutil
+
+import pytest
+
+from tests.tasks.operate.moves import Stop, file_url, hashes, opens, to_server
+from webapp.app.wings import PARTS
+from webapp.errors import StorageError, UsageError
+from webapp.progress import Progress
+from webapp.store.library import open_library
+from webapp.tasks.operate import backup, restore
+
+
+@pytest.mark.parametrize("made_on", ["sqlite", "postgresql"])
+def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp_path):
+    url = None
+    before = {copy for copy in hashes(file_url(folder), tmp_path) if copy.name != "job"}
+    if made_on == "postgresql":
+        to_server(folder, url := server())
+    library = open_library(folder, url=url)
+    report = backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    library.database.close()
+    assert (report.maps, report.photos) == (1, 3)
+    restore.restore(tmp_path / "a.zip", tmp_path / "file", parts=PARTS, progress=Progress())
+    assert opens(tmp_path / "file", None)
+    assert before <= set(hashes(file_url(tmp_path / "file"), tmp_path))
+    into = server()
+    restored = tmp_path / "server"
+    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    assert before <= set(hashes(into, tmp_path))
+    assert opens(restored, into)
+    assert (restored / "park" / "map.cfg").read_bytes() == (folder / "park" / "map.cfg").read_bytes()
+    with pytest.raises(UsageError, match="not empty"):
+        restore.restore(tmp_path / "a.zip", tmp_path / "more", parts=PARTS, url=into, progress=Progress())
+
+
+def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tmp_path, monkeypatch):
+    library = open_library(folder)
+    backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    library.database.close()
+    into, restored = server(), tmp_path / "restored"
+
+    def fail(*args):
+        raise Stop
+
+    with monkeypatch.context() as patched:
+        patched.setattr(restore, "_swap", fail)
+        with pytest.raises(Stop):
+            restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    with pytest.raises(StorageError, match="has not finished"):
+        open_library(restored, url=into)
+    shutil.rmtree(restored)
+    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    assert opens(restored, into)
