@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from webapp.core import localize
 from webapp.extras import EXTRAS
 from webapp.tasks import localize as localize_tasks
@@ -28,3 +30,22 @@ def test_importing_the_localizer_loads_no_web(modules, project):
     assert {"webapp", "cv2", "numpy"} <= loaded
     extras = {package for packages in EXTRAS.values() for package in packages}
     assert loaded & (WEB | extras) == set()
+
+
+COMMAND = """
+import json, runpy, sys
+sys.argv = ["expmap", *sys.argv[1:], "--help"]
+try:
+    runpy.run_module("webapp", run_name="__main__")
+except SystemExit:
+    print("\\n" + json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+"""
+
+
+@pytest.mark.parametrize("words", [["build"], ["localize"], ["evaluate"], ["landmarks", "build"]])
+def test_commands_on_a_map_load_no_database_and_no_web(project, words):
+    command = [sys.executable, "-c", COMMAND, *words]
+    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
+    loaded = set(json.loads(done.stdout.splitlines()[-1]))
+    assert "click" in loaded
+    assert loaded & WEB == set()

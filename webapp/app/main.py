@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, cast
 import click
 
 from webapp import __version__
+from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
-from webapp.cli.library import Composition
 from webapp.configuration import use_config
 from webapp.errors import ExpMapError
 from webapp.settings import let_threads_sleep

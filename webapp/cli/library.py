@@ -1,12 +1,12 @@
-"""What commands on a library share: the option that chooses it, and what the application gives them."""
+"""What commands on a library share: the option that chooses it, and how it is opened."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -15,30 +15,7 @@ from webapp.errors import NotFound
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library
 
-if TYPE_CHECKING:
-    from webapp.jobs.kinds import Duties
-    from webapp.tasks.operate.backup import LibraryPart
-
 Command = TypeVar("Command", bound=Callable[..., object])
-
-
-@dataclass(frozen=True, slots=True)
-class Composition:
-    """The object of the root command's context.
-
-    Attributes
-    ----------
-    web_app : str
-        "module:function" that makes the web application, in the processes that answer requests.
-    duties : callable
-        Gives what a worker does.
-    library_parts : callable
-        Gives what a library keeps besides maps.
-    """
-
-    web_app: str
-    duties: Callable[[], Duties]
-    library_parts: Callable[[], Sequence[LibraryPart]]
 
 
 def library_option(command: Command) -> Command:

@@ -9,7 +9,8 @@ from typing import Any
 
 import click
 
-from webapp.cli.library import Composition, library_option, library_settings
+from webapp.cli.composition import Composition
+from webapp.cli.library import library_option, library_settings
 from webapp.jobs import serving
 from webapp.jobs.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library

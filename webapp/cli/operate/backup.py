@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import DONE, SOME_FAILED
-from webapp.cli.library import Composition, existing_library, library_option, library_settings
+from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
 from webapp.tasks.operate import backup as backup_library
 from webapp.tasks.operate import restore as restore_library
