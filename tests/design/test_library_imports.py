@@ -1,4 +1,4 @@
-"""Who opens maps and localizes photos by program loads nothing of the web, and no extra."""
+"""What is loaded: of the web nothing by who localizes photos by program; by servers only what they use."""
 
 import json
 import subprocess
@@ -20,13 +20,18 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 """
 
 
+def loaded_by(names, project):
+    """Packages that a process has after it imported modules."""
+    command = [sys.executable, "-c", IMPORT, *names]
+    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
+    return set(json.loads(done.stdout))
+
+
 def test_importing_the_localizer_loads_no_web(modules, project):
     tasks = [f"{localize_tasks.__name__}.{name}" for name in ("open_map", "pipeline")]
     tasks.append("webapp.tasks.evaluation.evaluate")
     names = [m.name for m in modules if m.name.startswith(localize.__name__)] + tasks
-    command = [sys.executable, "-c", IMPORT, *names]
-    done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
-    loaded = set(json.loads(done.stdout))
+    loaded = loaded_by(names, project)
     assert {"webapp", "cv2", "numpy"} <= loaded
     extras = {package for packages in EXTRAS.values() for package in packages}
     assert loaded & (WEB | extras) == set()
@@ -48,4 +53,10 @@ def test_commands_on_a_map_load_no_database_and_no_web(project, words):
     done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
     loaded = set(json.loads(done.stdout.splitlines()[-1]))
     assert "click" in loaded
-    assert loaded & WEB == set()
+    assert loaded & WEB <= {"jinja2"}, "of which reports are made"
+
+
+def test_a_server_loads_what_writes_pages_for_downloads_when_it_is_needed(project):
+    loaded = loaded_by(["webapp.app.web"], project)
+    assert "flask" in loaded
+    assert loaded & {"folium", "branca"} == set()

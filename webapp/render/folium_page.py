@@ -10,11 +10,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import folium
-from branca.element import Element, Figure
-from folium.raster_layers import ImageOverlay
 from PIL import Image
 
 from webapp.core.mapmodel.model import Experience
@@ -25,6 +22,9 @@ from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Download, Source
 from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
+
+if TYPE_CHECKING:
+    import folium  # loaded by the functions: it takes a tenth of the start of a server, and few need it
 
 MAX_PHOTOS = 5000
 """More would make a page that browsers cannot open."""
@@ -73,6 +73,8 @@ def export_map_page(source: Source, *, settings: Settings, progress: Progress | 
 
 
 def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
+    import folium
+
     satellite = source.map.satellite
     picture = satellite_picture(source.cfg, satellite.path, side=_IMAGE_SIDE, settings=settings)
     on_earth: MercatorPicture | None = None
@@ -86,7 +88,7 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
         picture = on_earth.pixels
     if picture is not None:
         url = data_uri("image/webp", encode_picture(picture, ".webp"))
-        ImageOverlay(url, bounds, pixelated=False).add_to(page)
+        folium.raster_layers.ImageOverlay(url, bounds, pixelated=False).add_to(page)
     page.fit_bounds(bounds)
     photos = _photos(source, settings, progress, on_earth=on_earth is not None)
     icon = folium.DivIcon(icon_size=_ICON, icon_anchor=_ICON_CENTRE, class_name="photo-marker")
@@ -104,14 +106,16 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
     title : str
         Any text.
     """
+    import folium
+
     page = folium.Map(tiles=None, crs=crs)
     page.default_js = [("leaflet", data_uri("text/javascript", _leaflet("leaflet.js")))]
     page.default_css = [("leaflet_css", data_uri("text/css", _inlined_css()))]
     page.options.update(min_zoom=-8, max_zoom=24, zoom_snap=0.25)
     figure = page.get_root()
-    assert isinstance(figure, Figure), "folium puts each map into one"
+    assert isinstance(figure, folium.Figure), "folium puts each map into one"
     figure.title = html.escape(title)
-    figure.header.add_child(Element(_CSS))
+    figure.header.add_child(folium.Element(_CSS))
     return page
 
 
@@ -176,6 +180,8 @@ def add_features(
     """
     if not features:
         return
+    import folium
+
     styles = [dict(one.style) for one in features]
     folium.GeoJson(
         {"type": "FeatureCollection", "features": [one.geojson(n) for n, one in enumerate(features)]},

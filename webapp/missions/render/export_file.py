@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import islice
-
-import folium
-from folium.raster_layers import ImageOverlay
+from typing import TYPE_CHECKING
 
 from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
 from webapp.core.trajectory.symbols import kind_colour
@@ -23,6 +21,9 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, Source, of_library, plain_name
 from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture
+
+if TYPE_CHECKING:
+    import folium  # loaded by the functions, as in `webapp.render.folium_page`
 
 FORMATS = (*export.FORMATS, "html")
 
@@ -104,12 +105,14 @@ def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Do
 
 
 def _page(mission: MissionOut, found: list[ExportObject], ground: MercatorPicture | None) -> str:
+    import folium
+
     page = empty_page("EPSG3857", title=mission.name)
     folium.Control("Scale", imperial=False).add_to(page)
     if ground is not None:
         box = [[ground.south, ground.west], [ground.north, ground.east]]
         url = data_uri("image/webp", encode_picture(ground.pixels, ".webp"))
-        ImageOverlay(url, box, pixelated=False).add_to(page)
+        folium.raster_layers.ImageOverlay(url, box, pixelated=False).add_to(page)
     tracks = [_line(track) for track in mission.tracks]
     for line in tracks:
         _add_track(page, line)
@@ -128,6 +131,8 @@ def _page(mission: MissionOut, found: list[ExportObject], ground: MercatorPictur
 
 def _add_track(page: folium.Map, line: Feature) -> None:
     """Draw a line with a white border, and a dot at its end."""
+    import folium
+
     points = line.geometry[1]
     border = [(lat, lon) for lon, lat in points]
     white = folium.PolyLine(border, color="#fff", weight=6, interactive=False)  # type: ignore[no-untyped-call]
@@ -140,6 +145,8 @@ def _add_track(page: folium.Map, line: Feature) -> None:
 
 def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
     """Draw objects as the symbols of their classes; dots where there are too many classes for symbols."""
+    import folium
+
     kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
     icons = {kind: data_uri("image/png", icon(kind)) for kind in kinds}
     signs, dots = [], []
