@@ -52,14 +52,15 @@ OUTDATED_AFTER_S = 86_400
 
 TESTS_WORTH = {
     "test_map_kinds": 400,
-    "test_serve_command": 300,
-    "test_build_interrupted": 230,
+    "test_plain_install": 330,
+    "test_serve_command": 230,
+    "test_build_interrupted": 220,
     "test_on_demand": 200,
     "test_place_rest": 150,
     "test_adjust": 140,
     "test_orient_map": 130,
+    "test_panorama_map": 130,
     "test_localize_sample": 120,
-    "test_plain_install": 110,
     "test_localize_command": 100,
     "test_make_sample": 90,
     "test_localize_by_landmarks": 80,

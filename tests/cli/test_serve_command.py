@@ -29,14 +29,18 @@ ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run natively on Windows")
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A library with an owner and a map, in which nothing has to be made first."""
-    library = open_library(tmp_path / "library")
+def new_library(path):
+    """Make a library with an owner and a map, in which nothing has to be made first."""
+    library = open_library(path)
     with library.database.write() as session:
         maps.create(session, "Park", account_id=accounts.ensure_owner(session).id)
     library.database.close()
     return library.folder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return new_library(tmp_path / "library")
 
 
 @pytest.fixture
@@ -237,10 +241,20 @@ HALF = {
 }
 
 
+@pytest.fixture(scope="module")
+def impatient(tmp_path_factory):
+    """Port and address of a server that waits a second for each client."""
+    folder = new_library(tmp_path_factory.mktemp("impatient") / "library")
+    with pytest.MonkeyPatch.context() as patch, reserved_port() as port:
+        patch.setenv("EXPMAP_SERVE_PATIENCE_S", "1")
+        with served(folder, port) as (_, url, _):
+            yield port, url
+
+
 @pytest.mark.parametrize("sent", HALF)
-def test_clients_that_stop_half_way_keep_no_thread(folder, port, monkeypatch, sent):
-    monkeypatch.setenv("EXPMAP_SERVE_PATIENCE_S", "1")
-    with served(folder, port) as (_, url, _), ExitStack() as stack:
+def test_clients_that_stop_half_way_keep_no_thread(impatient, sent):
+    port, url = impatient
+    with ExitStack() as stack:
         clients = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(24)]
         for client in clients:
             client.sendall(HALF[sent])
