@@ -126,3 +126,23 @@ def test_the_dialogs_of_the_editor(visit, screen):
         assert box["x"] >= 0 and box["x"] + box["width"] <= page.viewport_size["width"], button
         page.keyboard.press("Escape")
         expect(dialog).to_have_count(0)
+
+
+def test_the_buttons_of_a_dialog_are_in_reach_without_scrolling(visit):
+    page = visit(PAGES["edit"])
+    page.locator(".ed-export + .menu > summary").click()
+    page.locator("#print-map").click()
+    box = page.get_by_test_id("print-pdf").bounding_box()
+    assert box["y"] + box["height"] <= page.viewport_size["height"]
+    assert page.evaluate("document.querySelector('dialog[open]').scrollTop") == 0
+
+
+def test_a_map_that_cannot_answer_says_what_it_needs_and_asks_for_no_photo(visit, api):
+    slug = api.ask("POST", "/maps", data={"name": "Bare"})["slug"]
+    page = visit(f"/maps/{slug}/localize")
+    expect(page.locator("#no-map")).to_be_visible()
+    expect(page.locator("#welcome, .lo-toolbar")).to_have_count(2)
+    assert [one.is_visible() for one in page.locator("#welcome, .lo-toolbar").all()] == [False, False]
+    editor = page.locator("#no-map a").bounding_box()
+    assert editor["y"] + editor["height"] <= page.viewport_size["height"]
+    check(page)

@@ -117,7 +117,9 @@ function legend() {
 function whetherItCanAnswer() {
   const render = () => {
     const placed = store.order.some((id) => store.isPlaced(id));
-    byId("no-map").hidden = Boolean(store.satellite) && placed;
+    const able = Boolean(store.satellite) && placed;
+    byId("no-map").hidden = able;
+    byId("localize").classList.toggle("lo--bare", !able);
     byId("no-map-text").textContent = store.satellite
       ? t("No photo is placed on it yet. New photos are compared with the placed ones.")
       : t("It needs an aerial image, and photos placed on it.");
