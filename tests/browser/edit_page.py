@@ -39,6 +39,8 @@ class EditPage:
         self.undo = page.get_by_test_id("undo")
         self.redo = page.get_by_test_id("redo")
         self.error = page.get_by_test_id("error-message")
+        self.turn_deg = 0.0
+        """How the image is drawn turned, clockwise."""
 
     def open(self) -> "EditPage":
         """Open it, and wait until it is ready to be used."""
@@ -58,10 +60,16 @@ class EditPage:
         box = self.canvas.bounding_box()
         assert box is not None
         width, height = self.size
-        zoom = math.log2(min(box["width"] / width, box["height"] / height))
+        sine, cosine = (f(math.radians(self.turn_deg)) for f in (math.sin, math.cos))
+        around = (
+            width * abs(cosine) + height * abs(sine),
+            width * abs(sine) + height * abs(cosine),
+        )
+        zoom = math.log2(min(box["width"] / around[0], box["height"] / around[1]))
         scale = 2 ** (math.floor(zoom * ZOOM_STEPS) / ZOOM_STEPS)
         middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-        return middle[0] + (x - width / 2) * scale, middle[1] + (y - height / 2) * scale
+        right, down = (x - width / 2) * scale, (y - height / 2) * scale
+        return middle[0] + right * cosine - down * sine, middle[1] + right * sine + down * cosine
 
     def click(self, x: float, y: float, *, shift: bool = False) -> None:
         """Click on a map pixel."""

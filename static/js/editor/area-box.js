@@ -35,9 +35,7 @@ export class AreaBox {
   /** Take most of what is in view of the image. */
   ofView() {
     const { width, height } = this.view.store.satellite;
-    const bounds = this.view.map.getBounds().pad(-OF_VIEW);
-    const [left, top] = pixelOf(bounds.getNorthWest());
-    const [right, bottom] = pixelOf(bounds.getSouthEast());
+    const [left, top, right, bottom] = this.view.inView(OF_VIEW);
     const inside = [Math.max(left, 0), Math.max(top, 0), Math.min(right, width), Math.min(bottom, height)];
     this._set(inside[LEFT] < inside[RIGHT] && inside[TOP] < inside[BOTTOM] ? inside : [0, 0, width, height]);
   }

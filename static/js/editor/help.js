@@ -15,6 +15,7 @@ export function showHelp() {
       ["N, P", t("next, previous photo")],
       ["[, ]", t("turn the current photo by 5°")],
       ["+, −, 0", t("zoom in, zoom out, whole image")],
+      ["U", t("north up, or the image as it is")],
       ["C", t("show the current photo on the image")],
       ["M", t("go to the image")],
       ["F", t("the photo on the whole screen; arrow keys go on from there")],

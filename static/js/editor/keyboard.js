@@ -22,7 +22,7 @@ export const singleKeys = {
 
 /**
  * Listen to keys.
- * @param {{view: Object, dots: Object, gestures: Object, crosshair: Object, measure: Object, commands: Object, help: function(): void}} page
+ * @param {{view: Object, dots: Object, gestures: Object, crosshair: Object, measure: Object, northUp: Object, commands: Object, help: function(): void}} page
  */
 export function connectKeyboard(page) {
   document.addEventListener("keydown", (event) => {
@@ -80,7 +80,7 @@ function anywhere(event, { commands, dots, gestures, measure }) {
   };
 }
 
-function single(event, { commands, view, measure, help }) {
+function single(event, { commands, view, measure, northUp, help }) {
   const { store } = commands;
   const position = store.currentId === null ? null : store.position(store.currentId);
   const actions = {
@@ -97,6 +97,7 @@ function single(event, { commands, view, measure, help }) {
     c: () => position && view.reveal(position, { margin: 120 }),
     m: () => view.element.focus(),
     f: () => openViewer(commands),
+    u: () => northUp.toggle(),
     d: () => (measure.active ? measure.stop() : store.satellite && measure.start()),
     "?": help,
   };

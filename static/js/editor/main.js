@@ -8,6 +8,7 @@ import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
+import { NorthUp } from "../shared/map/north-up.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { printDialog } from "../shared/print-dialog.js";
@@ -52,6 +53,7 @@ const commands = new Commands(store, edits, order, say);
 connectLayout(store);
 
 const view = new MapView(byId("map-canvas"), store);
+const northUp = new NorthUp(view, { ownKey: false });
 const dots = new PhotoDots(store).addTo(view.map);
 const gestures = new EditGestures(view, dots, commands);
 const crosshair = new Crosshair(view, say);
@@ -59,7 +61,7 @@ const measure = new Measure(view, say);
 const align = new AlignFloor({ store, server, view, say });
 gestures.takers = [measure, align];
 new FloorSwitch(store, byId("map"));
-const page = { store, server, refresh, view, dots, gestures, crosshair, measure, commands, say, help: showHelp };
+const page = { store, server, refresh, view, dots, gestures, crosshair, measure, northUp, commands, say, help: showHelp };
 
 new CurrentPhoto(commands, view, server);
 const menu = new PhotoMenu(commands, order, { ...page, notes: new Notes(page) });

@@ -11,6 +11,7 @@ import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
+import { NorthUp } from "../shared/map/north-up.js";
 import { toastError } from "../shared/toast.js";
 import { Guide } from "./guide.js";
 import { Outbox } from "./outbox.js";
@@ -139,6 +140,7 @@ function showMap(state) {
   const satellite = state.satellite && { ...state.satellite, tiles: null }; // one picture is kept more easily than tiles
   const store = new MapStore({ ...state, satellite, can_edit: false });
   const view = new MapView(byId("map-canvas"), store);
+  new NorthUp(view);
   const marks = new AnswerLayer(store, session).addTo(view.map);
   new NoteLayer(store, view.map);
   new FloorSwitch(store, view.element.parentElement);

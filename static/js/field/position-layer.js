@@ -86,7 +86,7 @@ export class PositionLayer extends CanvasLayer {
   }
 
   _beam(pen, { x, y, fill, rim }) {
-    const middle = ((this.pose.heading + this.georeference.north(this.pixel) - 90) * Math.PI) / 180;
+    const middle = this.angleOf(this.pose.heading + this.georeference.north(this.pixel));
     pen.beginPath();
     pen.moveTo(x, y);
     pen.arc(x, y, BEAM, middle - HALF_BEAM, middle + HALF_BEAM);

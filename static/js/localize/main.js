@@ -11,6 +11,7 @@ import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
+import { NorthUp } from "../shared/map/north-up.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { connectTabs } from "../shared/tabs.js";
 import { toastError } from "../shared/toast.js";
@@ -35,6 +36,7 @@ const server = endpointsOf(store.slug);
 const live = new MapPolling(store, server.changes);
 
 const view = new MapView(byId("map-canvas"), store);
+const northUp = new NorthUp(view);
 const marks = new AnswerLayer(store, session).addTo(view.map);
 new FloorSwitch(store, byId("map"));
 followFloor(session, store);
@@ -62,7 +64,7 @@ answerList(session, () => look());
 showPlace(page);
 showExplanation(session, options, () => askAgain());
 new MatchPanel(page);
-connectSecondMap(page);
+connectSecondMap(page, northUp);
 asking.addEventListener("asked", () => past.refresh());
 asking.addEventListener("separately", async (event) => {
   asking.cancel();

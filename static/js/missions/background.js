@@ -6,8 +6,8 @@
  */
 
 import { Georeference, imageBounds, latLngOf, pixelOf } from "../shared/map/coords.js";
-import { tileLayer } from "../shared/map/map-view.js";
 import { PixelFromLatLon } from "../shared/map/latlon-to-pixel.js";
+import { satelliteLayer } from "../shared/map/turned-layers.js";
 
 const EQUATOR_M = 6378137;
 const ECCENTRICITY_2 = 0.00669437999014;
@@ -48,9 +48,7 @@ export class ImageGround {
   }
 
   addTo(map) {
-    const { satellite, bounds } = this;
-    const layer = satellite.tiles ? tileLayer(satellite, bounds) : L.imageOverlay(satellite.url, bounds, { alt: "" });
-    layer.addTo(map);
+    satelliteLayer(this.satellite).addTo(map);
   }
 }
 

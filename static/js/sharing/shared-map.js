@@ -12,6 +12,7 @@ import { FloorSwitch } from "../shared/map/floor-switch.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
+import { NorthUp } from "../shared/map/north-up.js";
 import { loadDetails } from "../shared/map/photo-details.js";
 import { PhotoDots } from "../shared/map/photo-dots.js";
 import { toastError } from "../shared/toast.js";
@@ -24,6 +25,7 @@ const shared = `/shared/${encodeURIComponent(state.token)}`;
 const store = new MapStore(state);
 const session = new QuerySession();
 const view = new MapView(byId("map-canvas"), store);
+new NorthUp(view);
 const dots = new PhotoDots(store).addTo(view.map);
 const marks = new AnswerLayer(store, session);
 

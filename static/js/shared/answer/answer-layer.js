@@ -120,7 +120,7 @@ export class AnswerLayer extends CanvasLayer {
       pen.globalAlpha = 1;
     }
     if (heading === null || (!chosen && probability < 0.1)) return;
-    const middle = ((heading + this.store.georeference.north(position) - 90) * Math.PI) / 180;
+    const middle = this.angleOf(heading + this.store.georeference.north(position));
     const half = (((this.session.answer.fov_deg || GUESSED_FOV) / 2) * Math.PI) / 180;
     pen.beginPath();
     pen.moveTo(x, y);

@@ -1,6 +1,7 @@
 /** A canvas over all of a map, redrawn at every move; while a zoom is animated it is scaled with the map. */
 
 import { rafThrottle } from "../timing.js";
+import { turnOf } from "./turned-crs.js";
 
 const EVENTS = "move zoom viewreset resize zoomend moveend";
 
@@ -19,6 +20,16 @@ export class CanvasLayer extends L.Layer {
   // eslint-disable-next-line no-unused-vars -- the parameters are for those who extend this
   paint(pen, size) {
     throw new Error("a layer paints itself");
+  }
+
+  /** How everything on the map is turned. */
+  get turn() {
+    return turnOf(this._map);
+  }
+
+  /** Angle on the canvas, radians clockwise from the right, of a direction. @param {number} degrees clockwise from image-up */
+  angleOf(degrees) {
+    return ((degrees + this.turn.degrees - 90) * Math.PI) / 180;
   }
 
   /** @override @param {L.Map} map */

@@ -1,7 +1,7 @@
 /** A cross on the image, for those who place by the keyboard. */
 
 import { h } from "../dom.js";
-import { clamped, pixelOf } from "./coords.js";
+import { clamped, latLngOf, pixelOf } from "./coords.js";
 
 /** A cross on the image that arrow keys move. */
 export class Crosshair {
@@ -28,7 +28,7 @@ export class Crosshair {
   start() {
     if (!this.view.store.satellite) return;
     const { map } = this.view;
-    if (!this.pixel || !map.getBounds().contains(L.latLng(-this.pixel[1], this.pixel[0]))) {
+    if (!this.pixel || !L.bounds([0, 0], map.getSize()).contains(this.point)) {
       this.pixel = clamped(pixelOf(map.getCenter()), this.view.store.satellite);
     }
     this.element.hidden = false;
@@ -43,8 +43,9 @@ export class Crosshair {
   move(dx, dy) {
     if (!this.visible) this.start();
     if (!this.pixel) return;
-    const scale = this.view.map.getZoomScale(this.view.map.getZoom(), 0);
-    this.pixel = clamped([this.pixel[0] + dx / scale, this.pixel[1] + dy / scale], this.view.store.satellite);
+    const { map } = this.view;
+    const there = map.project(latLngOf(this.pixel), map.getZoom()).add([dx, dy]);
+    this.pixel = clamped(pixelOf(map.unproject(there, map.getZoom())), this.view.store.satellite);
     this.view.reveal(this.pixel);
     this._show();
     clearTimeout(this._timer);
@@ -53,7 +54,7 @@ export class Crosshair {
 
   /** Its place on the screen, in the container of the map. */
   get point() {
-    return this.view.map.latLngToContainerPoint(L.latLng(-this.pixel[1], this.pixel[0]));
+    return this.view.map.latLngToContainerPoint(latLngOf(this.pixel));
   }
 
   _show() {

@@ -1,6 +1,7 @@
 /** The image itself as a Leaflet map: one unit is one pixel of the image. */
 
 import { imageBounds } from "./coords.js";
+import { satelliteLayer } from "./turned-layers.js";
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -25,14 +26,7 @@ export function imageMap(element, satellite, options = {}) {
   const bounds = imageBounds(satellite);
   map.fitBounds(bounds);
   map.setMaxBounds(bounds.pad(1));
-  layer(satellite, bounds).addTo(map);
+  satelliteLayer(satellite).addTo(map);
   new ResizeObserver(() => map.invalidateSize({ pan: false })).observe(element);
   return map;
-}
-
-function layer({ url, tiles }, bounds) {
-  if (!tiles) return L.imageOverlay(url, bounds, { alt: "" });
-  const most = tiles.max_zoom;
-  const zooms = { zoomOffset: most, minNativeZoom: -most, maxNativeZoom: 0, minZoom: -20, maxZoom: 5 };
-  return L.tileLayer(tiles.url, { tileSize: 256, bounds, noWrap: true, ...zooms });
 }

@@ -1,12 +1,14 @@
-/** The satellite image: Leaflet without a geographic projection, image or tiles, scale bar, cursor position. */
+/** The satellite image: Leaflet without a geographic projection, image or tiles, perhaps turned, scale bar, cursor position. */
 
 import { h } from "../dom.js";
 import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
 import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
+import { turnOf } from "./turned-crs.js";
+import { pictureLayer, satelliteLayer } from "./turned-layers.js";
+import { TurnedMap } from "./turned-map.js";
 
-const TILE = 256;
 /** Over the image of the map, under the dots. */
 const FLOOR_Z = 2;
 /** Opacity of the map's image where a floor is laid over it. */
@@ -24,8 +26,7 @@ export class MapView {
   constructor(element, store) {
     this.store = store;
     this.element = element;
-    this.map = L.map(element, {
-      crs: L.CRS.Simple,
+    this.map = new TurnedMap(element, {
       attributionControl: false,
       zoomControl: false,
       keyboard: false,
@@ -66,13 +67,22 @@ export class MapView {
     this._layer = null;
     this._credit();
     if (!satellite) return;
-    const bounds = imageBounds(satellite);
-    this._layer = satellite.tiles ? tileLayer(satellite, bounds) : L.imageOverlay(satellite.url, bounds, { alt: "" });
+    this._layer = satelliteLayer(satellite);
     this._layer.addTo(this.map);
     this.map.setMinZoom(-Infinity);
     this._limit();
     this.fit();
-    this.map.setMinZoom(this.map.getBoundsZoom(bounds) - 1.5);
+    this._limitZoom();
+  }
+
+  /** Draw everything turned. @param {number} degrees clockwise on the screen */
+  turnTo(degrees) {
+    if (turnOf(this.map).degrees === degrees) return;
+    const whole = this._whole;
+    this.map.setMinZoom(-Infinity);
+    this.map.turnTo(degrees);
+    if (whole) this.fit();
+    if (this.store.satellite) this._limitZoom();
   }
 
   /** Lay the image of the floor over that of the map, which stays to be seen around it. */
@@ -82,7 +92,7 @@ export class MapView {
     const shown = url ? `${url} ${this._shown}` : null; // another image of the map has other bounds
     if (shown === (this._floor ? this._floor.shown : null)) return;
     const before = this._floor?.layer;
-    const layer = url && L.imageOverlay(url, imageBounds(satellite), { alt: "", zIndex: FLOOR_Z });
+    const layer = url && pictureLayer(url, satellite, { zIndex: FLOOR_Z });
     this._floor = layer && { shown, layer };
     this._layer?.setOpacity(layer ? UNDER_FLOOR : 1);
     if (!layer) before?.remove();
@@ -106,6 +116,11 @@ export class MapView {
   /** The image cannot be lost out of sight. */
   _limit() {
     this.map.setMaxBounds(imageBounds(this.store.satellite).pad(1));
+  }
+
+  /** Nor can it become tiny. */
+  _limitZoom() {
+    this.map.setMinZoom(this.map.getBoundsZoom(imageBounds(this.store.satellite)) - 1.5);
   }
 
   /** What showed the whole image still does; else the view stays where it is. */
@@ -134,6 +149,19 @@ export class MapView {
     if (!pixels.length) return;
     const bounds = L.latLngBounds(pixels.map((pixel) => latLngOf(pixel)));
     this.map.fitBounds(bounds.pad(0.3), { maxZoom: Math.max(this.map.getZoom(), 0.5), padding: [60, 60], animate: !calm.matches });
+  }
+
+  /**
+   * A rectangle of the image that is in view with a margin.
+   * @param {number} margin share of the view on each side
+   * @returns {[number, number, number, number]} left, top, right, bottom; map pixels, perhaps beyond the image
+   */
+  inView(margin) {
+    const { x: width, y: height } = this.map.getSize().divideBy(this.map.getZoomScale(this.map.getZoom(), 0));
+    const [left, top, right, bottom] = turnOf(this.map).around([0, 0], [width, height]);
+    const share = (0.5 - margin) * Math.min(width / (right - left), height / (bottom - top));
+    const [x, y] = pixelOf(this.map.getCenter());
+    return [x - share * width, y - share * height, x + share * width, y + share * height];
   }
 
   zoom(steps) {
@@ -189,19 +217,4 @@ export class MapView {
     this._creditBox.replaceChildren(...(credits ? [credits, " · "] : []), leaflet);
     this._creditBox.title = t("Shown with Leaflet");
   }
-}
-
-export function tileLayer(satellite, bounds) {
-  const most = satellite.tiles.max_zoom;
-  return L.tileLayer(satellite.tiles.url, {
-    tileSize: TILE,
-    zoomOffset: most,
-    minNativeZoom: -most,
-    maxNativeZoom: 0,
-    minZoom: -Infinity,
-    maxZoom: 5,
-    bounds,
-    noWrap: true,
-    keepBuffer: 3,
-  });
 }

@@ -152,7 +152,8 @@ export class PhotoDots extends CanvasLayer {
   _spotOf(id) {
     const position = this.store.position(id);
     if (!position) return null;
-    return { x: this._origin.x + position[0] * this._scale, y: this._origin.y + position[1] * this._scale, ids: [id], position };
+    const [x, y] = this.turn.forth(position);
+    return { x: this._origin.x + x * this._scale, y: this._origin.y + y * this._scale, ids: [id], position };
   }
 
   _all() {
@@ -209,8 +210,7 @@ export class PhotoDots extends CanvasLayer {
 
   /** Canvas angle (clockwise from the right) of a heading. */
   _angle(spot, heading) {
-    const north = this.store.georeference.north(spot.position);
-    return ((heading + north - 90) * Math.PI) / 180;
+    return this.angleOf(heading + this.store.georeference.north(spot.position));
   }
 
   _dot({ x, y, ids }, colour, chosen) {

@@ -44,22 +44,25 @@ export class PlanLayer extends CanvasLayer {
     const { cells, cell_px: side } = this.plan;
     const scale = this._map.getZoomScale(this._map.getZoom(), 0);
     const origin = this._map.latLngToContainerPoint(latLngOf([0, 0]));
-    const edge = (value, from) => Math.round(from + value * scale);
+    const edge = (value) => Math.round(value * scale);
+    pen.save();
+    pen.translate(origin.x, origin.y);
+    pen.rotate((this.turn.degrees * Math.PI) / 180);
     cells.recognised.forEach((share, n) => {
       const [left, top] = [cells.x_px[n] - side / 2, cells.y_px[n] - side / 2];
-      const [x, y] = [edge(left, origin.x), edge(top, origin.y)];
+      const [x, y] = [edge(left), edge(top)];
       pen.globalAlpha = cells.sigma[n] > UNSURE ? OPACITY.unsure : OPACITY.sure;
       pen.fillStyle = CLASSES[Math.min(Math.floor(share * CLASSES.length), CLASSES.length - 1)];
-      pen.fillRect(x, y, edge(left + side, origin.x) - x, edge(top + side, origin.y) - y);
+      pen.fillRect(x, y, edge(left + side) - x, edge(top + side) - y);
     });
-    pen.globalAlpha = 1;
+    pen.restore();
   }
 
   _wedges(pen, { x_px, y_px, headings_deg: headings }, { at, colour, rim }) {
     const north = this.store.georeference.north([x_px, y_px]);
     pen.lineWidth = 1.5;
     for (const heading of headings) {
-      const middle = ((heading + north - 90) * Math.PI) / 180;
+      const middle = this.angleOf(heading + north);
       pen.beginPath();
       pen.moveTo(at.x, at.y);
       pen.arc(at.x, at.y, WEDGE, middle - HALF_WEDGE, middle + HALF_WEDGE);

@@ -1,0 +1,67 @@
+/** The compass over a map: it shows where north is, and turns the image so that north is up. */
+
+import { byId } from "../dom.js";
+
+const KEPT = "expmap.north-up.";
+/** An image that is turned by less has north up already. */
+const LEAST_DEG = 1;
+const KEY = "u";
+
+/** Remembers for each map whether north is up; without a button that can be seen there is nothing to choose. */
+export class NorthUp {
+  /**
+   * @param {import("./map-view.js").MapView} view
+   * @param {{ownKey?: boolean}} [does] `ownKey`: listens to its key where the image has the focus
+   */
+  constructor(view, { ownKey = true } = {}) {
+    this.store = view.store;
+    this.views = [view];
+    this.kept = KEPT + (this.store.slug ?? location.pathname); // a shared map has a secret address instead
+    this.button = byId("north-up", HTMLButtonElement);
+    this.button.addEventListener("click", () => this.toggle());
+    this.store.on("satellite", () => this.show());
+    if (ownKey) view.element.addEventListener("keydown", (event) => this._key(event));
+    this.show();
+  }
+
+  /** Whether north is wanted up. */
+  get on() {
+    return localStorage.getItem(this.kept) !== null;
+  }
+
+  /** Turn another map of the same image along with the first one. @param {import("./map-view.js").MapView} view */
+  follow(view) {
+    this.views.push(view);
+    this.show();
+  }
+
+  /** North up, or the image again. */
+  toggle() {
+    if (this.button.hidden) return;
+    if (this.on) localStorage.removeItem(this.kept);
+    else localStorage.setItem(this.kept, "1");
+    this.show();
+  }
+
+  /** Turn the maps and the needle as it is wanted. */
+  show() {
+    const north = northOf(this.store);
+    for (const view of this.views) view.turnTo(this.on ? -north : 0);
+    this.button.hidden = north === 0;
+    this.button.setAttribute("aria-pressed", String(this.on && north !== 0));
+    this.button.style.setProperty("--north", `${this.on ? 0 : north}deg`);
+  }
+
+  _key(event) {
+    if (event.key.toLowerCase() !== KEY || event.ctrlKey || event.metaKey || event.altKey || this.button.hidden) return;
+    event.preventDefault();
+    this.toggle();
+  }
+}
+
+/** Where north is in the middle of an image, degrees clockwise from image-up; 0 where it is up, or not known. */
+export function northOf({ satellite, georeference }) {
+  if (!satellite) return 0;
+  const north = georeference.north([satellite.width / 2, satellite.height / 2]);
+  return Math.abs(north) > LEAST_DEG ? north : 0;
+}
