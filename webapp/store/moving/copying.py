@@ -120,10 +120,12 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
     Cancelled
     """
     tables = _tables(source)
-    progress.size(sum(_count(source, table) for table in tables))
+    rows = {table.name: _count(source, table) for table in tables}
+    progress.size(sum(rows.values()))
     copies = []
     for table in tables:
-        progress.note(f"table {table.name}")
+        if rows[table.name]:
+            progress.note(f"table {table.name}")
         with target.moving() as connection:
             copies.append(_copied(source, connection, table, progress=progress))
     last = backend_of(source).last_ids(source)
