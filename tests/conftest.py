@@ -31,6 +31,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 
 if TYPE_CHECKING:
     from tests.postgresql_server import PostgresqlServer
+    from tests.s3_server import S3Server
 
 # A shell starts what runs in the background without the interrupt, and commands that are tested inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -94,6 +95,29 @@ def postgresql() -> Iterator["PostgresqlServer"]:
     server = PostgresqlServer()
     yield server
     server.remove()
+
+
+@pytest.fixture(scope="session")
+def s3_process() -> Iterator["S3Server"]:
+    """An S3 server, with a proxy that can fail."""
+    from tests.s3_server import S3Server  # loads what most tests do without
+
+    server = S3Server()
+    yield server
+    server.stop()
+
+
+@pytest.fixture
+def s3(s3_process: "S3Server", monkeypatch: pytest.MonkeyPatch) -> Iterator["S3Server"]:
+    """The S3 server, which does not fail yet; the program finds it by its environment."""
+    from tests.s3_server import CREDENTIALS
+
+    for name, value in {**CREDENTIALS, "AWS_ENDPOINT_URL": s3_process.address}.items():
+        monkeypatch.setenv(name, value)
+    s3_process.reset()
+    yield s3_process
+    s3_process.silent.clear()
+    s3_process.reset()
 
 
 @pytest.fixture

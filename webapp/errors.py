@@ -10,7 +10,8 @@
     ├── RetryLater               the same request can succeed later
     │   ├── TooMany              too often in a short time: wait
     │   ├── Busy                 others are being served: try again
-    │   └── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
+    │   ├── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
+    │   └── StorageUnavailable   the object storage cannot be reached, or refuses (a StorageError too)
     ├── Conflict                 somebody else has changed it in the meantime
     ├── NotReady                 it is still being made: later it works
     ├── MapError                 the map cannot be read as a map
@@ -174,6 +175,10 @@ class StorageError(ExpMapError):
 
 class DatabaseUnavailable(StorageError, RetryLater):
     """The database server cannot be reached, or is busy; nothing was changed, or nobody was assured of it."""
+
+
+class StorageUnavailable(StorageError, RetryLater):
+    """The object storage cannot be reached, is too slow or refuses; nobody was assured of anything."""
 
 
 class DiskFull(StorageError):

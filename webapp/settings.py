@@ -318,6 +318,18 @@ class Settings:
     database: str | None = None
     """Address of a PostgreSQL database for the records, instead of a SQLite file in the library's folder."""
 
+    storage: str | None = None
+    """Where photos and indexes are kept, `s3://bucket/prefix`, instead of in the library's folder."""
+
+    orphans_h: Annotated[float, AtLeast(1)] = 24.0
+    """Hours after which objects that nothing names are deleted."""
+
+    cache_gb: float = 20.0
+    """GB of objects kept on the disk of this machine."""
+
+    cache_folder: Path | None = None
+    """Folder for them, instead of one in the user's cache."""
+
     models: Path | None = None
     """Folder with the weights of learned features, instead of one in the user's cache."""
 

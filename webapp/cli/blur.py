@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.tasks.blur.accept import accept_in_folder, accept_in_library
 from webapp.tasks.blur.find import BlurReport, photos_of, search_photos
@@ -35,7 +35,7 @@ def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_jso
     --accept, and original files never are. It can be interrupted at any moment; the next time only photos
     are searched that have not been.
     """
-    settings = load_settings()
+    settings = settings_in_use()
     networks = blur_networks(settings.models)
     for model in networks.missing:
         click.echo(f"{model} are not looked for: expmap models fetch {model}", err=True)

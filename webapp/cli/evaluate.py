@@ -11,6 +11,7 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build import tell_failed
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -22,7 +23,6 @@ from webapp.cli.options import (
     sequence_options,
 )
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
@@ -164,5 +164,5 @@ def _report(evaluation: Evaluation, output: Path | None, *, several: bool) -> No
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    evaluation_folder.write(evaluation, folder, limits=load_settings().photo)
+    evaluation_folder.write(evaluation, folder, limits=settings_in_use().photo)
     click.echo(f"report: {folder / 'report.html'}", err=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
-from webapp.configuration import load_settings
 from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, Floor
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError
@@ -58,7 +58,7 @@ def floors(
         raise click.UsageError("--add and --level go together")
     if add is None and (height is not None or image is not None):
         raise click.UsageError("--height and --image belong to --add")
-    settings = load_settings()
+    settings = settings_in_use()
     base = Floor(BASE_FLOOR, "Ground floor", 0.0)
     new = None
     if add is not None and level is not None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
-from webapp.configuration import load_settings
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Map
 from webapp.files.atomic import write_text
@@ -43,7 +43,7 @@ def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | N
     The landmarks are laid on the map by control points and placed photos together. A table has a row for each
     click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px, photo_y_px.
     """
-    settings = load_settings()
+    settings = settings_in_use()
     with library_of(cfg, url=settings.database) as there:
         the_map = read_map(cfg)
         size = photo_sizes(cfg, settings.photo)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.adjust import AdjustedPiece, adjust_pieces
@@ -38,7 +38,7 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
     started = time.perf_counter()
     with terminal_progress("photos") as progress:
         the_map = read_map(cfg)
-        settings = load_settings()
+        settings = settings_in_use()
         found = reconstruct(cfg, the_map, settings=settings, progress=progress)
         found, adjusted = adjust_pieces(found, the_map, progress=progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=progress)

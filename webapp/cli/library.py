@@ -12,6 +12,7 @@ import click
 
 from webapp.configuration import load_settings
 from webapp.errors import NotFound
+from webapp.files.objects.connect import connect
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library
 
@@ -26,9 +27,22 @@ def library_option(command: Command) -> Command:
     )(command)  # fmt: skip
 
 
+def settings_in_use() -> Settings:
+    """Load the settings, and read photos from the object storage that they name.
+
+    Raises
+    ------
+    UsageError, MissingPart
+        A setting is wrong, or something that it needs is not installed.
+    """
+    settings = load_settings()
+    connect(settings)
+    return settings
+
+
 def library_settings(folder: Path | None) -> Settings:
     """Load the settings, with the library that was chosen."""
-    settings = load_settings()
+    settings = settings_in_use()
     return settings if folder is None else replace(settings, library=folder)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 
 from webapp.cli.exitcodes import BAD_MAP, SOME_FAILED
+from webapp.cli.library import settings_in_use
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.core.geo.controlpoints import Model
 from webapp.core.hypotheses.places import KIND_WORDS
 from webapp.core.mapmodel.findings import Finding
@@ -44,7 +44,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     Looks at the .cfg, the map.json and placements next to it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
     """
-    report = check_map.check_map(cfg, settings=load_settings(), progress=Progress())
+    report = check_map.check_map(cfg, settings=settings_in_use(), progress=Progress())
     if as_json:
         click.echo(json.dumps(_as_json(report), indent=1))
     else:
@@ -120,7 +120,7 @@ def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, 
     """
     if (out is None) != in_place:
         raise click.UsageError("give either --out FOLDER or --in-place")
-    settings = load_settings()
+    settings = settings_in_use()
     with terminal_progress("photos") as progress:
         copies = list(copy_photos(of_folder(cfg), out, limits=settings.photo, progress=progress))
     written = sum(one.position is not None for one in copies)
@@ -253,7 +253,7 @@ def from_photos(
     )
     with terminal_progress("photos") as progress:
         report = map_from_photos.map_from_photos(
-            folder, options=options, settings=load_settings(), progress=progress
+            folder, options=options, settings=settings_in_use(), progress=progress
         )
     _show_warnings(report)
     click.echo(

@@ -10,7 +10,8 @@ from typing import Any
 
 import click
 
-from webapp.configuration import load_settings, settings_table
+from webapp.cli.library import settings_in_use
+from webapp.configuration import settings_table
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.errors import UsageError
@@ -191,7 +192,7 @@ _SEQUENCE_OPTIONS = [
 
 def chosen_settings(chosen: dict[str, Any]) -> Settings:
     """Read the settings, with those that the shared options of a command line choose."""
-    settings = load_settings()
+    settings = settings_in_use()
     given = {name: chosen[option] for option, name in _EXTRACT.items() if chosen[option] is not None}
     retrieval = settings.retrieval
     if chosen["shortlist"] is not None:

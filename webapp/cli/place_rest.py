@@ -8,9 +8,9 @@ from statistics import fmean
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.accept import (
     accept_in_folder,
@@ -53,7 +53,7 @@ def place_rest(
     if within is not None and not accept:
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
-    settings = load_settings()
+    settings = settings_in_use()
     with library_of(cfg, url=settings.database) as there:
         with terminal_progress("photos") as progress:
             report = suggest_rest(cfg, settings=settings, progress=progress, check=check)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE
-from webapp.configuration import load_settings
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError
@@ -125,7 +125,7 @@ def print_command(
         form=form,
         options=options,
         words=english(date.today().isoformat()),
-        settings=load_settings(),
+        settings=settings_in_use(),
         answers=() if answers is None else _answers(answers),
     )
     write_bytes(out, data)

@@ -14,6 +14,7 @@ from webapp.cli.library import library_option, library_settings
 from webapp.jobs import serving
 from webapp.jobs.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
+from webapp.tasks.operate.open_storage import open_storage
 
 _POLITENESS = 5
 """A page that somebody waits for goes before work in the background."""
@@ -76,6 +77,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     if parent is not None and hasattr(os, "nice"):
         os.nice(_POLITENESS)
     opened = open_library(settings.library, url=settings.database)
+    open_storage(opened, settings)
     working = Worker(opened, settings, duties=composition.duties(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)

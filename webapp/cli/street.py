@@ -10,9 +10,9 @@ from pathlib import Path
 import click
 
 from webapp.cli.exitcodes import SOME_FAILED
+from webapp.cli.library import settings_in_use
 from webapp.cli.options import MAP_FILE, area_option
 from webapp.cli.progressbar import terminal_progress
-from webapp.configuration import load_settings
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import UsageError
 from webapp.settings import StreetSettings
@@ -67,7 +67,7 @@ def street_photos(
     """
     if bbox is not None and within is not None:
         raise click.UsageError("give either --bbox or --within")
-    settings = load_settings()
+    settings = settings_in_use()
     with library_of(cfg, url=settings.database) as there:
         target: StreetTarget = (
             FolderTarget(cfg, settings=settings)

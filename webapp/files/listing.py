@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from webapp.errors import UsageError
 from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.objects.pointer import SUFFIX, pointed_path
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -32,10 +33,15 @@ def list_photos(folder: Path) -> list[str]:
     for parent, folders, files in os.walk(folder):
         here = Path(parent)
         folders[:] = [f for f in folders if not f.startswith(".") and (here != folder or f != DERIVED)]
-        for name in files:
+        for name in map(_shown, files):
             if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("."):
                 found.append((here / name).relative_to(folder).as_posix())
-    return sorted(found)
+    return sorted(set(found))
+
+
+def _shown(name: str) -> str:
+    """Return the name of the file that a pointer to an object stands for; else the same name."""
+    return pointed_path(Path(name)).name if name.startswith(".") and name.endswith(SUFFIX) else name
 
 
 def normal_name(name: str) -> str:

@@ -30,6 +30,7 @@ from webapp.store.library import Library, open_library
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import MapRecord
+from webapp.tasks.operate.open_storage import open_storage
 
 _TICK_S = 0.1
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 5.0
@@ -98,6 +99,7 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
     with ExitStack() as on_end, _listen(site.host, site.port) as listener:
         library = open_library(settings.library, url=settings.database)
         try:
+            open_storage(library, settings)
             start = _Start(library, listener, settings=settings)
             figures = on_end.enter_context(_metrics_folder(settings))
             web, worker = _web(site, library, listener=listener, more=figures), _worker(site, library)

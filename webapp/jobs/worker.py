@@ -24,7 +24,14 @@ from typing import Any
 from filelock import FileLock, Timeout
 from sqlalchemy import select
 
-from webapp.errors import Cancelled, DatabaseUnavailable, ExpMapError, ProcessLost, StorageError
+from webapp.errors import (
+    Cancelled,
+    DatabaseUnavailable,
+    ExpMapError,
+    ProcessLost,
+    StorageError,
+    StorageUnavailable,
+)
 from webapp.files.atomic import is_full, storage_error
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import Duties, Sweep
@@ -36,7 +43,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import photo_files
 from webapp.tasks.maps.delete_map import delete_orphans
 from webapp.tasks.maps.export import export_late_maps
-from webapp.tasks.operate import sweep_uploads
+from webapp.tasks.operate import objects, sweep_uploads
 from webapp.tasks.satellite import files
 
 _log = logging.getLogger(__name__)
@@ -85,6 +92,7 @@ class Worker:
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
         if not once:
             exporter.start()
+            threading.Thread(target=self._store, name="store", daemon=True).start()
         try:
             while not self._stops():
                 try:
@@ -151,6 +159,13 @@ class Worker:
                 _log.exception("the maps' files could not be brought up to date")
                 written = False
 
+    def _store(self) -> None:
+        """Every now and then move photos into the object storage, if there is one, while jobs are done."""
+        while True:
+            _sweep([partial(objects.move_photos, self._library, stops=self._ended.is_set)])
+            if self._ended.wait(_CLEAN_S):
+                return
+
     def _clean(self) -> None:
         """Delete every now and then what interrupted work has left behind."""
         if time.monotonic() >= self._clean_at:
@@ -190,6 +205,8 @@ class Worker:
         pool.shutdown()
         heart.beat(always=True)
         self._log_end(job, self._end(job, context, work), time.monotonic() - begun)
+        if isinstance(error := work.exception(), StorageUnavailable):
+            self._stopping.wait(error.wait_s)
         if context.progress.cancelled():
             _sweep([partial(delete_orphans, self._library)])
 
@@ -222,6 +239,9 @@ class Worker:
                 ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
+            elif isinstance(error, StorageUnavailable):
+                _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
+                ended, kept = "given back", jobs.give_back(session, lease, note=error.message)
             elif isinstance(error, ProcessLost | DatabaseUnavailable):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.let_go(session, lease)
@@ -291,6 +311,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
     sweeps.append(partial(sweep_uploads.sweep_uploads, library, settings=settings))
+    sweeps.append(partial(objects.sweep_objects, library, settings))
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]

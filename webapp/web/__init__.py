@@ -12,6 +12,7 @@ from webapp import __version__
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
+from webapp.tasks.operate.open_storage import open_storage
 from webapp.web import (
     compression,
     concurrency,
@@ -57,6 +58,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         The library cannot be opened.
     """
     library = library or open_library(settings.library, url=settings.database, threads=settings.serve.threads)
+    open_storage(library, settings)
     app = openapi.Application(
         __name__,
         title="Experience Map",

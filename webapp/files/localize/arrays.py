@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged
 from webapp.files import atomic
+from webapp.files.objects.bucket import ObjectLost
+from webapp.files.objects.storage import local, replaced
 
 _GAP_BYTES = 16_384
 """Rows that are nearer to each other in the file are read together."""
@@ -139,7 +141,9 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     for part in parts:
         content.update(part)
     digest = content.hexdigest()[:16]
-    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), *parts)
+    target = path.with_name(path.name.replace("{hash}", digest))
+    atomic.write_bytes(target, *parts)
+    replaced(target)
     return digest
 
 
@@ -160,7 +164,10 @@ def read_arrays(
     ------
     IndexDamaged
         The file is missing, cut off, or not such a file.
+    StorageError
+        It is an object, and the storage or the disk of the cache refused.
     """
+    path = present(path)
     try:
         with path.open("rb") as file:
             start = file.read(16)
@@ -178,6 +185,22 @@ def read_arrays(
         raise _damaged(f"it cannot be read: {error.strerror or error}", path) from error
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged("its header is damaged", path) from error
+
+
+def present(path: Path) -> Path:
+    """Return where a file of an index can be read now, fetched where it is an object.
+
+    Raises
+    ------
+    IndexDamaged
+        The storage has lost it.
+    StorageError
+        The storage or the disk of the cache refused.
+    """
+    try:
+        return local(path)
+    except ObjectLost as error:
+        raise IndexDamaged(error.message, where=str(path), hint=REPAIR) from error
 
 
 def _read_some(

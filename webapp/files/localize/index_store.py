@@ -31,7 +31,9 @@ from webapp.core.features.table import FeatureChoice
 from webapp.core.features.types import Engine, Kind
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
-from webapp.files.localize.arrays import REPAIR
+from webapp.files.localize.arrays import REPAIR, present
+from webapp.files.objects import storage
+from webapp.files.objects.pointer import SUFFIX, pointed_path
 from webapp.settings import ExtractSettings
 
 FORMAT = 2
@@ -201,13 +203,11 @@ class IndexFolder:
         ------
         StorageError
         """
-        keep = {self.codebook_path(manifest.codebook)}
-        for segment in manifest.segments:
-            codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)
-            keep |= {self.segment_path(segment.name), codes}
+        keep = self._named(manifest)
         try:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
-                if path.suffix in _OURS and path not in keep:
+                named = pointed_path(path) if path.suffix == SUFFIX else path
+                if named.suffix in _OURS and named not in keep:
                     with suppress(PermissionError):  # Windows keeps what a reader has open: next time then
                         path.unlink(missing_ok=True)
         except OSError as error:
@@ -215,12 +215,31 @@ class IndexFolder:
                 f"the folder cannot be tidied: {error.strerror}", where=str(self.folder)
             ) from error
 
+    def _named(self, manifest: Manifest) -> set[Path]:
+        """List the files that a manifest names."""
+        named = {self.codebook_path(manifest.codebook)}
+        for segment in manifest.segments:
+            codes = self.codes_path(segment.name, codebook=manifest.codebook, engine=manifest.engine)
+            named |= {self.segment_path(segment.name), codes}
+        return named
+
+    def publish(self, manifest: Manifest) -> None:
+        """Make objects of the files that a manifest names, before it names them; see `storage.publish`.
+
+        Raises
+        ------
+        StorageError
+        """
+        for path in sorted(self._named(manifest)):
+            storage.publish(path)
+
     def bytes_on_disk(self) -> int:
         """Sum the sizes of all files of the index; what a build removes meanwhile does not count."""
         total = 0
         for path in self.folder.rglob("*"):
             with suppress(FileNotFoundError):
-                total += path.stat().st_size if path.is_file() else 0
+                pointer = storage.pointer_of(pointed_path(path)) if path.suffix == SUFFIX else None
+                total += pointer.bytes if pointer else path.stat().st_size if path.is_file() else 0
         return total
 
 
@@ -249,7 +268,9 @@ def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
         faiss.serialize_index_binary(index) if kind == "binary" else faiss.serialize_index(index)
     ).tobytes()
     digest = hashlib.sha256(data).hexdigest()[:16]
-    atomic.write_bytes(path.with_name(path.name.replace("{hash}", digest)), data)
+    target = path.with_name(path.name.replace("{hash}", digest))
+    atomic.write_bytes(target, data)
+    storage.replaced(target)
     return digest
 
 
@@ -259,7 +280,10 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
     Raises
     ------
     IndexDamaged
+    StorageError
+        It is an object, and the storage or the disk of the cache refused.
     """
+    path = present(path)
     try:
         if kind == "binary":
             return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)

@@ -13,6 +13,7 @@ from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
+from webapp.files.objects.storage import hash_of, local
 
 
 def json_path(cfg_path: Path) -> Path:
@@ -39,7 +40,24 @@ class MapFolder:
         self._stays: dict[Path, bool] = {}
 
     def path(self, name: str) -> Path:
-        """Find a photo or the satellite image of the map, whether or not it exists.
+        """Find a photo or the satellite image of the map, whether or not it exists; an object is fetched.
+
+        Parameters
+        ----------
+        name : str
+            As it stands in the `.cfg`.
+
+        Raises
+        ------
+        MapError
+            As `place`.
+        StorageError
+            It is an object, and the storage or the disk of the cache refused.
+        """
+        return local(self.place(name))
+
+    def place(self, name: str) -> Path:
+        """Name the path of a photo or of the satellite image in the map's folder, whether or not it exists.
 
         Parameters
         ----------
@@ -76,6 +94,19 @@ class MapFolder:
 def photo_path(cfg_path: Path, name: str) -> Path:
     """Find a photo or the satellite image of a map, whether or not it exists; see `MapFolder.path`."""
     return MapFolder(cfg_path).path(name)
+
+
+def photo_hash(cfg_path: Path, name: str) -> str:
+    """Return the SHA-256 of a photo of a map; an object is not fetched for it.
+
+    Raises
+    ------
+    MapError
+        As `MapFolder.place`.
+    OSError
+        The file is missing, or cannot be read.
+    """
+    return hash_of(MapFolder(cfg_path).place(name))
 
 
 def read_map_json(cfg_path: Path) -> MapJson:

@@ -267,11 +267,18 @@ def stop(session: Session, held: Lease) -> bool:
     return job is not None
 
 
-def give_back(session: Session, held: Lease) -> bool:
-    """Put a job back into the queue because its worker has to stop; False when the lease is lost."""
+def give_back(session: Session, held: Lease, *, note: str | None = None) -> bool:
+    """Put a job back into the queue because its worker has to stop; False when the lease is lost.
+
+    Parameters
+    ----------
+    note : str or None
+        Shown with it, instead of what it was at.
+    """
     job = _held(session, held)
     if job is None:
         return False
+    job.note = job.note if note is None else note
     job.attempts -= 1  # nobody died on it
     if job.cancel_wanted or _waiting(session, job.kind, map_id=job.map_id, key=job.key) is not None:
         _end(session, job, "cancelled")  # when one like it waits already, that one does the work

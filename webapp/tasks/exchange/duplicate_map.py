@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.listing import DERIVED
+from webapp.files.objects.pointer import pointer_path
 from webapp.files.photos.preview import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library
@@ -150,7 +151,8 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
 
 def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
     """List what belongs to a map, besides its texts, which are rewritten."""
-    yield from (folder / photo.path for photo in photos)
+    for photo in photos:
+        yield from (folder / photo.path, pointer_path(folder / photo.path))
     for image in (record.satellite_path, *(floor.image.path for floor in floors(record) if floor.image)):
         if image is not None:
             yield folder / image

@@ -31,8 +31,7 @@ from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest
 from webapp.files.lock import writer_lock
-from webapp.files.maps.folder import photo_path
-from webapp.files.part_file import sha256_of
+from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.landmarks.known import AnyPhoto
@@ -211,7 +210,7 @@ def _describe(
 def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | None:
     """Read what is known of a photo from earlier; None where it is to be described, or cannot be."""
     try:
-        content = content_of(photo, sha256_of(photo_path(cfg, photo.photo)))
+        content = content_of(photo, photo_hash(cfg, photo.photo))
         return read_segment(index.spool_path(content)).entry(0)
     except (OSError, MapError, IndexDamaged):
         return None

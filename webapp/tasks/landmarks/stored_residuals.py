@@ -8,8 +8,7 @@ from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
-from webapp.files.maps.folder import photo_path
-from webapp.files.part_file import sha256_of
+from webapp.files.maps.folder import photo_hash
 from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
 from webapp.tasks.landmarks.known import all_photos
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -26,10 +25,7 @@ def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
     stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
     if stored is None or pieces is None or stored.key != pieces.cloud_key:
         return None
-    photos = {
-        content_of(one, sha256_of(photo_path(cfg, one.photo))): one
-        for one in level_views(all_photos(the_map))
-    }
+    photos = {content_of(one, photo_hash(cfg, one.photo)): one for one in level_views(all_photos(the_map))}
     of_cloud = [photos.get(content) for content in pieces.contents]
     lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(pieces.contents)))
     results = georegister_all(pieces.pieces, of_cloud, the_map=the_map, lenses=lenses)

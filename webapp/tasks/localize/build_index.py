@@ -133,6 +133,7 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
             progress.note("files of the index are missing or damaged: rebuilding them")
         photos, extracted = _photos(old, request, settings=settings, progress=progress)
         new = segments.join(index, replace(old, photos=photos), coding=coding, progress=progress)
+        index.publish(new)
         if new != before:
             spent = before.build_seconds + time.perf_counter() - started
             index.write_manifest(replace(new, build_seconds=round(spent, 3)))

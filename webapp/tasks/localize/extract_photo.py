@@ -28,6 +28,8 @@ from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import photo_path
+from webapp.files.objects.connect import connect
+from webapp.files.objects.storage import pointer_of
 from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings, keep_freed_memory
@@ -117,6 +119,7 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
     StorageError
         The disk refused.
     """
+    connect(job.settings)  # in a process of its own
     seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
     try:
         data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
@@ -132,6 +135,9 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
 
 def size_and_time(path: Path) -> tuple[int, int]:
     """Look up a file's bytes and when it was changed, in nanoseconds; zeros when there is none."""
+    pointer = pointer_of(path)
+    if pointer is not None:
+        return pointer.bytes, pointer.mtime_ns
     try:
         stat = path.stat()
     except OSError:

@@ -45,6 +45,7 @@ from webapp.errors import InputError, MapError, MissingPart
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import read_map
+from webapp.files.objects.storage import local
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
@@ -208,7 +209,7 @@ class LocalizationPipeline:
     def _read(self, photo_path: Path) -> list[QueryPhoto]:
         described = (o.indexed.global_descriptors for o in self.all_opened)
         describe = next((d.network for d in described if d is not None), None)
-        return read_query(photo_path, settings=self.settings, fov_deg=self.fov_deg, describe=describe)
+        return read_query(local(photo_path), settings=self.settings, fov_deg=self.fov_deg, describe=describe)
 
     def _extract(self, photo: QueryPhoto) -> Features:
         choice, gray = self.opened.choice, photo.gray

@@ -15,6 +15,7 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
 from webapp.files.maps.map_json import panorama_fields
 from webapp.files.maps.sources import source_fields
+from webapp.files.objects import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps
@@ -149,7 +150,7 @@ def add_photo(
     NotFound
         The map is gone.
     DiskFull, StorageError
-        The disk refused.
+        The disk or the object storage refused.
     """
     name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):
@@ -157,6 +158,7 @@ def add_photo(
         around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = sha256_of(source)
+    stored = storage.store(source)  # before the change, which would hold up others meanwhile
     with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
@@ -173,7 +175,7 @@ def add_photo(
         problem = _place(row, record, facts) if by_gps else None
         before = record.revision
         kept = maps.add_photo(session, record, row=row)
-        keep(source, folder=folder, row=kept)
+        keep(source, folder=folder, row=kept, stored=stored)
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
             # before the record is kept: a photo whose previews the disk refuses is refused as a whole

@@ -22,6 +22,7 @@ from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
 from webapp.files.maps.folder import MapFolder, json_path, photo_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
+from webapp.files.objects.storage import is_there
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -233,10 +234,10 @@ class _FileChecker:
     def find(self, name: str) -> FileFacts:
         """Return whether the file is there."""
         try:
-            path = self.files.path(name)
+            path = self.files.place(name)
         except MapError as error:
             return FileFacts("outside", error.message)
-        return FileFacts("ok" if path.is_file() else "missing")
+        return FileFacts("ok" if is_there(path) else "missing")
 
     def photo(self, name: str) -> FileFacts:
         """Return whether a photo that is there can be decoded, and where its GPS puts it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
 from webapp.files.maps.folder import MapFolder, photo_path
+from webapp.files.objects.storage import hash_of
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -131,7 +131,7 @@ def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
     known = {normal_name(row.path) for row in rows} | images_of(session, record)
     hashes = {row.sha256 for row in rows}
     found = check_map.orphan_photos(cfg, scan(b""), present=list_photos(cfg.parent))
-    return [name for name in found if name not in known and _sha256(cfg.parent / name) not in hashes]
+    return [name for name in found if name not in known and hash_of(cfg.parent / name) not in hashes]
 
 
 def swapped(record: MapRecord, rows: Iterable[Photo]) -> list[int]:
@@ -219,11 +219,6 @@ def _outside(shown: dict[str, Any]) -> Problem:
     )
     ids = tuple(photo["id"] for what in ("moved", "turned", "removed", "kept") for photo in shown[what])
     return Problem(OUTSIDE, "error", message, None, ids, fixes)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def fix_findings(

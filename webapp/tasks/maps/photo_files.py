@@ -16,7 +16,9 @@ from sqlalchemy.orm import Session
 
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED, folded
-from webapp.files.part_file import discard, move_in, sha256_of
+from webapp.files.objects.pointer import Pointer
+from webapp.files.objects.storage import hash_of, is_there, put_in_place, remove
+from webapp.files.part_file import discard, move_in
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
@@ -68,21 +70,29 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
     return next(free, paths[-1])
 
 
-def keep(source: Path, *, folder: Path, row: Photo) -> None:
+def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = None) -> None:
     """Move a file to its path, or delete it where the photo has its file; see `forget_intake`.
+
+    Parameters
+    ----------
+    stored : Pointer or None
+        Of the object that has its content already: then a pointer comes to the path.
 
     Raises
     ------
     DiskFull, StorageError
     """
     target = folder / row.path
-    if target.exists():
+    if is_there(target):
         source.unlink()
         return
     note = _note(folder, row.sha256)
     note.parent.mkdir(parents=True, exist_ok=True)
     write_bytes(note, row.path.encode())
-    move_in(source, target)
+    if stored is None:
+        move_in(source, target)
+    else:
+        put_in_place(source, target, stored)
 
 
 def forget_intake(folder: Path, row: Photo) -> None:
@@ -109,8 +119,8 @@ def sweep_orphans(library: Library, map_id: int) -> int:
             path = note.read_text("utf-8", "replace")
             file = folder / path
             ours = path.startswith(f"{PHOTOS}/") and path not in known
-            if ours and file.is_file() and sha256_of(file) == note.name:
-                discard(file)
+            if ours and is_there(file) and hash_of(file) == note.name:
+                remove(file)
                 swept += 1
             discard(note)
     return swept
@@ -133,7 +143,9 @@ def _plain_name(name: str, suffix: str) -> tuple[str, str]:
 
 
 def _is_free(file: Path, row: Photo) -> bool:
-    return not file.exists() or (file.is_file() and sha256_of(file) == row.sha256)
+    if is_there(file):
+        return hash_of(file) == row.sha256
+    return not file.exists()
 
 
 def _is_known(session: Session, record: MapRecord, path: str) -> bool:

@@ -1,0 +1,252 @@
+"""Files that are objects: what is stored, fetched, kept here and refused."""
+
+import os
+import pickle
+import threading
+import time
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from webapp.errors import DiskFull, StorageError, StorageUnavailable, UsageError
+from webapp.files.listing import list_photos
+from webapp.files.objects import storage
+from webapp.files.objects.bucket import Bucket, ObjectLost
+from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.pointer import Pointer, pointed_path, pointer_path, read_pointer
+from webapp.files.objects.storage import ObjectStorage
+
+
+@pytest.fixture
+def bucket_name(s3):
+    return s3.new_bucket()
+
+
+@pytest.fixture
+def node(s3, bucket_name, tmp_path):
+    """Make a storage as a machine of its own has it."""
+
+    def make(name="one", *, limit=10**9, timeout_s=10.0, **options):
+        bucket = Bucket(f"s3://{bucket_name}/some/prefix", timeout_s=timeout_s)
+        return ObjectStorage(bucket, ObjectCache(tmp_path / f"cache-{name}", limit=limit, **options))
+
+    return make
+
+
+def file_of(folder, content, name="photo.jpg"):
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+def test_a_published_file_is_an_object_that_another_machine_reads(node, s3, bucket_name, tmp_path):
+    content = os.urandom(20_000_000)  # in several pieces
+    path = file_of(tmp_path, content)
+    os.utime(path, ns=(1, 123_456_789))
+    with storage.using(node()):
+        storage.publish(path)
+    assert not path.exists()
+    (key,) = s3.keys(bucket_name)
+    assert key.startswith("some/prefix/")
+    with storage.using(node("two")):
+        there = storage.local(path)
+        assert there.read_bytes() == content
+        assert there.stat().st_mtime_ns == 123_456_789
+        assert there.name.endswith("photo.jpg")
+        assert storage.is_there(path)
+        s3.requests.clear()
+        assert storage.local(path) == there
+        assert storage.hash_of(path) == read_pointer(path).sha256
+    assert s3.requests == []
+
+
+def test_without_a_storage_a_path_is_a_path(tmp_path):
+    path = file_of(tmp_path, b"photo")
+    storage.publish(path)
+    assert storage.store(path) is None
+    assert storage.local(path) == path
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_listed_folder_shows_objects_by_the_names_of_their_files(node, tmp_path):
+    path = file_of(tmp_path, b"photo", "a/photo.jpg")
+    with storage.using(node()):
+        storage.publish(path)
+    assert pointed_path(pointer_path(path)) == path
+    assert list_photos(tmp_path / "a") == ["photo.jpg"]
+
+
+def test_every_upload_has_a_key_of_its_own(node, tmp_path):
+    one, path = node(), file_of(tmp_path, b"photo")
+    assert one.store(path).key != one.store(path).key
+
+
+def test_the_cache_stays_within_its_size_and_keeps_what_was_asked_for_lately(node, tmp_path):
+    paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(6)]
+    with storage.using(node()):
+        for path in paths:
+            storage.publish(path)
+    small = node("small", limit=3500, stays_s=0.0)
+    with storage.using(small):
+        for path in paths[:3]:
+            storage.local(path)
+            time.sleep(0.01)
+        storage.local(paths[0])
+        time.sleep(0.01)
+        storage.local(paths[3])
+        assert small.cache.size() <= 3500
+        kept = {place.name[-5:] for place in small.cache.folder.glob("*/*")}
+    assert {"0.jpg", "3.jpg"} <= {name[-5:] for name in kept}
+
+
+def test_a_file_that_was_asked_for_is_not_evicted_before_it_can_be_opened(node, tmp_path):
+    paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(5)]
+    with storage.using(node()):
+        for path in paths:
+            storage.publish(path)
+    with storage.using(node("small", limit=1500)):
+        found = [storage.local(path) for path in paths]
+        assert all(place.stat().st_size == 1000 for place in found)
+
+
+def test_many_readers_and_a_cache_that_is_too_small(node, tmp_path):
+    contents = {i: os.urandom(2000) for i in range(20)}
+    paths = {i: file_of(tmp_path, content, f"{i}.jpg") for i, content in contents.items()}
+    with storage.using(node()):
+        for path in paths.values():
+            storage.publish(path)
+    wrong = []
+
+    def read(start):
+        for i in range(40):
+            which = (start * 7 + i) % 20
+            if storage.local(paths[which]).read_bytes() != contents[which]:
+                wrong.append(which)
+
+    with storage.using(node("small", limit=8000, stays_s=5.0)):
+        threads = [threading.Thread(target=read, args=(n,)) for n in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert wrong == []
+
+
+def test_an_open_file_is_read_to_its_end_after_it_was_evicted(node, tmp_path):
+    first, second = file_of(tmp_path, b"1" * 1000, "1.jpg"), file_of(tmp_path, b"2" * 1000, "2.jpg")
+    with storage.using(node()):
+        storage.publish(first)
+        storage.publish(second)
+    with storage.using(node("small", limit=1500, stays_s=0.0)), storage.local(first).open("rb") as opened:
+        time.sleep(0.01)
+        place = storage.local(first)
+        time.sleep(0.01)
+        storage.local(second)
+        assert not place.exists()
+        assert opened.read() == b"1" * 1000
+
+
+def test_a_damaged_copy_is_fetched_again_and_a_wrong_object_is_refused(node, s3, bucket_name, tmp_path):
+    path, one = file_of(tmp_path, b"photo"), node()
+    with storage.using(one):
+        storage.publish(path)
+        storage.local(path).write_bytes(b"cut")
+        assert storage.local(path).read_bytes() == b"photo"
+    s3.client.put_object(Bucket=bucket_name, Key=s3.keys(bucket_name)[0], Body=b"other")
+    with storage.using(node("two")), pytest.raises(StorageError, match="another content"):
+        storage.local(path)
+    assert [p for p in (tmp_path / "cache-two").glob("*/*") if p.is_file()] == []
+
+
+def test_an_object_that_is_lost_is_named(node, s3, bucket_name, tmp_path):
+    path = file_of(tmp_path, b"photo")
+    with storage.using(node()):
+        storage.publish(path)
+    s3.client.delete_object(Bucket=bucket_name, Key=s3.keys(bucket_name)[0])
+    with storage.using(node("two")), pytest.raises(ObjectLost, match="has lost this file"):
+        storage.local(path)
+
+
+@pytest.mark.parametrize(
+    ("refusal", "kind", "sentence"),
+    [
+        ((403, "AccessDenied"), StorageUnavailable, "refuses access"),
+        ((503, "SlowDown"), StorageUnavailable, "overloaded or disturbed"),
+        ((500, "InternalError"), StorageUnavailable, "overloaded or disturbed"),
+        ((507, "XMinioStorageFull"), DiskFull, "is full"),
+        ((400, "QuotaExceeded"), DiskFull, "is full"),
+        ((404, "NoSuchBucket"), StorageUnavailable, "does not exist"),
+        ((400, "InvalidRequest"), StorageError, "refuses: InvalidRequest"),
+    ],
+)
+def test_a_refusal_is_one_sentence_and_the_file_stays(node, s3, tmp_path, refusal, kind, sentence):
+    path, one = file_of(tmp_path, b"photo"), node()
+    s3.refuse = refusal
+    with storage.using(one), pytest.raises(kind, match=sentence) as refused:
+        storage.publish(path)
+    assert path.read_bytes() == b"photo"
+    assert not pointer_path(path).exists()
+    assert str(pickle.loads(pickle.dumps(refused.value))) == str(
+        refused.value
+    )  # as a worker process sends it
+
+
+def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatch):
+    path, one = file_of(tmp_path, b"photo"), node(timeout_s=0.4)
+    s3.silent.set()
+    begun = time.monotonic()
+    with storage.using(one), pytest.raises(StorageUnavailable, match="does not answer in time"):
+        storage.publish(path)
+    assert time.monotonic() - begun < 8
+    s3.silent.clear()
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    with storage.using(node()), pytest.raises(StorageUnavailable, match="cannot be reached"):
+        storage.publish(path)
+    assert path.exists()
+
+
+def test_an_answer_that_is_cut_off_leaves_nothing(node, s3, tmp_path):
+    path = file_of(tmp_path, os.urandom(300_000))
+    with storage.using(node()):
+        storage.publish(path)
+    s3.bytes_per_s = 50_000  # a block takes longer than a connection may be silent
+    two = node("two", timeout_s=0.4)
+    with storage.using(two), pytest.raises(StorageUnavailable):
+        storage.local(path)
+    assert two.cache.size() == 0
+    s3.reset()
+    with storage.using(two):
+        assert storage.local(path).stat().st_size == 300_000
+
+
+@pytest.mark.parametrize("url", ["http://bucket", "s3://", "bucket/prefix"])
+def test_an_address_that_is_none_is_refused(url):
+    with pytest.raises(UsageError, match="no address of a storage"):
+        Bucket(url)
+
+
+def test_a_damaged_pointer_is_named(tmp_path):
+    path = tmp_path / "photo.jpg"
+    pointer_path(path).write_text("{}")
+    with pytest.raises(StorageError, match="pointer to an object is damaged"):
+        read_pointer(path)
+
+
+def test_interrupted_uploads_are_dropped(node, s3, bucket_name):
+    s3.client.create_multipart_upload(Bucket=bucket_name, Key="some/prefix/ab/key")
+    one = node()
+    begun = datetime(2010, 11, 10, tzinfo=UTC)  # says moto of every upload
+    assert one.bucket.drop_unfinished(begun_before=begun - timedelta(days=1)) == 0
+    assert one.bucket.drop_unfinished(begun_before=begun + timedelta(days=1)) == 1
+    assert "Uploads" not in s3.client.list_multipart_uploads(Bucket=bucket_name)
+
+
+def test_a_pointer_says_what_the_file_was(node, tmp_path):
+    path = file_of(tmp_path, b"photo")
+    with storage.using(node()):
+        facts = path.stat()
+        storage.publish(path)
+        pointer = storage.pointer_of(path)
+    assert isinstance(pointer, Pointer)
+    assert (pointer.bytes, pointer.mtime_ns) == (5, facts.st_mtime_ns)

@@ -1,0 +1,135 @@
+"""An S3 server for tests, of the wheel `moto`, and a proxy in front that is slow, silent or refuses."""
+
+import threading
+import time
+from http.client import HTTPConnection
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from uuid import uuid4
+
+import boto3
+from moto.server import ThreadedMotoServer
+
+CREDENTIALS = {
+    "AWS_ACCESS_KEY_ID": "test",
+    "AWS_SECRET_ACCESS_KEY": "test",
+    "AWS_DEFAULT_REGION": "us-east-1",
+    "AWS_EC2_METADATA_DISABLED": "true",
+}
+
+_PASSED_ON = ("content-type", "content-length", "etag", "last-modified", "content-range", "accept-ranges")
+_BLOCK = 1 << 16
+
+
+class S3Server:
+    """A server with a proxy, which is what the program is given.
+
+    Attributes
+    ----------
+    refuse : tuple of int and str, or None
+        Status and code of S3 with which requests are answered.
+    refused_methods : set of str
+        Only these are.
+    silent : threading.Event
+        While it is set, nothing is answered.
+    bytes_per_s : float or None
+        Of each answer.
+    requests : list of str
+        Methods and paths, as they came.
+    """
+
+    def __init__(self):
+        self._server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+        self._server.start()
+        self.host, self.port = self._server.get_host_and_port()
+        self.reset()
+        self.silent = threading.Event()
+        proxy = self
+        self._proxy = _Proxy(("127.0.0.1", 0), type("Handler", (_Handler,), {"proxy": proxy}))
+        self._proxy.daemon_threads = True
+        threading.Thread(target=self._proxy.serve_forever, args=(0.05,), daemon=True).start()
+        self.address = f"http://127.0.0.1:{self._proxy.server_address[1]}"
+        self.client = boto3.client(
+            "s3",
+            endpoint_url=f"http://{self.host}:{self.port}",
+            aws_access_key_id="test",
+            aws_secret_access_key="test",
+            region_name="us-east-1",
+        )
+
+    def reset(self):
+        """Answer as an S3 server does."""
+        self.refuse, self.refused_methods, self.bytes_per_s = (
+            None,
+            {"GET", "PUT", "POST", "HEAD", "DELETE"},
+            None,
+        )
+        self.requests = []
+
+    def new_bucket(self):
+        """Make a bucket; gives its name."""
+        name = f"photos-{uuid4().hex[:12]}"
+        self.client.create_bucket(Bucket=name)
+        return name
+
+    def keys(self, bucket):
+        """List the objects in a bucket."""
+        return [one["Key"] for one in self.client.list_objects_v2(Bucket=bucket).get("Contents", ())]
+
+    def stop(self):
+        """End both."""
+        self.client.close()
+        self._proxy.shutdown()
+        self._proxy.server_close()
+        self._server.stop()
+
+
+class _Proxy(ThreadingHTTPServer):
+    def handle_error(self, *_):
+        """Let clients go away, as those do that have waited for long enough."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def _answer(self):
+        length = int(self.headers.get("Content-Length") or 0)
+        body = self.rfile.read(length)
+        self.proxy.requests.append(f"{self.command} {self.path}")
+        while self.proxy.silent.is_set():
+            time.sleep(0.02)
+        if self.proxy.refuse is not None and self.command in self.proxy.refused_methods:
+            self._refuse(*self.proxy.refuse)
+            return
+        there = HTTPConnection(self.proxy.host, self.proxy.port, timeout=30)
+        headers = {name: value for name, value in self.headers.items() if name.lower() != "expect"}
+        there.request(self.command, self.path, body, headers)
+        answer = there.getresponse()
+        content = answer.read()
+        self.send_response(answer.status)
+        for name, value in answer.getheaders():
+            if name.lower() in _PASSED_ON and not (
+                name.lower() == "content-length" and self.command != "HEAD"
+            ):
+                self.send_header(name, value)
+        if self.command != "HEAD":
+            self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        for start in range(0, len(content), _BLOCK):
+            self.wfile.write(content[start : start + _BLOCK])
+            if self.proxy.bytes_per_s:
+                time.sleep(len(content[start : start + _BLOCK]) / self.proxy.bytes_per_s)
+        there.close()
+
+    do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = _answer  # noqa: N815 - as the base class has them
+
+    def _refuse(self, status, code):
+        content = f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode()
+        self.send_response(status)
+        self.send_header("Content-Type", "application/xml")
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+    def log_message(self, *_):
+        """Keep quiet."""

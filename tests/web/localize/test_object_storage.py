@@ -1,0 +1,452 @@
+"""A library whose photos and indexes are in S3, on machines that share its folder, each with a cache."""
+
+import hashlib
+import io
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from sqlalchemy import select
+
+from tests.web.conftest import Browser
+from webapp.app.web import create_app
+from webapp.app.wings import DUTIES
+from webapp.core.features.table import choose
+from webapp.errors import StorageError, UsageError
+from webapp.files.maps.folder import read_map
+from webapp.files.objects import bucket as bucket_module
+from webapp.files.objects import storage
+from webapp.files.objects.connect import connect
+from webapp.files.objects.pointer import pointed_path, read_pointer
+from webapp.jobs.worker import Worker
+from webapp.progress import Progress
+from webapp.settings import ExtractSettings, Settings, UploadLimits
+from webapp.store import clock
+from webapp.store.maps import maps
+from webapp.store.operate import jobs
+from webapp.store.schema import Job, MapRecord
+from webapp.tasks.exchange.duplicate_map import duplicate_map
+from webapp.tasks.localize.build_index import BuildRequest, update_index
+from webapp.tasks.maps import adopt_map, findings, photo_files
+from webapp.tasks.maps.delete_map import delete_map
+from webapp.tasks.operate import objects, open_storage
+
+ROOT = Path(__file__).resolve().parents[3]
+ADDER = """
+import sys
+from pathlib import Path
+from webapp.configuration import load_settings
+from webapp.store.library import open_library
+from webapp.tasks.maps.add_photo import IncomingPhoto, add_photo
+from webapp.tasks.operate.open_storage import open_storage
+
+settings = load_settings()
+library = open_library(settings.library, url=settings.database)
+open_storage(library, settings)
+for file in sys.argv[2:]:
+    photo = IncomingPhoto(Path(file), Path(file).name)
+    print(add_photo(library, int(sys.argv[1]), photo=photo, settings=settings).id, flush=True)
+"""
+
+
+@pytest.fixture
+def database_url(postgresql, monkeypatch):
+    """Of a database on the server: SQLite has no object storage."""
+    url = postgresql.new_database()
+    monkeypatch.setenv("EXPMAP_DATABASE", url)
+    yield url
+    postgresql.drop(url)
+
+
+@pytest.fixture
+def bucket(s3):
+    return s3.new_bucket()
+
+
+@pytest.fixture
+def settings(tmp_path, database_url, bucket, monkeypatch):
+    for name, value in {"STORAGE": f"s3://{bucket}/lib", "CACHE_FOLDER": tmp_path / "a"}.items():
+        monkeypatch.setenv(f"EXPMAP_{name}", str(value))
+    monkeypatch.setenv("EXPMAP_LIBRARY", str(tmp_path / "library"))
+    yield Settings(
+        library=tmp_path / "library",
+        database=database_url,
+        storage=f"s3://{bucket}/lib",
+        cache_folder=tmp_path / "a",
+        upload=UploadLimits(chunk_mb=0.01, reserve_mb=0.0),
+        extract=ExtractSettings(max_side_px=320, keypoints=120),
+    )
+    storage.use(None)
+
+
+@pytest.fixture
+def machine(settings, library, owner, tmp_path):
+    """Go to another machine, whose cache is cold at first; gives a browser there."""
+
+    apps = {}
+
+    def go(name):
+        there = replace(settings, cache_folder=tmp_path / name)
+        app = apps[name] = apps.get(name) or create_app(there, library=library)
+        connect(there)
+        app.testing, app.test_client_class = True, Browser
+        client = app.test_client()
+        with client.session_transaction() as session:
+            session["_user_id"] = f"{owner.id}.{owner.epoch}"
+            session["session_id"] = "0" * 32
+            session.permanent = True
+        return client
+
+    return go
+
+
+@pytest.fixture
+def row(library, make_map, owner, settings):
+    """Id of a map whose photos and index are files, as they were before the library had a storage."""
+    make_map(library.map_folder("row"), 4)
+    id = adopt_map.adopt_map(library, "row", account_id=owner.id)
+    storage.use(None)
+    Worker(library, replace(settings, storage=None), duties=DUTIES).run(once=True)
+    return id
+
+
+@pytest.fixture
+def moved(library, settings, row):
+    """The same after it was moved."""
+    connect(settings)
+    assert objects.move_photos(library) == 4
+    folder = library.map_folder("row") / "photos"
+    assert (folder / "0.jpg").exists(), "somebody may have its path"
+    for pointer in folder.glob(".*.object"):
+        os.utime(pointer, (0, 0))
+    assert objects.move_photos(library) == 0
+    assert list(folder.glob("[!.]*")) == []
+    return row
+
+
+def build(library, settings, map_id):
+    """Let a worker build the index; gives the job's record."""
+    with library.database.write() as session:
+        id = jobs.enqueue(session, "index", map_id=map_id, arguments={}, key="").id
+    Worker(library, settings, duties=DUTIES).run(once=True)
+    with library.database.read() as session:
+        return session.get_one(Job, id)
+
+
+def question(save_photo, tmp_path):
+    """What the second photo of the map shows."""
+    save_photo(tmp_path / "question.jpg", 1)
+    return tmp_path / "question.jpg"
+
+
+def jpeg(seed=0, *, side=200):
+    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG")
+    return file.getvalue()
+
+
+def send(client, data, name="a.jpg", *, slug="park"):
+    answer = client.post(f"/api/v1/maps/{slug}/photos", data={"file": [(io.BytesIO(data), name)]})
+    assert answer.status_code == 207
+    return answer.get_json()[0]
+
+
+def photos(library, slug):
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        return [photo.name for photo in maps.photos(session, record)]
+
+
+def at(monkeypatch, hours):
+    """Let the sweep believe that it is so many hours later."""
+    monkeypatch.setattr(objects, "now", lambda: clock.now() + timedelta(hours=hours))
+
+
+def test_a_photo_of_one_machine_is_read_on_another(machine, library, park, s3, bucket):
+    data = jpeg()
+    here = machine("a")
+    assert send(here, data)["id"] == 0
+    assert len(s3.keys(bucket)) == 1
+    place = library.map_folder(park) / "photos/a.jpg"
+    assert not place.exists() and read_pointer(place).bytes == len(data)
+    there = machine("b")
+    base = f"/api/v1/maps/{park}/photos/0"
+    part = there.get(f"{base}/original", headers={"Range": "bytes=100-199"}, buffered=True)
+    assert (part.status_code, part.data) == (206, data[100:200])
+    assert there.get(f"{base}/original", buffered=True).data == data
+    for preview in library.map_folder(park).glob("derived/previews/*"):
+        preview.unlink()
+    thumb = machine("c").get(f"{base}/thumb", buffered=True)
+    assert Image.open(io.BytesIO(thumb.data)).size == (200, 200)
+
+
+def test_a_photo_that_comes_twice_is_kept_once(machine, library, park):
+    here = machine("a")
+    assert not send(here, jpeg())["duplicate"]
+    again = send(machine("b"), jpeg(), "b.jpg")
+    assert (again["id"], again["duplicate"]) == (0, True)
+    assert photos(library, park) == ["a.jpg"]
+    assert send(here, jpeg(1))["id"] == 1, "another photo of the same name"
+    assert len(list(library.map_folder(park).glob("photos/.*.object"))) == 2
+
+
+def test_an_upload_in_pieces_goes_on_at_another_machine(machine, library, park):
+    data, here = jpeg(), machine("a")
+    url = f"/api/v1/maps/{park}/uploads"
+    asked = {"name": "a.jpg", "size_bytes": len(data), "fingerprint": "f"}
+    begun = here.post(url, json=asked).get_json()
+    kind = "application/octet-stream"
+    for start in range(0, len(data), begun["chunk_bytes"]):
+        client = machine("b" if start else "a")
+        piece = data[start : start + begun["chunk_bytes"]]
+        answer = client.patch(
+            f"{url}/{begun['id']}", data=piece, headers={"Upload-Offset": str(start)}, content_type=kind
+        )
+    assert answer.status_code == 200
+    assert photos(library, park) == ["a.jpg"]
+    original = machine("c").get(f"/api/v1/maps/{park}/photos/0/original", buffered=True)
+    assert original.data == data
+
+
+@pytest.mark.parametrize(
+    ("refusal", "code"),
+    [
+        ((503, "SlowDown"), "storage_unavailable"),
+        ((403, "AccessDenied"), "storage_unavailable"),
+        ((507, "X"), "disk_full"),
+    ],
+)
+def test_a_photo_that_s3_refuses_is_not_acknowledged(machine, library, park, s3, bucket, refusal, code):
+    client = machine("a")
+    s3.refuse = refusal
+    answer = send(client, jpeg())
+    assert answer["error"]["code"] == code and "object storage" in answer["error"]["message"]
+    assert photos(library, park) == [] and s3.keys(bucket) == []
+    s3.reset()
+    assert send(client, jpeg())["id"] == 0
+
+
+def test_an_upload_in_pieces_waits_for_s3(machine, library, park, s3):
+    data, client = jpeg(side=40), machine("a")
+    url = f"/api/v1/maps/{park}/uploads"
+    asked = {"name": "a.jpg", "size_bytes": len(data), "fingerprint": "f"}
+    begun = client.post(url, json=asked).get_json()
+    piece = {"data": data, "headers": {"Upload-Offset": "0"}, "content_type": "application/octet-stream"}
+    s3.refuse = (503, "SlowDown")
+    refused = client.patch(f"{url}/{begun['id']}", **piece)
+    assert (refused.status_code, refused.get_json()["error"]["code"]) == (503, "storage_unavailable")
+    assert int(refused.headers["Retry-After"]) > 0
+    assert photos(library, park) == []
+    s3.reset()
+    known = client.post(url, json=asked).get_json()
+    assert (known["id"], known["offset"]) == (begun["id"], len(data))
+    rest = {**piece, "data": b"", "headers": {"Upload-Offset": str(len(data))}}
+    assert client.patch(f"{url}/{begun['id']}", **rest).status_code == 200
+    assert photos(library, park) == ["a.jpg"]
+
+
+def test_a_photo_that_cannot_be_fetched_is_one_sentence(machine, park, s3):
+    send(machine("a"), jpeg())
+    base = f"/api/v1/maps/{park}/photos/0"
+    s3.refuse = (503, "SlowDown")
+    cold = machine("b")
+    refused = cold.get(f"{base}/original")
+    assert refused.status_code == 503 and refused.headers["Retry-After"] == "5"
+    assert refused.get_json()["error"]["message"] == "the object storage is overloaded or disturbed"
+    assert machine("a").get(f"{base}/original", buffered=True).status_code == 200, "what is here is shown"
+
+
+def test_a_cold_machine_answers_as_a_warm_one(
+    machine, moved, library, ask, settings, s3, bucket, save_photo, tmp_path
+):
+    photo, folder = question(save_photo, tmp_path), library.map_folder("row")
+    warm = ask(machine("a"), photo, slug="row").get_json()
+    files = {path: path.read_bytes() for path in folder.glob("derived/map/*/[!.]*.*")}
+    segments = [path for path in files if path.suffix in (".features", ".ivf", ".codebook")]
+    assert len(segments) == 3
+    assert build(library, settings, moved).state == "done"
+    for path in segments:
+        assert not path.exists() and read_pointer(path).bytes == len(files[path])
+    before = len(s3.keys(bucket))
+    cold = ask(machine("b"), photo, slug="row").get_json()
+    assert cold["hypotheses"] == warm["hypotheses"] != []
+    for path in segments:
+        assert storage.local(path).read_bytes() == files[path], "the index is the same, byte for byte"
+    assert len(s3.keys(bucket)) == before
+    assert findings.list_findings(library, moved, settings=settings) == []
+
+
+def test_a_lost_segment_is_built_again(machine, moved, library, settings, s3, bucket):
+    assert build(library, settings, moved).state == "done"
+    (segment,) = library.map_folder("row").glob("derived/map/*/.*.features.object")
+    pointer = read_pointer(pointed_path(segment))
+    s3.client.delete_object(Bucket=bucket, Key=f"lib/{pointer.key}")
+    cold = replace(settings, cache_folder=settings.cache_folder.with_name("b"))
+    machine("b")
+    job = build(library, cold, moved)
+    assert (job.state, job.result["computed"]) == ("done", 4)
+    assert read_pointer(pointed_path(segment)).sha256 == pointer.sha256
+
+
+def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3, monkeypatch):
+    machine("b")
+    cold = replace(settings, cache_folder=settings.cache_folder.with_name("b"))
+    for manifest in library.map_folder("row").glob("derived/map/*/manifest.json"):
+        manifest.unlink()
+    monkeypatch.setattr(bucket_module, "_WAIT_S", 1)
+    s3.refuse = (503, "SlowDown")
+    with ThreadPoolExecutor(1) as pool:
+        done = pool.submit(build, library, cold, moved)
+        until = time.monotonic() + 30
+        while last_note(library) != "the object storage is overloaded or disturbed":
+            assert time.monotonic() < until and not done.done()
+            time.sleep(0.05)
+        s3.reset()
+        assert done.result().state == "done"
+    assert list(library.map_folder("row").glob("derived/map/*/.*.features.object"))
+
+
+def last_note(library):
+    with library.database.read() as session:
+        return session.scalars(select(Job.note).order_by(Job.id.desc())).first()
+
+
+def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
+    machine, library, park, settings, s3, bucket, owner, monkeypatch
+):
+    send(machine("a"), jpeg())
+    send(machine("a"), jpeg(1), "b.jpg")
+    with library.database.read() as session:
+        map_id = session.query(MapRecord).filter_by(slug=park).one().id
+    copy = duplicate_map(library, map_id, account_id=owner.id, name="Copy")
+    client = machine("b")
+    original = f"/api/v1/maps/{copy}/photos/0/original"
+    assert client.get(original, buffered=True).data == jpeg()
+    keys = s3.keys(bucket)
+    assert len(keys) == 2, "a copy has the same objects"
+    for slug in (park, copy):
+        assert objects.sweep_objects(library, settings) == 0
+        with library.database.write() as session:
+            record = session.query(MapRecord).filter_by(slug=slug).one()
+            maps.put_into_bin(record)
+            map_id = record.id
+        delete_map(library, map_id)
+        assert s3.keys(bucket) == keys
+    for hours, left in ((30, 2), (40, 2), (53, 2), (60, 0)):
+        at(monkeypatch, hours)
+        objects.sweep_objects(library, settings)
+        assert len(s3.keys(bucket)) == left, hours
+
+
+def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
+    machine, library, park, settings, s3, bucket, monkeypatch
+):
+    send(machine("a"), jpeg())
+    pointer = library.map_folder(park) / "photos/.a.jpg.object"
+    aside = pointer.rename(pointer.with_name("aside"))
+    for hours in (1, 30, 60):
+        at(monkeypatch, hours)
+        assert objects.sweep_objects(library, settings) == 0
+    assert len(s3.keys(bucket)) == 1
+    aside.rename(pointer)
+    (library.inner / open_storage.MARKER).unlink()
+    at(monkeypatch, 90)
+    with pytest.raises(StorageError, match="not mounted"):
+        objects.sweep_objects(library, settings)
+
+
+def adder(map_id, *files):
+    return subprocess.Popen(
+        [sys.executable, "-c", ADDER, str(map_id), *map(str, files)],
+        cwd=ROOT, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def test_kills_in_the_middle_of_uploads_lose_nothing_and_leave_orphans_that_are_swept(
+    machine, library, park, settings, s3, bucket, tmp_path, monkeypatch
+):
+    client = machine("a")
+    with library.database.read() as session:
+        map_id = session.query(MapRecord).filter_by(slug=park).one().id
+    acknowledged = set()
+    for kill in range(2):
+        files = []
+        for number in range(8):
+            files.append(library.uploads / f"{kill}-{number}.jpg")
+            files[-1].write_bytes(jpeg(100 * kill + number, side=40))
+        s3.bytes_per_s = 20_000  # answers take a while: most of the time is spent in uploads
+        process = adder(map_id, *files)
+        acknowledged |= {int(process.stdout.readline()) for _ in range(2 + kill)}
+        time.sleep(0.01 * kill)
+        process.kill()
+        acknowledged |= {int(line) for line in process.stdout.read().split()}
+        process.stdout.close()
+        process.wait()
+    s3.reset()
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug=park).one()
+        rows = {photo.id: photo.sha256 for photo in maps.photos(session, record)}
+    assert acknowledged <= {*rows} and len(rows) <= len(acknowledged) + 3
+    cold = machine("b")
+    for id, sha256 in rows.items():
+        data = cold.get(f"/api/v1/maps/{park}/photos/{id}/original", buffered=True).data
+        assert hashlib.sha256(data).hexdigest() == sha256
+    assert send(client, jpeg(999))["id"] not in rows
+    unfinished = storage.in_use().store(files[-1]) if files[-1].exists() else None
+    assert unfinished is not None, "the last file was not reached"
+    photo_files.sweep_orphans(library, map_id)
+    for hours in (0, 12, 25):
+        at(monkeypatch, hours)
+        objects.sweep_objects(library, settings)
+    assert len(s3.keys(bucket)) == len(rows) + 1
+
+
+def test_a_build_that_is_killed_between_objects_loses_nothing(
+    moved, library, settings, s3, bucket, monkeypatch
+):
+    (manifest,) = library.map_folder("row").glob("derived/map/*/manifest.json")
+    before = manifest.read_bytes()
+    stored = []
+
+    def killed(self, file):
+        if stored:
+            raise SystemExit  # as nothing in between would handle a kill
+        stored.append(original(self, file))
+        return stored[0]
+
+    original = storage.ObjectStorage.store
+    monkeypatch.setattr(storage.ObjectStorage, "store", killed)
+    with pytest.raises(SystemExit):
+        rebuild(library, settings, manifest.parent)
+    monkeypatch.undo()
+    assert manifest.read_bytes() == before
+    report = rebuild(library, settings, manifest.parent)
+    assert (report.extracted, len(s3.keys(bucket))) == (0, 4 + 3)
+
+
+def rebuild(library, settings, folder):
+    """Bring the index up to date in this process."""
+    cfg = library.cfg("row")
+    choice = choose("verified", detector="sift", extractor="sift")
+    request = BuildRequest(cfg, read_map(cfg), folder, choice, jobs=1)
+    return update_index(request, settings=settings, progress=Progress())
+
+
+def test_what_does_not_fit_together_is_refused(machine, library, settings):
+    machine("a")
+    with pytest.raises(StorageError, match="are in an object storage") as unset:
+        open_storage.open_storage(library, replace(settings, storage=None))
+    assert settings.storage in unset.value.hint
+    with pytest.raises(StorageError, match="are in an object storage"):
+        open_storage.open_storage(library, replace(settings, storage="s3://another"))
+    with pytest.raises(UsageError, match="need records in PostgreSQL"):
+        connect(replace(settings, database=None))

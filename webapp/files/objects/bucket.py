@@ -1,0 +1,216 @@
+"""A bucket of an S3 server, by boto3, whose errors it raises as those of the program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from webapp.errors import DiskFull, ExpMapError, StorageError, StorageUnavailable, UsageError
+from webapp.extras import extra
+from webapp.files.atomic import storage_error
+
+_PIECE = 8 << 20
+"""Bytes of a piece: larger files come and go in several at once."""
+
+_AT_ONCE = 8
+
+TIMEOUT_S = 10.0
+"""Seconds for which the server may be silent; after a second try it counts as away."""
+
+_WAIT_S = 5
+
+_REFUSED = frozenset({"AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "403"})
+_FULL = frozenset({"QuotaExceeded", "InsufficientStorage", "XMinioStorageFull", "InsufficientCapacity"})
+_NO_OBJECT = frozenset({"NoSuchKey", "404"})
+_NO_BUCKET = "NoSuchBucket"
+
+_CREDENTIALS = "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and the rights on the bucket"
+
+
+class ObjectLost(StorageError):
+    """The server has no object of this key."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredObject:
+    """An object in a list.
+
+    Attributes
+    ----------
+    key : str
+        Below the prefix.
+    """
+
+    key: str
+    bytes: int
+    changed_at: datetime
+
+
+class Bucket:
+    """The objects below a prefix of a bucket.
+
+    Parameters
+    ----------
+    url : str
+        `s3://bucket/prefix`; server and credentials are those of boto3: `AWS_ENDPOINT_URL`,
+        `AWS_ACCESS_KEY_ID` and so on.
+    timeout_s : float
+        For which a connection may be silent.
+
+    Raises
+    ------
+    UsageError
+        It is no such address, or boto3 cannot use what it finds.
+    MissingPart
+    """
+
+    def __init__(self, url: str, *, timeout_s: float = TIMEOUT_S) -> None:
+        parts = urlsplit(url)
+        prefix = parts.path.strip("/")
+        if parts.scheme != "s3" or not parts.netloc:
+            raise UsageError(
+                f"{url!r} is no address of a storage",
+                where="EXPMAP_STORAGE",
+                hint="write s3://bucket or s3://bucket/prefix",
+            )
+        self.url = url
+        self._bucket = parts.netloc
+        self._prefix = f"{prefix}/" if prefix else ""
+        self._client, self._transfer = _connect(timeout_s)
+
+    def put(self, key: str, file: Path) -> None:
+        """Store a file; when this returns, the server has all of it.
+
+        Raises
+        ------
+        StorageUnavailable, DiskFull, StorageError
+            Nothing of it can be read.
+        """
+        with self._translated(key), file.open("rb") as source:
+            self._client.upload_fileobj(source, self._bucket, self._prefix + key, Config=self._transfer)
+
+    def get(self, key: str, target: Path) -> None:
+        """Write an object to a new file, of which something may be left after an error.
+
+        Raises
+        ------
+        ObjectLost, StorageUnavailable, DiskFull, StorageError
+        """
+        with self._translated(key):
+            self._client.download_file(self._bucket, self._prefix + key, str(target), Config=self._transfer)
+
+    def delete(self, key: str) -> None:
+        """Delete an object, if it is there."""
+        with self._translated(key):
+            self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
+
+    def objects(self) -> Iterator[StoredObject]:
+        """List all objects below the prefix.
+
+        Raises
+        ------
+        StorageUnavailable, StorageError
+        """
+        with self._translated(self.url):
+            pages = self._client.get_paginator("list_objects_v2")
+            for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
+                for one in page.get("Contents", ()):
+                    key = one["Key"].removeprefix(self._prefix)
+                    yield StoredObject(key, one["Size"], one["LastModified"])
+
+    def drop_unfinished(self, *, begun_before: datetime) -> int:
+        """Delete the pieces of uploads that were interrupted; returns of how many.
+
+        Raises
+        ------
+        StorageUnavailable, StorageError
+        """
+        dropped = 0
+        with self._translated(self.url):
+            pages = self._client.get_paginator("list_multipart_uploads")
+            for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
+                for one in page.get("Uploads", ()):
+                    if one["Initiated"] < begun_before:
+                        self._client.abort_multipart_upload(
+                            Bucket=self._bucket, Key=one["Key"], UploadId=one["UploadId"]
+                        )
+                        dropped += 1
+        return dropped
+
+    @contextmanager
+    def _translated(self, key: str) -> Iterator[None]:
+        with extra("cluster"):
+            from boto3.exceptions import Boto3Error
+            from botocore import exceptions
+
+        try:
+            yield
+        except exceptions.ClientError as error:
+            raise _refusal(error.response, key=key, url=self.url) from error
+        except (exceptions.NoCredentialsError, exceptions.PartialCredentialsError) as error:
+            raise _unavailable("there are no credentials for the object storage", _CREDENTIALS) from error
+        except (exceptions.ReadTimeoutError, exceptions.ConnectTimeoutError) as error:
+            raise _unavailable("the object storage does not answer in time") from error
+        except (exceptions.BotoCoreError, Boto3Error) as error:
+            raise _unavailable("the object storage cannot be reached") from error
+        except OSError as error:
+            raise storage_error(error, where=str(error.filename or key)) from error
+
+
+def _connect(timeout_s: float) -> tuple[Any, Any]:
+    """Make a client of boto3, which threads may share, and how it moves files."""
+    with extra("cluster"):
+        import boto3
+        from boto3.s3.transfer import TransferConfig
+        from botocore.config import Config
+        from botocore.exceptions import BotoCoreError
+    how = Config(
+        connect_timeout=timeout_s,
+        read_timeout=timeout_s,
+        retries={"total_max_attempts": 2, "mode": "standard"},
+        max_pool_connections=4 * _AT_ONCE,
+        request_checksum_calculation="when_required",  # which other servers than Amazon's do not all know
+        response_checksum_validation="when_required",
+    )
+    try:
+        client = boto3.client("s3", config=how)
+    except (BotoCoreError, ValueError) as error:
+        raise UsageError(
+            f"the object storage cannot be used: {error}",
+            where="EXPMAP_STORAGE",
+            hint="check AWS_ENDPOINT_URL and AWS_DEFAULT_REGION",
+        ) from error
+    transfer = TransferConfig(
+        multipart_threshold=_PIECE,
+        multipart_chunksize=_PIECE,
+        max_concurrency=_AT_ONCE,
+        num_download_attempts=2,
+    )
+    return client, transfer
+
+
+def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
+    """Say in our words why the server refuses."""
+    code = str(response.get("Error", {}).get("Code", ""))
+    status = response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0)
+    if code == _NO_BUCKET:
+        return _unavailable("the bucket of the object storage does not exist", f"make it: {url}")
+    if code in _NO_OBJECT:
+        return ObjectLost("the object storage has lost this file", where=key, hint="restore it from a backup")
+    if code in _FULL or status == HTTPStatus.INSUFFICIENT_STORAGE:
+        return DiskFull("the object storage is full", where=url, hint="make room there, or raise its quota")
+    if code in _REFUSED or status == HTTPStatus.FORBIDDEN:
+        return _unavailable("the object storage refuses access", _CREDENTIALS)
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR or status == HTTPStatus.TOO_MANY_REQUESTS:
+        return _unavailable("the object storage is overloaded or disturbed")
+    return StorageError(f"the object storage refuses: {code or status}", where=url)
+
+
+def _unavailable(message: str, hint: str = "try again in a moment") -> StorageUnavailable:
+    return StorageUnavailable(message, wait_s=_WAIT_S, hint=hint)

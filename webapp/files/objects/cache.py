@@ -1,0 +1,182 @@
+"""Copies of objects on the disk of this machine, up to a size.
+
+::
+
+    CACHE/ab/abcd...-0123...-IMG_1.jpg    an object: its key, and the name of its file
+
+A file that was asked for lately stays: whoever has its path has time to open it, and what is open, or mapped,
+can be read to its end also when it is deleted. When that was is the time of its last access.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from webapp.errors import StorageError
+from webapp.files.atomic import storage_error
+from webapp.files.objects.pointer import Pointer
+from webapp.files.part_file import sha256_of
+
+STAYS_S = 300.0
+"""Seconds for which a file stays after it was asked for."""
+
+_FILL_TO = 0.9
+"""Share of the size that is left when something had to go."""
+
+_LOOK_EVERY = 0.02
+"""Share of the size that a process adds before it looks how much there is: others add, too."""
+
+_UNFINISHED_S = 3600.0
+_LOCKS = 64
+_NAME_BYTES = 120
+
+
+class ObjectCache:
+    """A folder of copies that several processes share.
+
+    Parameters
+    ----------
+    limit : int
+        Bytes; exceeded where more was asked for within `stays_s`.
+    stays_s : float
+        Seconds for which a file stays after it was asked for.
+    """
+
+    def __init__(self, folder: Path, *, limit: int, stays_s: float = STAYS_S) -> None:
+        self.folder = folder
+        self._limit = limit
+        self._stays_s = stays_s
+        self._added = limit  # looks at once
+        self._counting = threading.Lock()
+        self._locks = [threading.Lock() for _ in range(_LOCKS)]
+
+    def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
+        """Give the copy of an object, made where it is missing.
+
+        Parameters
+        ----------
+        name : str
+            Of the file.
+        fetch : callable
+            Writes the object to a new file.
+
+        Returns
+        -------
+        Path
+            Readable for `stays_s` at least.
+
+        Raises
+        ------
+        StorageError
+            The disk refused, or what was fetched is not what was stored. What `fetch` raises, too.
+        """
+        place = self._place(pointer, name)
+        if self._touch(place, pointer):
+            return place
+        with self._locks[hash(pointer.key) % _LOCKS]:
+            if not self._touch(place, pointer):
+                self._keep(place, pointer, make=fetch)
+        return place
+
+    def adopt(self, file: Path, pointer: Pointer, *, name: str) -> None:
+        """Copy a file that was stored just now; where the disk refuses, it is fetched when it is needed."""
+        place = self._place(pointer, name)
+        with suppress(StorageError, OSError):
+            self._keep(place, pointer, make=lambda target: _copy(file, target))
+
+    def size(self) -> int:
+        """Sum the bytes of all copies."""
+        return sum(size for _, size, _ in self._files())
+
+    def _place(self, pointer: Pointer, name: str) -> Path:
+        flat = pointer.key.rpartition("/")[2]
+        shown = name.encode()[-_NAME_BYTES:].decode("utf-8", "ignore")
+        return self.folder / flat[:2] / f"{flat}-{shown}"
+
+    def _touch(self, place: Path, pointer: Pointer) -> bool:
+        """Note that a copy is asked for; False where there is none of the right size."""
+        try:
+            if place.stat().st_size != pointer.bytes:
+                return False
+            os.utime(place, ns=(time.time_ns(), pointer.mtime_ns))
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        except OSError as error:
+            raise storage_error(error, where=str(place)) from error
+        return True
+
+    def _keep(self, place: Path, pointer: Pointer, *, make: Callable[[Path], None]) -> None:
+        self._make_room(pointer.bytes)
+        temporary = place.with_name(f".{secrets.token_hex(6)}.tmp")
+        try:
+            try:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                make(temporary)
+                if temporary.stat().st_size != pointer.bytes or sha256_of(temporary) != pointer.sha256:
+                    raise StorageError(
+                        "the object storage gave another content than was stored",
+                        where=place.name,
+                        hint="restore the object from a backup",
+                    )
+                os.utime(temporary, ns=(time.time_ns(), pointer.mtime_ns))
+                temporary.replace(place)
+            finally:
+                temporary.unlink(missing_ok=True)
+        except OSError as error:
+            raise storage_error(error, where=str(self.folder)) from error
+
+    def _make_room(self, size: int) -> None:
+        """Delete what was not asked for the longest time, where there is too much; one process at a time."""
+        with self._counting:
+            self._added += size
+            if self._added < self._limit * _LOOK_EVERY:
+                return
+            self._added = size
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with FileLock(self.folder / "room.lock", timeout=0):
+                self._evict(size)
+        except Timeout:
+            return  # another process is at it
+        except OSError as error:
+            raise storage_error(error, where=str(self.folder)) from error
+
+    def _evict(self, size: int) -> None:
+        files = sorted(self._files())
+        total = sum(one for _, one, _ in files) + size
+        if total <= self._limit:
+            return
+        stays_from = time.time_ns() - int(self._stays_s * 1e9)
+        for asked, bytes_, path in files:
+            if asked >= stays_from or total <= self._limit * _FILL_TO:
+                return
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+            total -= bytes_
+
+    def _files(self) -> Iterator[tuple[int, int, Path]]:
+        """List when each copy was asked for, its bytes and its path; deletes what killed writers left."""
+        for path in self.folder.glob("*/*"):
+            try:
+                found = path.stat()
+            except FileNotFoundError:
+                continue
+            is_unfinished = path.name.startswith(".") and path.suffix == ".tmp"
+            if is_unfinished and time.time() - found.st_mtime > _UNFINISHED_S:
+                path.unlink(missing_ok=True)
+                continue
+            yield found.st_atime_ns, found.st_size, path
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file: a link would share its times with the original."""
+    shutil.copyfile(source, target)

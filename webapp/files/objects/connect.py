@@ -1,0 +1,53 @@
+"""Opens the object storage that the settings name, once a process."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+from webapp.errors import UsageError
+from webapp.files.objects.bucket import Bucket
+from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.storage import ObjectStorage, in_use, use
+from webapp.settings import Settings
+
+_LOCK = threading.Lock()
+
+
+def connect(settings: Settings) -> ObjectStorage | None:
+    """Use the object storage of the settings in this process from now on; None where they name none.
+
+    Raises
+    ------
+    UsageError
+        The address is none, or the records are in SQLite: photos that several machines share need records
+        that they share.
+    MissingPart
+        The extra `cluster` is not installed.
+    """
+    if settings.storage is None:
+        if in_use() is not None:
+            use(None)
+        return None
+    if settings.database is None:
+        raise UsageError(
+            "photos in an object storage need records in PostgreSQL",
+            where="EXPMAP_STORAGE",
+            hint="set EXPMAP_DATABASE, too; see docs/cluster.md",
+        )
+    with _LOCK:
+        there, folder = in_use(), cache_folder(settings)
+        if there is None or there.bucket.url != settings.storage or there.cache.folder != folder:
+            bucket = Bucket(settings.storage)
+            there = ObjectStorage(bucket, ObjectCache(folder, limit=int(settings.cache_gb * 1e9)))
+            use(there)
+    return there
+
+
+def cache_folder(settings: Settings) -> Path:
+    """Return the folder for the copies on this machine."""
+    name = hashlib.sha256((settings.storage or "").encode()).hexdigest()[:16]
+    return settings.cache_folder or user_cache_path("experience-map") / "objects" / name

@@ -1,0 +1,156 @@
+"""Where the content of a library's files is: in its folder, or in S3 with a pointer in the folder.
+
+Without a storage (`use` was not called) the path of a file is where it is, and every function here does what
+was done before there were objects.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from webapp.files.objects.bucket import Bucket
+from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
+from webapp.files.part_file import discard, sha256_of
+
+
+class ObjectStorage:
+    """Objects in a bucket, and copies of some in a cache."""
+
+    def __init__(self, bucket: Bucket, cache: ObjectCache) -> None:
+        self.bucket = bucket
+        self.cache = cache
+
+    def store(self, file: Path) -> Pointer:
+        """Store the content of a file under a key of its own, which nothing names yet.
+
+        Raises
+        ------
+        StorageUnavailable, DiskFull, StorageError
+        """
+        sha256, facts = sha256_of(file), file.stat()
+        pointer = Pointer(
+            # Not the hash alone: what is swept as an orphan is never what comes again at the same moment.
+            f"{sha256[:2]}/{sha256}-{secrets.token_hex(8)}",
+            sha256,
+            facts.st_size,
+            facts.st_mtime_ns,
+        )
+        self.bucket.put(pointer.key, file)
+        return pointer
+
+    def fetch(self, path: Path, pointer: Pointer) -> Path:
+        """Give a readable copy of an object; errors as `ObjectCache.path` and `Bucket.get`."""
+        return self.cache.path(
+            pointer, name=path.name, fetch=lambda target: self.bucket.get(pointer.key, target)
+        )
+
+
+_used: list[ObjectStorage] = []
+"""The storage of this process, if it has one."""
+
+
+def use(storage: ObjectStorage | None) -> None:
+    """Take the content of files from a storage from now on; None: from where their paths lead."""
+    _used[:] = [] if storage is None else [storage]
+
+
+def in_use() -> ObjectStorage | None:
+    """Return the storage of this process; None where files are where their paths lead."""
+    return _used[0] if _used else None
+
+
+@contextmanager
+def using(storage: ObjectStorage | None) -> Iterator[None]:
+    """Use a storage in the block."""
+    before = in_use()
+    use(storage)
+    try:
+        yield
+    finally:
+        use(before)
+
+
+def local(path: Path) -> Path:
+    """Return where the content of a file can be read now; the same path, where it is no object.
+
+    Raises
+    ------
+    StorageError
+        The storage cannot be reached, or the disk of the cache refused.
+    """
+    storage = in_use()
+    pointer = read_pointer(path) if storage else None
+    return path if storage is None or pointer is None else storage.fetch(path, pointer)
+
+
+def pointer_of(path: Path) -> Pointer | None:
+    """Return what is known of a file that is an object; None of any other."""
+    return read_pointer(path) if in_use() else None
+
+
+def is_there(path: Path) -> bool:
+    """Return whether a file exists, without fetching it."""
+    return path.is_file() or pointer_of(path) is not None
+
+
+def hash_of(path: Path) -> str:
+    """Return the SHA-256 of a file, without fetching it."""
+    pointer = pointer_of(path)
+    return sha256_of(path) if pointer is None else pointer.sha256
+
+
+def store(file: Path) -> Pointer | None:
+    """Store a file's content before something names it; None where there is no storage.
+
+    Raises
+    ------
+    StorageUnavailable, DiskFull, StorageError
+    """
+    storage = in_use()
+    return storage.store(file) if storage else None
+
+
+def put_in_place(file: Path, target: Path, pointer: Pointer) -> None:
+    """Let a pointer stand for a file whose content was stored, and delete that one.
+
+    Raises
+    ------
+    StorageError
+        The disk refused: the file is still there.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_pointer(target, pointer)
+    storage = in_use()
+    if storage is not None:
+        storage.cache.adopt(file, pointer, name=target.name)
+    discard(file)
+
+
+def publish(path: Path) -> None:
+    """Make an object of a file in the folder, if there is a storage and this is still to be done.
+
+    Raises
+    ------
+    StorageUnavailable, DiskFull, StorageError
+        The file is still there.
+    """
+    storage = in_use()
+    if storage is not None and path.is_file():
+        put_in_place(path, path, storage.store(path))
+
+
+def replaced(path: Path) -> None:
+    """Let a file that was written just now count, and no longer the object that stood for it."""
+    if in_use() is not None:
+        discard(pointer_path(path))
+
+
+def remove(path: Path) -> None:
+    """Delete a file and its pointer; the object is swept when nothing has named it for long."""
+    discard(path)
+    if in_use() is not None:
+        discard(pointer_path(path))

@@ -1,0 +1,205 @@
+"""Moves photos of a library into its object storage, and deletes objects that nothing names."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+from sqlalchemy import select
+
+from webapp.errors import StorageError
+from webapp.files.atomic import write_text
+from webapp.files.objects.pointer import SUFFIX, pointed_path, pointer_path, read_pointer, write_pointer
+from webapp.files.objects.storage import ObjectStorage, in_use, is_there
+from webapp.files.part_file import discard
+from webapp.settings import Settings
+from webapp.store.clock import now
+from webapp.store.library import Library
+from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.operate.open_storage import MARKER
+
+_log = logging.getLogger(__name__)
+
+_LOOKS = "orphans.json"
+"""File of the library: since when each object is named by nothing, and when that was looked up last."""
+
+_LOOKS_PER_AGE = 4
+_READERS_S = 600.0
+"""Seconds for which a file stays next to its pointer: who has its path opens it before."""
+
+_SOME = 500
+
+
+def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
+    """Make objects of photos that came as files: by an import, or before the library had a storage.
+
+    Parameters
+    ----------
+    stops : callable
+        Asked before each photo whether to end.
+
+    Returns
+    -------
+    int
+        Photos stored.
+
+    Raises
+    ------
+    StorageError
+        The storage or the disk refused; what is not stored is still a file.
+    """
+    storage = in_use()
+    if storage is None:
+        return 0
+    stored = 0
+    try:
+        with FileLock(library.inner / "objects.lock", timeout=0):
+            for path in _photo_paths(library):
+                if stops():
+                    break
+                stored += _move(storage, path)
+    except Timeout:
+        pass  # another worker is at it
+    return stored
+
+
+def _photo_paths(library: Library) -> Iterator[Path]:
+    with library.database.read() as session:
+        records = [(record.id, record.slug) for record in session.scalars(select(MapRecord))]
+    for id, slug in records:
+        with library.database.read() as session:
+            names = session.scalars(select(Photo.path).where(Photo.map_id == id).order_by(Photo.id)).all()
+        yield from (library.map_folder(slug) / name for name in names)
+
+
+def _move(storage: ObjectStorage, path: Path) -> bool:
+    """Store a photo that is a file; delete the file of one that was stored a while ago."""
+    if not path.is_file() or path.is_symlink():
+        return False
+    pointer, facts = read_pointer(path), path.stat()
+    if pointer is None:
+        pointer = storage.store(path)
+        write_pointer(path, pointer)
+        storage.cache.adopt(path, pointer, name=path.name)
+        return True
+    is_same = (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
+    if is_same and time.time() - pointer_path(path).stat().st_mtime > _READERS_S:
+        discard(path)
+    return False
+
+
+def sweep_objects(library: Library, settings: Settings) -> int:
+    """Delete objects that nothing in the library's folder has named for `orphans_h` hours.
+
+    An upload that was interrupted leaves such an object, and so does a map that is deleted for good. Nobody
+    is reading one by then, and none of them is ever named again: every upload has a key of its own.
+
+    Returns
+    -------
+    int
+        Objects deleted.
+
+    Raises
+    ------
+    StorageError
+        The folder cannot be read completely, or the storage refused: then nothing more is deleted.
+    """
+    storage, age = in_use(), timedelta(hours=settings.orphans_h)
+    if storage is None:
+        return 0
+    try:
+        with FileLock(library.inner / "orphans.lock", timeout=0):
+            at, (looked_at, since) = now(), _read_looks(library)
+            if looked_at is not None and at - looked_at < age / _LOOKS_PER_AGE:
+                return 0
+            since = _unnamed(library, storage, since, at=at)
+            gone = [key for key, first in since.items() if at - first >= age]
+            swept = _delete(library, storage, gone)
+            storage.bucket.drop_unfinished(begun_before=at - age)
+            _write_looks(library, at, {key: first for key, first in since.items() if key not in swept})
+            return len(swept)
+    except Timeout:
+        return 0  # another worker is at it
+
+
+def _unnamed(
+    library: Library, storage: ObjectStorage, before: Mapping[str, datetime], *, at: datetime
+) -> dict[str, datetime]:
+    """List the objects that nothing names, and since when."""
+    there = [one.key for one in storage.bucket.objects()]
+    named = {pointer.key for path in _pointers(library) if (pointer := read_pointer(path))}
+    return {key: before.get(key, at) for key in there if key not in named}
+
+
+def _pointers(library: Library) -> Iterator[Path]:
+    """Find the files that pointers stand for, everywhere in the folder.
+
+    Raises
+    ------
+    StorageError
+        Not all of the folder can be read.
+    """
+
+    def fail(error: OSError) -> None:
+        raise StorageError(
+            f"the folder cannot be read: {error.strerror}; no object is deleted", where=error.filename
+        ) from error
+
+    for parent, _, files in os.walk(library.folder, onerror=fail):
+        for name in files:
+            if name.startswith(".") and name.endswith(SUFFIX):
+                yield pointed_path(Path(parent, name))
+    if not (library.inner / MARKER).is_file():
+        raise StorageError(
+            "the folder is not mounted any more; no object is deleted", where=str(library.folder)
+        )
+
+
+def _delete(library: Library, storage: ObjectStorage, keys: Iterable[str]) -> set[str]:
+    """Delete objects, but none with a photo in it whose file is missing: somebody has lost the pointer."""
+    by_hash: dict[str, list[str]] = {}
+    for key in keys:
+        by_hash.setdefault(key.rpartition("/")[2].partition("-")[0], []).append(key)
+    needed = _missing(library, list(by_hash))
+    if needed:
+        _log.warning("%d photos have lost their files, and their objects are kept", len(needed))
+    deleted = set()
+    for sha256, same in by_hash.items():
+        for key in same if sha256 not in needed else ():
+            storage.bucket.delete(key)
+            deleted.add(key)
+    return deleted
+
+
+def _missing(library: Library, hashes: list[str]) -> set[str]:
+    """List which of these contents a photo has whose file is neither here nor an object."""
+    found = set()
+    for start in range(0, len(hashes), _SOME):
+        some = hashes[start : start + _SOME]
+        rows = select(Photo.sha256, Photo.path, MapRecord.slug).join(MapRecord).where(Photo.sha256.in_(some))
+        with library.database.read() as session:
+            for sha256, path, slug in session.execute(rows):
+                if not is_there(library.map_folder(slug) / path):
+                    found.add(sha256)
+    return found
+
+
+def _read_looks(library: Library) -> tuple[datetime | None, dict[str, datetime]]:
+    """Read what was found before; a damaged file only costs time."""
+    try:
+        content = json.loads((library.inner / _LOOKS).read_bytes())
+        since = {key: datetime.fromisoformat(first) for key, first in content["since"].items()}
+        return datetime.fromisoformat(content["looked_at"]), since
+    except (FileNotFoundError, ValueError, KeyError, TypeError, AttributeError):
+        return None, {}
+
+
+def _write_looks(library: Library, at: datetime, since: Mapping[str, datetime]) -> None:
+    content = {"looked_at": at.isoformat(), "since": {key: first.isoformat() for key, first in since.items()}}
+    write_text(library.inner / _LOOKS, json.dumps(content))
