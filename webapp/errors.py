@@ -23,7 +23,8 @@
     │   ├── TableError           a CSV of queries or positions, at this line
     │   └── TrackError           a file with a track
     ├── StorageError             the disk refused: full, read-only, locked by another writer
-    │   └── DiskFull             ... because there is no space left
+    │   ├── DiskFull             ... because there is no space left
+    │   └── ObjectLost           ... because the object storage has lost it
     ├── IndexDamaged             an index file is not what its name and manifest say
     ├── ProcessLost              a process that did a part of the work was killed
     ├── MissingPart              an optional part is not installed or not downloaded
@@ -179,6 +180,10 @@ class DatabaseUnavailable(StorageError, RetryLater):
 
 class StorageUnavailable(StorageError, RetryLater):
     """The object storage cannot be reached, is too slow or refuses; nobody was assured of anything."""
+
+
+class ObjectLost(StorageError):
+    """The object storage does not have what a file of the library stands for."""
 
 
 class DiskFull(StorageError):

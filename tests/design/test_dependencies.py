@@ -21,7 +21,7 @@ SYSTEMS = [
 PYTHONS = [{"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.9"} for minor in range(11, 15)]
 
 
-COMPLETED_BY = {"psycopg": {"psycopg-binary"}}
+COMPLETED_BY = {"psycopg": {"psycopg-binary"}, "moto": {"py-partiql-parser"}}
 """What extras of other distributions bring."""
 
 IN_ALL = {*EXTRAS} - {"cluster"}

@@ -8,10 +8,10 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from webapp.errors import DiskFull, StorageError, StorageUnavailable, UsageError
+from webapp.errors import DiskFull, ObjectLost, StorageError, StorageUnavailable, UsageError
 from webapp.files.listing import list_photos
 from webapp.files.objects import storage
-from webapp.files.objects.bucket import Bucket, ObjectLost
+from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.pointer import Pointer, pointed_path, pointer_path, read_pointer
 from webapp.files.objects.storage import ObjectStorage

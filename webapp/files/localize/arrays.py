@@ -19,9 +19,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.errors import IndexDamaged
+from webapp.errors import IndexDamaged, ObjectLost
 from webapp.files import atomic
-from webapp.files.objects.bucket import ObjectLost
 from webapp.files.objects.storage import local, replaced
 
 _GAP_BYTES = 16_384

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from webapp.errors import DiskFull, ExpMapError, StorageError, StorageUnavailable, UsageError
+from webapp.errors import (
+    DiskFull,
+    ExpMapError,
+    ObjectLost,
+    StorageError,
+    StorageUnavailable,
+    UsageError,
+)
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
 
@@ -29,12 +36,6 @@ _REFUSED = frozenset({"AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMat
 _FULL = frozenset({"QuotaExceeded", "InsufficientStorage", "XMinioStorageFull", "InsufficientCapacity"})
 _NO_OBJECT = frozenset({"NoSuchKey", "404"})
 _NO_BUCKET = "NoSuchBucket"
-
-_CREDENTIALS = "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and the rights on the bucket"
-
-
-class ObjectLost(StorageError):
-    """The server has no object of this key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,11 +155,19 @@ class Bucket:
         except exceptions.ClientError as error:
             raise _refusal(error.response, key=key, url=self.url) from error
         except (exceptions.NoCredentialsError, exceptions.PartialCredentialsError) as error:
-            raise _unavailable("there are no credentials for the object storage", _CREDENTIALS) from error
+            raise StorageUnavailable(
+                "there are no credentials for the object storage",
+                wait_s=_WAIT_S,
+                hint="set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY",
+            ) from error
         except (exceptions.ReadTimeoutError, exceptions.ConnectTimeoutError) as error:
-            raise _unavailable("the object storage does not answer in time") from error
+            raise StorageUnavailable(
+                "the object storage does not answer in time", wait_s=_WAIT_S, hint="try again in a moment"
+            ) from error
         except (exceptions.BotoCoreError, Boto3Error) as error:
-            raise _unavailable("the object storage cannot be reached") from error
+            raise StorageUnavailable(
+                "the object storage cannot be reached", wait_s=_WAIT_S, hint="try again in a moment"
+            ) from error
         except OSError as error:
             raise storage_error(error, where=str(error.filename or key)) from error
 
@@ -200,17 +209,22 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
     code = str(response.get("Error", {}).get("Code", ""))
     status = response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0)
     if code == _NO_BUCKET:
-        return _unavailable("the bucket of the object storage does not exist", f"make it: {url}")
+        return StorageUnavailable(
+            "the bucket of the object storage does not exist",
+            wait_s=_WAIT_S,
+            where=url,
+            hint="ask who looks after the server",
+        )
     if code in _NO_OBJECT:
         return ObjectLost("the object storage has lost this file", where=key, hint="restore it from a backup")
     if code in _FULL or status == HTTPStatus.INSUFFICIENT_STORAGE:
-        return DiskFull("the object storage is full", where=url, hint="make room there, or raise its quota")
+        return DiskFull("the object storage is full", where=url, hint="ask who looks after the server")
     if code in _REFUSED or status == HTTPStatus.FORBIDDEN:
-        return _unavailable("the object storage refuses access", _CREDENTIALS)
+        return StorageUnavailable(
+            "the object storage refuses access", wait_s=_WAIT_S, hint="ask who looks after the server"
+        )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR or status == HTTPStatus.TOO_MANY_REQUESTS:
-        return _unavailable("the object storage is overloaded or disturbed")
+        return StorageUnavailable(
+            "the object storage is overloaded or disturbed", wait_s=_WAIT_S, hint="try again in a moment"
+        )
     return StorageError(f"the object storage refuses: {code or status}", where=url)
-
-
-def _unavailable(message: str, hint: str = "try again in a moment") -> StorageUnavailable:
-    return StorageUnavailable(message, wait_s=_WAIT_S, hint=hint)

@@ -114,7 +114,7 @@ def store(file: Path) -> Pointer | None:
     return storage.store(file) if storage else None
 
 
-def put_in_place(file: Path, target: Path, pointer: Pointer) -> None:
+def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
     """Let a pointer stand for a file whose content was stored, and delete that one.
 
     Raises
@@ -140,7 +140,7 @@ def publish(path: Path) -> None:
     """
     storage = in_use()
     if storage is not None and path.is_file():
-        put_in_place(path, path, storage.store(path))
+        put_in_place(path, path, pointer=storage.store(path))
 
 
 def replaced(path: Path) -> None:

@@ -92,7 +92,7 @@ def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = Non
     if stored is None:
         move_in(source, target)
     else:
-        put_in_place(source, target, stored)
+        put_in_place(source, target, pointer=stored)
 
 
 def forget_intake(folder: Path, row: Photo) -> None:
