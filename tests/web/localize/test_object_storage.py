@@ -38,6 +38,8 @@ from webapp.tasks.localize.build_index import BuildRequest, update_index
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
 from webapp.tasks.operate import objects, open_storage
+from webapp.tasks.operate.backup import back_up
+from webapp.tasks.operate.move import move_to_file
 
 ROOT = Path(__file__).resolve().parents[3]
 ADDER = """
@@ -441,12 +443,16 @@ def rebuild(library, settings, folder):
     return update_index(request, settings=settings, progress=Progress())
 
 
-def test_what_does_not_fit_together_is_refused(machine, library, settings):
+def test_what_does_not_fit_together_is_refused(machine, library, settings, tmp_path):
     machine("a")
     with pytest.raises(StorageError, match="are in an object storage") as unset:
         open_storage.open_storage(library, replace(settings, storage=None))
     assert settings.storage in unset.value.hint
     with pytest.raises(StorageError, match="are in an object storage"):
         open_storage.open_storage(library, replace(settings, storage="s3://another"))
+    with pytest.raises(UsageError, match="would lack the photos"):
+        back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
+    with pytest.raises(UsageError, match="would lack the photos"):
+        move_to_file(library.folder, settings.database, progress=Progress())
     with pytest.raises(UsageError, match="need records in PostgreSQL"):
         connect(replace(settings, database=None))

@@ -27,6 +27,7 @@ from webapp.store.library import DATABASE, Library
 from webapp.store.operate import snapshot
 from webapp.store.operate.snapshot import PartContents, Reader, SnapshotContents
 from webapp.tasks.maps import export
+from webapp.tasks.operate.open_storage import refuse_objects
 
 MAPS = "maps"
 QUERIES = "queries"
@@ -112,11 +113,12 @@ def back_up(
     Raises
     ------
     UsageError
-        The file would be in the library itself.
+        The file would be in the library itself, or photos of the library are in S3.
     StorageError, DiskFull
         The disk refused; an older backup of that name is as it was.
     Cancelled
     """
+    refuse_objects(library.inner, doing="this backup")
     target = target.absolute()
     if target.resolve().is_relative_to(library.folder):
         raise UsageError(

@@ -30,6 +30,7 @@ from webapp.store.library import DATABASE, INNER, MOVING, SERVER, newest_schema,
 from webapp.store.moving import marks
 from webapp.store.moving.copying import OtherRows, TableCopy, copy_records, prepare
 from webapp.store.moving.marks import MovedMark
+from webapp.tasks.operate.open_storage import refuse_objects
 
 TICKET = "moving.json"
 """In `.library`, while a move is not complete: its key, and where to."""
@@ -123,11 +124,12 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
     NotFound
         There is no library in the folder.
     UsageError
-        Its records are in SQLite already, or there is no address.
+        Its records are in SQLite already, there is no address, or photos of the library are in S3.
     Conflict, StorageError, DiskFull, MissingPart, Cancelled
         As for `move_to_server`.
     """
     inner = folder.resolve() / INNER
+    refuse_objects(inner, doing="a library in SQLite")
     with _alone(inner):
         file, marker = inner / DATABASE, inner / SERVER
         if not marker.exists():

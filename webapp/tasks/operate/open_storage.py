@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from webapp.errors import StorageError
+from pathlib import Path
+
+from webapp.errors import StorageError, UsageError
 from webapp.files.atomic import write_text
 from webapp.files.objects.connect import connect
 from webapp.settings import Settings
@@ -10,6 +12,27 @@ from webapp.store.library import Library
 
 MARKER = "object-storage"
 """File of the library with the address of its storage."""
+
+
+def refuse_objects(inner: Path, *, doing: str) -> None:
+    """Refuse work that would not find photos which are objects.
+
+    Parameters
+    ----------
+    inner : Path
+        The library's folder of everything that is not a map.
+
+    Raises
+    ------
+    UsageError
+    """
+    marker = inner / MARKER
+    if marker.is_file():
+        raise UsageError(
+            f"{doing} would lack the photos, which are in {marker.read_text('utf-8').strip()}",
+            where=str(inner.parent),
+            hint="see Backup in docs/cluster.md",
+        )
 
 
 def open_storage(library: Library, settings: Settings) -> None:
