@@ -80,7 +80,17 @@ PERMISSIVE = frozenset(
         *("0BSD", "BSD-2-Clause", "BSD-3-Clause", "BSD", "BSD License"),
         *("BSD 3-Clause License", "3-Clause BSD License"),
         *("Apache-2.0", "Apache Software License", "Apache License, Version 2.0"),
-        *("MIT", "MIT License", "MIT-CMU", "ISC", "Zlib", "CC0-1.0", "The Unlicense (Unlicense)", "any-OSI"),
+        *(
+            "MIT",
+            "MIT License",
+            "MIT-0",
+            "MIT-CMU",
+            "ISC",
+            "Zlib",
+            "CC0-1.0",
+            "The Unlicense (Unlicense)",
+            "any-OSI",
+        ),
         *("PSF-2.0", "Python Software Foundation License"),
         *("MPL-2.0", "Mozilla Public License 2.0 (MPL 2.0)"),
     }

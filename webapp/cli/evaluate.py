@@ -11,7 +11,6 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build import tell_failed
-from webapp.cli.library import settings_in_use
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -21,6 +20,7 @@ from webapp.cli.options import (
     map_options,
     open_options,
     sequence_options,
+    settings_in_use,
 )
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.library import settings_in_use
-from webapp.cli.options import MAP_FILE
+from webapp.cli.options import MAP_FILE, settings_in_use
 from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, Floor
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError

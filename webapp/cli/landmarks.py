@@ -10,8 +10,7 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.library import settings_in_use
-from webapp.cli.options import MAP_FILE
+from webapp.cli.options import MAP_FILE, settings_in_use
 from webapp.cli.progressbar import terminal_progress
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory

@@ -10,9 +10,8 @@ from typing import TypeVar
 
 import click
 
-from webapp.configuration import load_settings
+from webapp.cli.options import settings_in_use
 from webapp.errors import NotFound
-from webapp.files.objects.connect import connect
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library
 
@@ -25,19 +24,6 @@ def library_option(command: Command) -> Command:
         "--library", type=click.Path(path_type=Path), metavar="FOLDER",
         help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
     )(command)  # fmt: skip
-
-
-def settings_in_use() -> Settings:
-    """Load the settings, and read photos from the object storage that they name.
-
-    Raises
-    ------
-    UsageError, MissingPart
-        A setting is wrong, or something that it needs is not installed.
-    """
-    settings = load_settings()
-    connect(settings)
-    return settings
 
 
 def library_settings(folder: Path | None) -> Settings:
