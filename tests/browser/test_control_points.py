@@ -9,11 +9,11 @@ from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.pieces import RigidPiece
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.part_file import sha256_of
 from webapp.store.library import open_library
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.show_cloud import lay_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.maps.photo_files import sha256_of
 
 PHOTOS = 8
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
