@@ -202,7 +202,9 @@ def kept_folder(pytestconfig: pytest.Config) -> Path:
     for package in ("numpy", "opencv-python-headless", "pillow"):
         digest.update(version(package).encode())
     root = Path(webapp.__file__).parent
-    for path in sorted(root.rglob("*.py")):
+    for path in sorted(
+        path for path in root.rglob("*") if path.is_file() and path.suffix not in (".pyc", ".po", ".mo")
+    ):
         digest.update(f"{path.relative_to(root)} ".encode() + path.read_bytes())
     cache: pytest.Cache = pytestconfig.cache
     name = f"computed-{digest.hexdigest()[:16]}"
@@ -241,7 +243,10 @@ def ready_sample(common_folder: Path, sample_folder: Path, kept_folder: Path) ->
 def _copy_once(kept: Path, folder: Path) -> None:
     """Give a run its own copy, so that a test that changes it spoils no later run."""
     if not folder.exists():
-        shutil.copytree(kept, folder)
+        part = folder.with_name(f"{folder.name}.part")
+        shutil.rmtree(part, ignore_errors=True)
+        shutil.copytree(kept, part)
+        part.rename(folder)
 
 
 def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:

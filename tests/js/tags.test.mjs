@@ -16,6 +16,7 @@ test("tags come to a note and go, and its other words stay", () => {
   assert.equal(retagged("Old oak #tree", { add: ["tree"] }), "Old oak #tree");
   assert.equal(retagged("By the #gate of  the park\n#north #gate", { remove: ["gate"] }), "By the of the park\n#north");
   assert.equal(retagged("#gates and #gate", { remove: ["gate"] }), "#gates and");
+  assert.equal(retagged("north   door\n  - one", { remove: ["gate"] }), "north   door\n  - one");
   assert.equal(retagged(null, {}), "");
   assert.equal(retagged("two  spaces", {}), "two  spaces");
 });

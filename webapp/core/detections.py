@@ -201,6 +201,8 @@ def _with_margin(one: Detection) -> BlurBox:
 
 def is_hidden(box: BlurBox, blurred: Sequence[BlurBox]) -> bool:
     """Return whether most of a box is blurred already, by one other box or by several."""
+    if not blurred:
+        return False
     x, y = box.x + box.width * _STEPS, box.y + box.height * _STEPS[:, None]
     covered = np.zeros((_STEPS.size, _STEPS.size), bool)
     for b in blurred:

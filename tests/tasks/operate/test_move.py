@@ -37,6 +37,25 @@ def files(folder):
     }
 
 
+def test_a_move_killed_between_its_marks_is_completed_with_its_own_address_only(folder, server, monkeypatch):
+    url, elsewhere = server(), server()
+    write = move.write_text
+
+    def stop_at_the_marker(path, text):
+        if path.name == SERVER:
+            raise Stop
+        write(path, text)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(move, "write_text", stop_at_the_marker)
+        with pytest.raises(Stop):
+            to_server(folder, url)
+    with pytest.raises(StorageError, match="have moved to"):
+        to_server(folder, elsewhere)
+    to_server(folder, url)
+    assert opens(folder, url)
+
+
 def test_all_is_the_same_there_and_back(folder, server, tmp_path):
     url, before, photos = server(), hashes(file_url(folder), tmp_path), files(folder)
     assert {copy.name for copy in before if copy.rows} > {"account", "map", "photo", "pose", "edit", "query"}

@@ -68,6 +68,11 @@ def database_url(postgresql, monkeypatch):
     postgresql.drop(url)
 
 
+def objects_in(s3, bucket):
+    """The objects in a bucket, but for that which says whose it is."""
+    return [key for key in s3.keys(bucket) if key != "lib/library"]
+
+
 @pytest.fixture
 def bucket(s3):
     return s3.new_bucket()
@@ -177,7 +182,7 @@ def test_a_photo_of_one_machine_is_read_on_another(machine, library, park, s3, b
     data = jpeg()
     here = machine("a")
     assert send(here, data)["id"] == 0
-    assert len(s3.keys(bucket)) == 1
+    assert len(objects_in(s3, bucket)) == 1
     place = library.map_folder(park) / "photos/a.jpg"
     assert not place.exists() and read_pointer(place).bytes == len(data)
     there = machine("b")
@@ -232,7 +237,7 @@ def test_a_photo_that_s3_refuses_is_not_acknowledged(machine, library, park, s3,
     s3.refuse = refusal
     answer = send(client, jpeg())
     assert answer["error"]["code"] == code and "object storage" in answer["error"]["message"]
-    assert photos(library, park) == [] and s3.keys(bucket) == []
+    assert photos(library, park) == [] and objects_in(s3, bucket) == []
     s3.reset()
     assert send(client, jpeg())["id"] == 0
 
@@ -278,12 +283,12 @@ def test_a_cold_machine_answers_as_a_warm_one(
     assert build(library, settings, moved).state == "done"
     for path in segments:
         assert not path.exists() and read_pointer(path).bytes == len(files[path])
-    before = len(s3.keys(bucket))
+    before = len(objects_in(s3, bucket))
     cold = ask(machine("b"), photo, slug="row").get_json()
     assert cold["hypotheses"] == warm["hypotheses"] != []
     for path in segments:
         assert storage.local(path).read_bytes() == files[path], "the index is the same, byte for byte"
-    assert len(s3.keys(bucket)) == before
+    assert len(objects_in(s3, bucket)) == before
     assert findings.list_findings(library, moved, settings=settings) == []
 
 
@@ -333,7 +338,7 @@ def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
     client = machine("b")
     original = f"/api/v1/maps/{copy}/photos/0/original"
     assert client.get(original, buffered=True).data == jpeg()
-    keys = s3.keys(bucket)
+    keys = objects_in(s3, bucket)
     assert len(keys) == 2, "a copy has the same objects"
     for slug in (park, copy):
         assert objects.sweep_objects(library, settings) == 0
@@ -342,11 +347,46 @@ def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
             maps.put_into_bin(record)
             map_id = record.id
         delete_map(library, map_id)
-        assert s3.keys(bucket) == keys
+        assert objects_in(s3, bucket) == keys
     for hours, left in ((30, 2), (40, 2), (53, 2), (60, 0)):
         at(monkeypatch, hours)
         objects.sweep_objects(library, settings)
-        assert len(s3.keys(bucket)) == left, hours
+        assert len(objects_in(s3, bucket)) == left, hours
+
+
+def test_a_storage_is_of_one_library_and_what_is_not_its_own_is_not_touched(
+    machine, library, park, settings, s3, bucket, monkeypatch
+):
+    send(machine("a"), jpeg())
+    s3.client.put_object(Bucket=bucket, Key="lib/theirs.txt", Body=b"a file of somebody")
+    for hours in (1, 30, 60):
+        at(monkeypatch, hours)
+        objects.sweep_objects(library, settings)
+    assert len(objects_in(s3, bucket)) == 2
+    marker = library.inner / open_storage.MARKER
+    ours = marker.read_text()
+    marker.unlink()  # as in the folder of another library
+    with pytest.raises(StorageError, match="belongs to another library"):
+        open_storage.open_storage(library, settings)
+    assert not marker.exists()
+    marker.write_text(ours)
+    s3.client.put_object(Bucket=bucket, Key="lib/library", Body=b"another one")
+    at(monkeypatch, 120)
+    with pytest.raises(StorageError, match="belongs to another library"):
+        objects.sweep_objects(library, settings)
+
+
+def test_a_photo_that_is_uploaded_again_is_there_also_where_its_object_was_lost(
+    machine, library, park, s3, bucket
+):
+    send(machine("a"), jpeg())
+    (lost,) = objects_in(s3, bucket)
+    s3.client.delete_object(Bucket=bucket, Key=lost)
+    client = machine("b")
+    original = f"/api/v1/maps/{park}/photos/0/original"
+    assert client.get(original, buffered=True).status_code >= 400
+    send(client, jpeg())
+    assert client.get(original, buffered=True).data == jpeg()
 
 
 def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
@@ -358,7 +398,7 @@ def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
     for hours in (1, 30, 60):
         at(monkeypatch, hours)
         assert objects.sweep_objects(library, settings) == 0
-    assert len(s3.keys(bucket)) == 1
+    assert len(objects_in(s3, bucket)) == 1
     aside.rename(pointer)
     (library.inner / open_storage.MARKER).unlink()
     at(monkeypatch, 90)
@@ -409,7 +449,7 @@ def test_kills_in_the_middle_of_uploads_lose_nothing_and_leave_orphans_that_are_
     for hours in (0, 12, 25):
         at(monkeypatch, hours)
         objects.sweep_objects(library, settings)
-    assert len(s3.keys(bucket)) == len(rows) + 1
+    assert len(objects_in(s3, bucket)) == len(rows) + 1
 
 
 def test_a_build_that_is_killed_between_objects_loses_nothing(
@@ -432,7 +472,7 @@ def test_a_build_that_is_killed_between_objects_loses_nothing(
     monkeypatch.undo()
     assert manifest.read_bytes() == before
     report = rebuild(library, settings, manifest.parent)
-    assert (report.extracted, len(s3.keys(bucket))) == (0, 4 + 3)
+    assert (report.extracted, len(objects_in(s3, bucket))) == (0, 4 + 3)
 
 
 def rebuild(library, settings, folder):

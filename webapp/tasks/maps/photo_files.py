@@ -84,7 +84,10 @@ def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = Non
     """
     target = folder / row.path
     if is_there(target):
-        source.unlink()
+        if stored is not None and stored.sha256 == row.sha256 and not target.is_file():
+            put_in_place(source, target, pointer=stored)  # the object that it named may be lost
+        else:
+            source.unlink()
         return
     note = _note(folder, row.sha256)
     note.parent.mkdir(parents=True, exist_ok=True)

@@ -95,11 +95,11 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
                 where=str(folder),
                 hint=marker.read_text("utf-8").strip(),
             )
-        key = _begin(inner, target.name)
         tables: tuple[TableCopy, ...] = ()
         if not marker.exists():
             _join_journal(file)  # nobody has it open
             with closing(Database(f"sqlite:///{file}")) as source:
+                key = _begin(inner, target.name, source)
                 tables = _move(source, target, key=key, progress=progress)
             write_text(marker, f"{target.name}\n")
         kept = _put_aside(file)
@@ -143,9 +143,9 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
                 where="EXPMAP_DATABASE",
                 hint=f"set it: {marker.read_text('utf-8').strip()}",
             )
-        key = _begin(inner, str(file))
         tables: tuple[TableCopy, ...] = ()
         with closing(Database(url)) as source:
+            key = _begin(inner, str(file), source)
             if not file.exists():
                 tables = _fill_file(source, file, key=key, progress=progress)
             elif not _has_left(source, key):
@@ -242,9 +242,23 @@ def _check_alone(connection: Connection) -> None:
         time.sleep(_LOOK_S)
 
 
-def _begin(inner: Path, place: str) -> str:
-    """Note that a move has begun, or find the note of one that was killed; gives its key."""
+def _begin(inner: Path, place: str, source: Database) -> str:
+    """Note that a move has begun, or find the note of one that was killed; gives its key.
+
+    Raises
+    ------
+    StorageError
+        The records have moved to another place already, or the move to it has not been completed.
+    """
     key = _ticket(inner, place)
+    with source.engine.connect() as connection:
+        moved = marks.moved_mark(connection)
+    if moved is not None and moved.key != key:
+        raise StorageError(
+            f"the records of this library have moved to {moved.place}",
+            where=source.name,
+            hint="run the command with that address, which completes a move that was killed",
+        )
     if key is None:
         key = secrets.token_hex(8)
         write_text(inner / TICKET, json.dumps({"key": key, "place": place}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime, timedelta
@@ -13,7 +14,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 from sqlalchemy import select
 
-from webapp.errors import StorageError
+from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
 from webapp.files.objects.pointer import SUFFIX, pointed_path, pointer_path, read_pointer, write_pointer
 from webapp.files.objects.storage import ObjectStorage, in_use, is_there
@@ -22,12 +23,15 @@ from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.operate.open_storage import MARKER
+from webapp.tasks.operate.open_storage import MARKER, check_owner
 
 _log = logging.getLogger(__name__)
 
 _LOOKS = "orphans.json"
 """File of the library: since when each object is named by nothing, and when that was looked up last."""
+
+_KEY = re.compile(r"[0-9a-f]{2}/[0-9a-f]{64}-[0-9a-f]{16}")
+"""What objects of a library are called; whatever else lies below its prefix is not touched."""
 
 _LOOKS_PER_AGE = 4
 _READERS_S = 600.0
@@ -63,7 +67,12 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
             for path in _photo_paths(library):
                 if stops():
                     break
-                stored += _move(storage, path)
+                try:
+                    stored += _move(storage, path)
+                except (StorageUnavailable, DiskFull):
+                    raise
+                except (StorageError, OSError) as error:
+                    _log.warning("%s is not moved to the object storage: %s", path, error)
     except Timeout:
         pass  # another worker is at it
     return stored
@@ -119,6 +128,7 @@ def sweep_objects(library: Library, settings: Settings) -> int:
             if looked_at is not None and at - looked_at < age / _LOOKS_PER_AGE:
                 return 0
             since = _unnamed(library, storage, since, at=at)
+            check_owner(library, storage)
             gone = [key for key, first in since.items() if at - first >= age]
             swept = _delete(library, storage, gone)
             storage.bucket.drop_unfinished(begun_before=at - age)
@@ -132,7 +142,7 @@ def _unnamed(
     library: Library, storage: ObjectStorage, before: Mapping[str, datetime], *, at: datetime
 ) -> dict[str, datetime]:
     """List the objects that nothing names, and since when."""
-    there = [one.key for one in storage.bucket.objects()]
+    there = [one.key for one in storage.bucket.objects() if _KEY.fullmatch(one.key)]
     named = {pointer.key for path in _pointers(library) if (pointer := read_pointer(path))}
     return {key: before.get(key, at) for key in there if key not in named}
 

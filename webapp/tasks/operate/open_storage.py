@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import secrets
+import tempfile
 from pathlib import Path
 
-from webapp.errors import StorageError, UsageError
+from filelock import FileLock
+
+from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import write_text
 from webapp.files.objects.connect import connect
+from webapp.files.objects.storage import ObjectStorage
 from webapp.settings import Settings
 from webapp.store.library import Library
 
 MARKER = "object-storage"
-"""File of the library with the address of its storage."""
+"""File of the library: the address of its storage, and the name by which the storage knows the library."""
+
+_OWNER = "library"
+"""Object with the name of the library that the storage belongs to."""
+
+_WAIT_S = 60.0
 
 
 def refuse_objects(inner: Path, *, doing: str) -> None:
@@ -29,7 +39,7 @@ def refuse_objects(inner: Path, *, doing: str) -> None:
     marker = inner / MARKER
     if marker.is_file():
         raise UsageError(
-            f"{doing} would lack the photos, which are in {marker.read_text('utf-8').strip()}",
+            f"{doing} would lack the photos, which are in {marker.read_text('utf-8').split()[0]}",
             where=str(inner.parent),
             hint="see Backup in docs/cluster.md",
         )
@@ -46,12 +56,66 @@ def open_storage(library: Library, settings: Settings) -> None:
         As for `connect`.
     """
     marker = library.inner / MARKER
-    before = marker.read_text("utf-8").strip() if marker.is_file() else None
+    before = _marked(library)[0]
     if before is not None and before != settings.storage:
         raise StorageError(
             "the photos of this library are in an object storage",
             where=str(library.folder),
             hint=f"set EXPMAP_STORAGE: {before}",
         )
-    if connect(settings) is not None and settings.storage is not None and before is None:
-        write_text(marker, f"{settings.storage}\n")
+    storage = connect(settings)
+    if storage is None or settings.storage is None or before is not None:
+        return
+    with FileLock(library.inner / "storage.lock", timeout=_WAIT_S):
+        if not marker.is_file():
+            write_text(marker, f"{settings.storage}\n{_claim(storage)}\n")
+
+
+def check_owner(library: Library, storage: ObjectStorage) -> None:
+    """Refuse an object storage that is not, or no longer, this library's.
+
+    Raises
+    ------
+    StorageError
+    """
+    owner = _owner(storage)
+    if owner is None or owner != _marked(library)[1]:
+        raise _not_ours(storage)
+
+
+def _marked(library: Library) -> tuple[str | None, str | None]:
+    """Read the address of a library's storage, and the name by which the storage knows the library."""
+    marker = library.inner / MARKER
+    lines = marker.read_text("utf-8").split() if marker.is_file() else []
+    address, owner = [*lines, None, None][:2]
+    return address, owner
+
+
+def _claim(storage: ObjectStorage) -> str:
+    """Take a storage that is nobody's; gives the name by which it knows the library from then on."""
+    if _owner(storage) is not None:
+        raise _not_ours(storage)
+    owner = secrets.token_hex(16)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, _OWNER)
+        file.write_text(owner, "utf-8")
+        storage.bucket.put(_OWNER, file)
+    return owner
+
+
+def _owner(storage: ObjectStorage) -> str | None:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, _OWNER)
+        try:
+            storage.bucket.get(_OWNER, file)
+        except ObjectLost:
+            return None
+        return file.read_text("utf-8")
+
+
+def _not_ours(storage: ObjectStorage) -> StorageError:
+    return StorageError(
+        "this object storage belongs to another library",
+        where=storage.bucket.url,
+        hint="give each library a prefix of its own: EXPMAP_STORAGE",
+    )

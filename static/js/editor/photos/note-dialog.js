@@ -14,6 +14,10 @@ const MOST = 4000; // characters of a note
  */
 export function noteDialog(commands, ids) {
   const { store } = commands;
+  if (!ids.every((id) => store.isKnown(id))) {
+    commands.warn(t("The notes of these photos are still being loaded."), t("Try again in a moment."));
+    return;
+  }
   const photos = ids.map((id) => store.photos.get(id));
   const here = countTags(photos);
   const ticks = new Map([...countTags([...store.photos.values()]).keys()].map((tag) => [tag, tick(here.get(tag) ?? 0, photos.length)]));
@@ -32,10 +36,11 @@ export function noteDialog(commands, ids) {
   save.addEventListener("click", () => {
     const changes = {
       add: [...[...ticks].filter(([, { checked }]) => checked).map(([tag]) => tag), ...tagsOf(asTags(tags.value))],
-      remove: [...ticks].filter(([, { checked, indeterminate }]) => !checked && !indeterminate).map(([tag]) => tag),
+      remove: [...ticks].filter(([tag, { checked, indeterminate }]) => here.has(tag) && !checked && !indeterminate).map(([tag]) => tag),
     };
-    const notes = new Map(photos.map(({ id, note }) => [id, retagged(withWords(note, words.value.trim()), changes)]));
-    const long = photos.find(({ id }) => notes.get(id).length > MOST);
+    const now = ids.map((id) => store.photos.get(id)).filter(Boolean); // others may have written on them meanwhile
+    const notes = new Map(now.map(({ id, note }) => [id, retagged(withWords(note, words.value.trim()), changes)]));
+    const long = now.find(({ id }) => notes.get(id).length > MOST);
     if (long) {
       error.show({ message: t("The note of {name} would be longer than {n} characters.", { name: long.name, n: MOST }) });
       return;

@@ -37,7 +37,7 @@ export const countTags = (photos) => countEach(photos.flatMap(({ note }) => tags
 export function retagged(note, { add = [], remove = [] }) {
   const gone = new Set(remove.map((tag) => tag.toLowerCase()));
   const kept = (note ?? "").replace(TAG, (word, tag) => (gone.has(tag.toLowerCase()) ? "" : word));
-  const tidy = gone.size ? kept.replace(/[^\S\n]{2,}/g, " ").replace(/[^\S\n]+$/gm, "").trim() : kept;
+  const tidy = kept !== (note ?? "") ? kept.replace(/[^\S\n]{2,}/g, " ").replace(/[^\S\n]+$/gm, "").trim() : kept;
   const there = new Set(tagsOf(tidy));
   const missing = [...new Set(add.map((tag) => tag.toLowerCase()))].filter((tag) => !there.has(tag));
   return [tidy, ...missing.map((tag) => `#${tag}`)].filter(Boolean).join(" ");

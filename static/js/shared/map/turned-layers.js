@@ -7,6 +7,7 @@ const TILE = 256;
 
 /** Like `L.DomUtil.setTransform`, and turned. @param {HTMLElement} element @param {L.Point} at */
 function place(element, { x, y }, scale, turn) {
+  element.style.transformOrigin = "0 0"; // Leaflet's own style sheet has it only for what is animated
   element.style.transform = `translate3d(${x}px, ${y}px, 0) rotate(${turn.degrees}deg) scale(${scale})`;
 }
 
