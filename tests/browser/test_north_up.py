@@ -220,3 +220,10 @@ def test_it_fits_a_phone(turned_map, api, open_context, owner):
         )
         assert math.degrees(turn) == pytest.approx(-NORTH_DEG, abs=0.3)
         assert axe.findings(page) == []
+
+
+def test_with_reduced_motion_it_is_drawn_in_the_same_place(turned_map, open_context, owner):
+    page = open_context(storage_state=owner, reduced_motion="reduce").new_page()
+    edit = EditPage(page, turned_map()).open()
+    turn_north_up(edit)
+    check_quarters(edit)
