@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from webapp.cli.options import MAP_FILE, settings_in_use
+from webapp.cli.composition import settings_in_use
+from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.tasks.blur.accept import accept_in_folder, accept_in_library

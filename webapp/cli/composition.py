@@ -1,10 +1,17 @@
-"""What the application gives its commands; it imports neither the database nor the web."""
+"""What the application gives its commands, and the settings they use.
+
+It imports neither the database nor the web nor OpenCV: a server forks from the process that has loaded it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from webapp.configuration import load_settings
+from webapp.files.objects.connect import connect
+from webapp.settings import Settings
 
 if TYPE_CHECKING:
     from webapp.jobs.kinds import Duties
@@ -28,3 +35,16 @@ class Composition:
     web_app: str
     duties: Callable[[], Duties]
     library_parts: Callable[[], Sequence[LibraryPart]]
+
+
+def settings_in_use() -> Settings:
+    """Load the settings, and read photos from the object storage that they name.
+
+    Raises
+    ------
+    UsageError, MissingPart
+        A setting is wrong, or something that it needs is not installed.
+    """
+    settings = load_settings()
+    connect(settings)
+    return settings

@@ -11,6 +11,7 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build import tell_failed
+from webapp.cli.composition import settings_in_use
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -20,7 +21,6 @@ from webapp.cli.options import (
     map_options,
     open_options,
     sequence_options,
-    settings_in_use,
 )
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError

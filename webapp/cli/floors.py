@@ -11,7 +11,8 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.options import MAP_FILE, settings_in_use
+from webapp.cli.composition import settings_in_use
+from webapp.cli.options import MAP_FILE
 from webapp.core.geo.floors import BASE_FLOOR, LARGEST_LEVEL, Floor
 from webapp.core.mapmodel.model import Map
 from webapp.errors import UsageError

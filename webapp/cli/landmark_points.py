@@ -8,7 +8,8 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.options import MAP_FILE, settings_in_use
+from webapp.cli.composition import settings_in_use
+from webapp.cli.options import MAP_FILE
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import Map
 from webapp.files.atomic import write_text

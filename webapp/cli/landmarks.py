@@ -10,7 +10,8 @@ from pathlib import Path
 
 import click
 
-from webapp.cli.options import MAP_FILE, settings_in_use
+from webapp.cli.composition import settings_in_use
+from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import click
 
-from webapp.cli.options import settings_in_use
+from webapp.cli.composition import settings_in_use
 from webapp.errors import NotFound
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library

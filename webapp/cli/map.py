@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import BAD_MAP, SOME_FAILED
-from webapp.cli.options import settings_in_use
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.controlpoints import Model
 from webapp.core.hypotheses.places import KIND_WORDS

@@ -10,11 +10,11 @@ from typing import Any
 
 import click
 
-from webapp.configuration import load_settings, settings_table
+from webapp.cli.composition import settings_in_use
+from webapp.configuration import settings_table
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, METHODS
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.errors import UsageError
-from webapp.files.objects.connect import connect
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenOptions
 
@@ -23,19 +23,6 @@ Decorator = Callable[[Command], Command]
 
 MAP_FILE = click.Path(path_type=Path)
 """Not looked for here: a map that is missing is a bad map, and not a wrong option."""
-
-
-def settings_in_use() -> Settings:
-    """Load the settings, and read photos from the object storage that they name.
-
-    Raises
-    ------
-    UsageError, MissingPart
-        A setting is wrong, or something that it needs is not installed.
-    """
-    settings = load_settings()
-    connect(settings)
-    return settings
 
 
 def area_option(name: str, *, sides: str, text: str) -> Decorator:

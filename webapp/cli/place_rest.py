@@ -8,7 +8,8 @@ from statistics import fmean
 
 import click
 
-from webapp.cli.options import MAP_FILE, settings_in_use
+from webapp.cli.composition import settings_in_use
+from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import keep_freed_memory
 from webapp.tasks.landmarks.accept import (

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import click
 
+from webapp.cli.composition import settings_in_use
 from webapp.cli.exitcodes import SOME_FAILED
-from webapp.cli.options import MAP_FILE, area_option, settings_in_use
+from webapp.cli.options import MAP_FILE, area_option
 from webapp.cli.progressbar import terminal_progress
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import UsageError
