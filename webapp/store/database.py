@@ -40,7 +40,7 @@ class Database:
     Raises
     ------
     UsageError
-        It is no such address.
+        The address is malformed, or of a database that is not supported.
     MissingPart
         The driver of PostgreSQL is not installed.
     """

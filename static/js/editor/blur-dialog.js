@@ -100,8 +100,11 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
     await next();
   });
   does(rest, async () => {
-    const steps = [() => (sought ? null : seek()), keep, next]; // it was not sought where that failed
-    for (let n = 0; dialog.open; n = (n + 1) % steps.length) await steps[n]();
+    while (dialog.open) {
+      if (!sought) await seek(); // it failed before
+      if (dialog.open) await keep();
+      if (dialog.open) await next();
+    }
   });
   show();
   if (several) run(seek);
@@ -263,7 +266,7 @@ function bare({ x, y, width, height }) {
 }
 
 /** Which share of a box another one covers. @param {Box} box @param {Box} other */
-export function covered(box, other) {
+function covered(box, other) {
   const side = (from, length) => Math.min(box[from] + box[length], other[from] + other[length]) - Math.max(box[from], other[from]);
   const [width, height] = [side("x", "width"), side("y", "height")];
   return (Math.max(width, 0) * Math.max(height, 0)) / (box.width * box.height);

@@ -1,24 +1,14 @@
 """Notes on floors through the API: written, moved, aligned, kept where a floor goes, exported and printed."""
 
-import io
 import json
 
 import pytest
-from PIL import Image
 
+from tests.web.maps.images import CORNERS, png
 from webapp.errors import MapJsonError
 from webapp.files.maps.map_json import parse_map_json
 from webapp.tasks.exchange.import_map import import_map
 from webapp.tasks.maps.export import export_late_maps
-
-CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.098, "lon": 14.403}}
-
-
-def png(size=(300, 200)):
-    file = io.BytesIO()
-    Image.new("RGB", size, "green").save(file, "PNG")
-    file.seek(0)
-    return file
 
 
 @pytest.fixture

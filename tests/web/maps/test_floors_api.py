@@ -8,20 +8,12 @@ import pytest
 from PIL import Image
 from sqlalchemy import select
 
+from tests.web.maps.images import CORNERS, png
 from webapp.errors import MapJsonError
 from webapp.files.maps.map_json import parse_map_json
 from webapp.store.schema import Photo
 from webapp.tasks.exchange.import_map import import_map
 from webapp.tasks.maps.export import export_late_maps
-
-CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.098, "lon": 14.403}}
-
-
-def png(size=(300, 200), colour="green"):
-    file = io.BytesIO()
-    Image.new("RGB", size, colour).save(file, "PNG")
-    file.seek(0)
-    return file
 
 
 @pytest.fixture

@@ -235,16 +235,26 @@ def test_who_may_only_look_gets_no_suggestions(sign_in, new_account, new_map):
     assert sign_in(bob).post(f"/api/v1/maps/{slug}/blur/suggestions", json={}).status_code == 403
 
 
-def test_boxes_that_somebody_else_drew_meanwhile_are_not_lost(client, full, monkeypatch):
+@pytest.fixture
+def meanwhile(client, monkeypatch):
+    """Have somebody blur a box while the next pictures of a photo are made."""
+
+    def blur_another(slug, box):
+        make = show_photo.make_previews
+
+        def blur_first(*args, **options):
+            monkeypatch.setattr(show_photo, "make_previews", make)
+            assert blur(client, slug, box).status_code == 200
+            return make(*args, **options)
+
+        monkeypatch.setattr(show_photo, "make_previews", blur_first)
+
+    return blur_another
+
+
+def test_boxes_that_somebody_else_drew_meanwhile_are_not_lost(client, full, meanwhile):
     other = {**BOX, "x": 0.0}
-    make = show_photo.make_previews
-
-    def meanwhile(*args, **options):
-        monkeypatch.setattr(show_photo, "make_previews", make)
-        assert blur(client, full, other).status_code == 200
-        return make(*args, **options)
-
-    monkeypatch.setattr(show_photo, "make_previews", meanwhile)
+    meanwhile(full, other)
     assert blur(client, full, BOX).status_code == 409
     assert photo_of(client, full)["blurred"] == [other]
 
@@ -283,16 +293,9 @@ def accepting(client, park, finding, library, tmp_path):
     return accept
 
 
-def test_a_box_that_is_drawn_while_suggestions_are_accepted_stays(client, park, accepting, monkeypatch):
+def test_a_box_that_is_drawn_while_suggestions_are_accepted_stays(client, park, accepting, meanwhile):
     other = {"x": 0.0, "y": 0.0, "width": 0.1, "height": 0.1}
-    make = show_photo.make_previews
-
-    def meanwhile(*args, **options):
-        monkeypatch.setattr(show_photo, "make_previews", make)
-        assert blur(client, park, other).status_code == 200
-        return make(*args, **options)
-
-    monkeypatch.setattr(show_photo, "make_previews", meanwhile)
+    meanwhile(park, other)
     assert accepting() == ([0], [])
     kept = client.get(f"/api/v1/maps/{park}").json["photos"][0]["blurred"]
     assert kept[0] == other

@@ -67,7 +67,7 @@ class Bucket:
     Raises
     ------
     UsageError
-        It is no such address, or boto3 cannot use what it finds.
+        The address is malformed, or boto3 cannot use the configuration that it finds.
     MissingPart
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from threading import BoundedSemaphore
 from typing import Literal
 
 import cv2
@@ -16,8 +17,12 @@ from webapp.files.decode import Pixels, check_bytes, decode, open_image
 from webapp.files.photos.exif import Fov, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
+from webapp.threads import permit
 
 _MAKER, _MODEL = 0x010F, 0x0110
+_DECODING = BoundedSemaphore(2)
+"""A photo of the largest size takes several hundred MB while it is decoded."""
+
 _MOST_CAMERA = 100
 """Characters of the name of a camera."""
 
@@ -176,6 +181,17 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
+
+
+def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:
+    """Read a photo as `read_upright` does, once few enough others are being decoded in this process.
+
+    Raises
+    ------
+    PhotoError, Busy
+    """
+    with permit(_DECODING):
+        return read_upright(source, limits=limits, max_side=max_side)
 
 
 def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> GrayPhoto:

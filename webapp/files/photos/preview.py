@@ -5,20 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from threading import BoundedSemaphore
 from typing import Literal
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from webapp.core.blur import BlurBox, blur
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED
 from webapp.files.part_file import discard
-from webapp.files.photos.photo import read_upright
+from webapp.files.photos.photo import read_in_turn
 from webapp.settings import PhotoLimits
-from webapp.threads import permit
 
 Kind = Literal["thumb", "preview"]
 
@@ -31,8 +27,6 @@ _ENCODING: Mapping[Kind, tuple[int, int]] = {
     "preview": (cv2.IMWRITE_JPEG_QUALITY, 85),
     "thumb": (cv2.IMWRITE_WEBP_QUALITY, 65),
 }
-_DECODING = BoundedSemaphore(2)
-"""A photo of the largest size takes several hundred MB while it is decoded."""
 
 
 def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
@@ -67,17 +61,6 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
         assert done, "a picture of at most 1600 pixels can always be written"
         found[kind] = data.tobytes()
     return found
-
-
-def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> NDArray[np.uint8]:
-    """Read a photo as `read_upright` does, once few enough others are being decoded.
-
-    Raises
-    ------
-    PhotoError, Busy
-    """
-    with permit(_DECODING):
-        return read_upright(source, limits=limits, max_side=max_side)
 
 
 def look_of(blurred: Sequence[BlurBox]) -> str | None:

@@ -115,7 +115,7 @@ class Backend(ABC):
 
 
 def has_moved() -> StorageError:
-    """Make the error for who still has a database open that the records have left."""
+    """Return the error for a process that still has the old database open after a move."""
     return StorageError(
         "the records of this library have moved to another database: nothing was changed",
         hint="start the program again: it says where they are",

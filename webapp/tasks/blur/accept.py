@@ -56,10 +56,7 @@ def accept_in_library(
     for one in wanted:
         progress.check()
         try:
-            try:
-                done = _accept(library, map_id, one, settings=settings, changing=changing)
-            except Conflict:  # somebody has drawn a box meanwhile; also, a job that another worker has now
-                done = _accept(library, map_id, one, settings=settings, changing=changing)
+            done = _accept(library, map_id, one, settings=settings, changing=changing)
         except (PhotoError, MapError, NotFound) as error:
             failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
@@ -69,6 +66,16 @@ def accept_in_library(
 
 
 def _accept(
+    library: Library, map_id: int, one: SuggestedBoxes, *, settings: Settings, changing: Changing | None
+) -> bool:
+    """Blur what is suggested in a photo, once more where somebody has drawn a box meanwhile."""
+    try:
+        return _blur(library, map_id, one, settings=settings, changing=changing)
+    except Conflict:  # also of a job that another worker has by now: that is raised again
+        return _blur(library, map_id, one, settings=settings, changing=changing)
+
+
+def _blur(
     library: Library, map_id: int, one: SuggestedBoxes, *, settings: Settings, changing: Changing | None
 ) -> bool:
     """Blur what is suggested in a photo that is still there; return whether anything is new."""

@@ -148,7 +148,7 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
             key = _begin(inner, str(file), source)
             if not file.exists():
                 tables = _fill_file(source, file, key=key, progress=progress)
-            elif not _has_left(source, key):
+            elif _mark_of(source) is None:  # that of another move was refused before
                 raise StorageError("this folder has a library of its own, in SQLite", where=str(folder))
         marker.unlink()  # from now on it is the file that is opened
         sync_folder(inner)
@@ -190,8 +190,7 @@ def _move(
     with source.moving() as connection:
         _check_alone(connection)
         moved = marks.moved_mark(connection)
-        if moved is not None and moved.key != key:
-            raise StorageError(f"the records of this library have moved to {moved.place}", where=source.name)
+        _refuse_other_move(moved, key, name=source.name)
         if marks.filling_key(connection) is not None:
             raise StorageError("the move of records into this database has not finished", where=source.name)
         prepare(target, key=key)
@@ -205,10 +204,19 @@ def _move(
     return tables
 
 
-def _has_left(source: Database, key: str) -> bool:
+def _mark_of(source: Database) -> MovedMark | None:
     with source.translated_errors(), source.engine.connect() as connection:
-        moved = marks.moved_mark(connection)
-    return moved is not None and moved.key == key
+        return marks.moved_mark(connection)
+
+
+def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -> None:
+    """Refuse a database whose records have gone elsewhere by another move than that of the key."""
+    if moved is not None and moved.key != key:
+        raise StorageError(
+            f"the records of this library have moved to {moved.place}",
+            where=name,
+            hint="run the command with that address, which completes a move that was killed",
+        )
 
 
 @contextmanager
@@ -251,14 +259,7 @@ def _begin(inner: Path, place: str, source: Database) -> str:
         The records have moved to another place already, or the move to it has not been completed.
     """
     key = _ticket(inner, place)
-    with source.engine.connect() as connection:
-        moved = marks.moved_mark(connection)
-    if moved is not None and moved.key != key:
-        raise StorageError(
-            f"the records of this library have moved to {moved.place}",
-            where=source.name,
-            hint="run the command with that address, which completes a move that was killed",
-        )
+    _refuse_other_move(_mark_of(source), key, name=source.name)
     if key is None:
         key = secrets.token_hex(8)
         write_text(inner / TICKET, json.dumps({"key": key, "place": place}))
