@@ -11,5 +11,5 @@ globalThis.document = {
   querySelector: () => null,
 };
 globalThis.addEventListener = () => {};
-globalThis.L = /** @type {*} */ ({ CRS: {}, ImageOverlay: class {}, TileLayer: class {}, latLng: (lat, lng) => ({ lat, lng }) });
+globalThis.L = /** @type {*} */ ({ CRS: {}, ImageOverlay: class {}, Layer: class {}, TileLayer: class {}, latLng: (lat, lng) => ({ lat, lng }) });
 globalThis.matchMedia = () => ({ matches: false });

@@ -4,7 +4,8 @@ Each module keeps a scope of its own, a block, and comes after what it imports. 
 scripts of pages are plain: imports have names, what is exported is declared there and never assigned again,
 no import cycles exist, and no line of a text looks like a comment. What imports or exports otherwise is
 refused. Bare names are those of libraries, and stay imports. Comments that have lines of their own are left
-out: they would be a fifth of what is sent.
+out, and so is the indentation, also in texts of several lines (shaders): together they would be a fifth of
+what is sent.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ _EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))"
 _OTHER = re.compile(r"^(?:import|export)\b.*|^(?!\s*(?:/?\*|//)).*\bimport(?:\(|\.meta).*", re.M)
 """What else imports or exports; comments name types by `import(...)`."""
 _COMMENT = re.compile(r"^[ \t]*(?:/\*(?:[^*]|\*(?!/))*\*/|//.*)[ \t]*\n", re.M)
+_INDENTATION = re.compile(r"^[ \t]+", re.M)
 _SHEET_COMMENT = re.compile(r"^[ \t]*/\*(?:[^*]|\*(?!/))*\*/[ \t]*\n", re.M)
 _URL = re.compile(r"url\((?!#|data:|/)([^)]+)\)")
 
@@ -65,9 +67,9 @@ def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
     return "".join(_with_addresses(name, (folder / name).read_text("utf-8"), base) for name in names)
 
 
-def without_comments(source: str) -> str:
-    """Leave out the comments of a script that have lines of their own."""
-    return _COMMENT.sub("", source)
+def shortened(source: str) -> str:
+    """Leave out the indentation of a script, and the comments that have lines of their own."""
+    return _INDENTATION.sub("", _COMMENT.sub("", source))
 
 
 def _collect(folder: Path, name: str, *, sources: dict[str, str], order: list[str]) -> None:
@@ -103,7 +105,7 @@ def _as_block(name: str, source: str, scopes: dict[str, str]) -> str:
     body = _EXPORT.sub("", _IMPORT.sub(bind, _LIBRARY.sub(bind_library, source)))
     if other := _OTHER.search(body):
         raise ValueError(f"{name}: {other[0]!r} cannot be bundled")
-    body = without_comments(body)
+    body = shortened(body)
     kept = f"{scopes[name]} = {{ {', '.join(exported)} }};\n" if exported else ""
     return f"// {name}\nlet {scopes[name]};\n{{\n{body}\n{kept}}}\n"
 
@@ -117,4 +119,5 @@ def _with_addresses(name: str, source: str, base: str) -> str:
     def absolute(found: re.Match[str]) -> str:
         return f"url({base}{_module(name, found[1])})"
 
-    return f"{_URL.sub(absolute, _SHEET_COMMENT.sub('', source))}\n"
+    source = _INDENTATION.sub("", _SHEET_COMMENT.sub("", source))
+    return f"{_URL.sub(absolute, source)}\n"

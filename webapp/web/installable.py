@@ -12,6 +12,7 @@ from jinja2 import nodes
 from webapp.web import language, static_files
 from webapp.web.context import public
 from webapp.web.localize.answers import answer_colours
+from webapp.web.satellite.layers import offered_layers
 
 _OFFLINE = (
     "maps/index.html",
@@ -36,7 +37,7 @@ _ICONS = (
 @blueprint.get("/field")
 def field() -> str:
     """Show the page that keeps photos until there is a network; it holds nothing of any map itself."""
-    return render_template("localize/field.html", colours=answer_colours())
+    return render_template("localize/field.html", colours=answer_colours(), services=offered_layers())
 
 
 @blueprint.get("/offline")

@@ -5,6 +5,7 @@ import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
 import { takeNotes } from "../shared/kept-notes.js";
 import { Crosshair } from "../shared/map/crosshair.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
+import { MapLayers } from "../shared/map/map-layers.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -54,6 +55,7 @@ connectLayout(store);
 
 const view = new MapView(byId("map-canvas"), store);
 const northUp = new NorthUp(view, { ownKey: false });
+new MapLayers(view);
 const dots = new PhotoDots(store).addTo(view.map);
 const gestures = new EditGestures(view, dots, commands);
 const crosshair = new Crosshair(view, say);

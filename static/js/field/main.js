@@ -8,6 +8,7 @@ import { get } from "../shared/api.js";
 import { byId, h, metaOf, targetOf } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
+import { MapLayers } from "../shared/map/map-layers.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -141,6 +142,7 @@ function showMap(state) {
   const store = new MapStore({ ...state, satellite, can_edit: false });
   const view = new MapView(byId("map-canvas"), store);
   new NorthUp(view);
+  new MapLayers(view);
   const marks = new AnswerLayer(store, session).addTo(view.map);
   new NoteLayer(store, view.map);
   new FloorSwitch(store, view.element.parentElement);

@@ -8,6 +8,7 @@ import { QuerySession } from "../shared/answer/query-session.js";
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
+import { MapLayers } from "../shared/map/map-layers.js";
 import { MapPolling } from "../shared/map/map-polling.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -37,6 +38,7 @@ const live = new MapPolling(store, server.changes);
 
 const view = new MapView(byId("map-canvas"), store);
 const northUp = new NorthUp(view);
+const layers = new MapLayers(view);
 const marks = new AnswerLayer(store, session).addTo(view.map);
 new FloorSwitch(store, byId("map"));
 followFloor(session, store);
@@ -64,7 +66,7 @@ answerList(session, () => look());
 showPlace(page);
 showExplanation(session, options, () => askAgain());
 new MatchPanel(page);
-connectSecondMap(page, northUp);
+connectSecondMap(page, [northUp, layers]);
 asking.addEventListener("asked", () => past.refresh());
 asking.addEventListener("separately", async (event) => {
   asking.cancel();

@@ -10,9 +10,9 @@ import { AnswerGestures } from "./gestures.js";
 /**
  * Connect the choice of the second placement.
  * @param {{store: MapStore, session: import("../shared/answer/query-session.js").QuerySession, say: function(string): void}} page
- * @param {import("../shared/map/north-up.js").NorthUp} northUp
+ * @param {{follow: function(MapView): void}[]} followed what the second map does as the first: north up, layers
  */
-export function connectSecondMap({ store, session, say }, northUp) {
+export function connectSecondMap({ store, session, say }, followed) {
   const select = byId("beside", HTMLSelectElement);
   let second = null;
   const choices = () => {
@@ -29,7 +29,7 @@ export function connectSecondMap({ store, session, say }, northUp) {
   const show = () => {
     const name = select.value;
     byId("maps").classList.toggle("has-two", Boolean(name));
-    if (name) second ??= make({ store, session, say }, northUp);
+    if (name) second ??= make({ store, session, say }, followed);
     second?.show(name);
     second?.showFloor();
   };
@@ -43,7 +43,7 @@ export function connectSecondMap({ store, session, say }, northUp) {
 }
 
 /** The map appears with the first placement that is chosen, and is hidden when none is. */
-function make({ store, session, say }, northUp) {
+function make({ store, session, say }, followed) {
   const label = t("The same photos in another placement");
   const canvas = h("div", { class: "ed-canvas", id: "map-canvas-2", tabindex: 0, role: "application", "aria-label": label });
   const title = h("p", { class: "lo-map__name" });
@@ -51,7 +51,7 @@ function make({ store, session, say }, northUp) {
   byId("maps").append(section);
   const other = new MapStore(stateOf(store));
   const view = new MapView(canvas, other);
-  northUp.follow(view);
+  for (const one of followed) one.follow(view);
   const marks = new AnswerLayer(other, session).addTo(view.map);
   new AnswerGestures(view, marks, session, say);
   return {

@@ -9,6 +9,7 @@ import { get, upload } from "../shared/api.js";
 import { byId } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
 import { FloorSwitch } from "../shared/map/floor-switch.js";
+import { MapLayers } from "../shared/map/map-layers.js";
 import { MapStore } from "../shared/map/map-store.js";
 import { NoteLayer } from "../shared/map/note-layer.js";
 import { MapView } from "../shared/map/map-view.js";
@@ -26,6 +27,7 @@ const store = new MapStore(state);
 const session = new QuerySession();
 const view = new MapView(byId("map-canvas"), store);
 new NorthUp(view);
+new MapLayers(view);
 const dots = new PhotoDots(store).addTo(view.map);
 const marks = new AnswerLayer(store, session);
 

@@ -28,6 +28,7 @@ from webapp.tasks.maps.library_map import georeference
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps import state as map_state
+from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("localize_pages", __name__)
 KIND = "evaluate"
@@ -48,6 +49,7 @@ def localize(slug: str) -> str:
         map=record,
         tab="localize",
         state=state,
+        services=offered_layers(),
         features=sorted(usable_features(settings().models)),
         methods=usable_methods(settings().models),
         colours=answer_colours(),

@@ -19,6 +19,7 @@ from webapp.web import errors
 from webapp.web.context import account, library, open_map
 from webapp.web.maps import state as map_state
 from webapp.web.pages import back, text
+from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("map_pages", __name__)
 
@@ -95,7 +96,7 @@ def editor(slug: str) -> str:
     record, who = open_map(slug), account()
     with library().database.read() as session:
         state = map_state.of_page(session, session.get_one(MapRecord, record.id), account=who)
-    return render_template("maps/editor.html", map=record, tab="edit", state=state)
+    return render_template("maps/editor.html", map=record, tab="edit", state=state, services=offered_layers())
 
 
 @blueprint.get("/maps/<slug>/settings")

@@ -8,16 +8,15 @@ from flask import Blueprint, render_template
 
 from webapp.core.geo.area import area_around
 from webapp.core.geo.types import LatLon
-from webapp.net.services import tile_services
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
-from webapp.web.accounts.security import allow_images
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.maps.state import satellite_json
 from webapp.web.satellite.api_satellite import service_json
+from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("satellite", __name__)
 
@@ -32,13 +31,11 @@ def show(slug: str) -> str:
     """Show the image, the three ways to another one, and the three ways to a georeference."""
     record = open_map(slug)
     geocoder = settings().geocoder
-    services = tile_services(settings().tile_services)
     with library().database.read() as session:
         row = session.get_one(MapRecord, record.id)
         can_edit = maps.role_of(session, row, account=account()) in ("editor", "owner")
         photos = [photo for photo in maps.photos(session, row) if not photo.removed]
-    if can_edit:
-        allow_images(*sorted({service.origin for service in services}))
+    services = offered_layers() if can_edit else ()
     placed = [photo for photo in photos if photo.x_px is not None]
     page = {
         "slug": record.slug,

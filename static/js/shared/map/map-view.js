@@ -5,6 +5,7 @@ import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
 import { imageBounds, isInside, latLngOf, latLonText, pixelOf, roundLength } from "./coords.js";
+import { TileBackground } from "./tile-background.js";
 import { turnOf } from "./turned-crs.js";
 import { pictureLayer, satelliteLayer } from "./turned-layers.js";
 import { TurnedMap } from "./turned-map.js";
@@ -46,6 +47,10 @@ export class MapView {
     this._shown = "";
     /** @type {?{shown: string, layer: L.ImageOverlay}} the image of the floor, and the two images it is made of */
     this._floor = null;
+    /** @type {?TileBackground} */
+    this._background = null;
+    this._opacity = 1;
+    this._blend = false;
     store.on("satellite", () => this.showSatellite());
     store.on("satellite floor", () => this._showFloor());
     store.on("photos", rafThrottle(() => this._credit()));
@@ -69,6 +74,7 @@ export class MapView {
     if (!satellite) return;
     this._layer = satelliteLayer(satellite);
     this._layer.addTo(this.map);
+    this._setOpacities();
     this.map.setMinZoom(-Infinity);
     this._limit();
     this.fit();
@@ -94,7 +100,7 @@ export class MapView {
     const before = this._floor?.layer;
     const layer = url && pictureLayer(url, satellite, { zIndex: FLOOR_Z });
     this._floor = layer && { shown, layer };
-    this._layer?.setOpacity(layer ? UNDER_FLOOR : 1);
+    this._setOpacities();
     if (!layer) before?.remove();
     else layer.once("load error", () => before?.remove()).addTo(this.map); // until then the floor before is seen
     this._credit();
@@ -102,8 +108,30 @@ export class MapView {
 
   /** Let the image of the map be seen through that of the floor. @param {boolean} blend */
   blendFloor(blend) {
-    this._floor?.layer.setOpacity(blend ? BLENDED : 1);
-    this._layer?.setOpacity(this._floor && !blend ? UNDER_FLOOR : 1);
+    this._blend = blend;
+    this._setOpacities();
+  }
+
+  /**
+   * Lay the tiles of a service below the image.
+   * @param {?{url: string, attribution: string, maxZoom: number}} service null for none
+   * @param {number} opacity of the image
+   * @param {function({shown: number, failed: number}): void} arrived when the tiles of a view have come or failed
+   */
+  showBackground(service, opacity, arrived) {
+    const { georeference } = this.store;
+    const shown = this._background;
+    this._opacity = opacity;
+    this._setOpacities();
+    if (shown && shown.service.url === service?.url && shown.georeference === georeference) return;
+    shown?.remove();
+    this._background = service && new TileBackground(service, georeference, arrived).addTo(this.map);
+    this._credit();
+  }
+
+  _setOpacities() {
+    this._layer?.setOpacity(this._opacity * (this._floor && !this._blend ? UNDER_FLOOR : 1));
+    this._floor?.layer.setOpacity(this._opacity * (this._blend ? BLENDED : 1));
   }
 
   /** Show the whole image. */
@@ -209,7 +237,7 @@ export class MapView {
   }
 
   _credit() {
-    const known = [this.store.satellite?.attribution, this.store.floorNamed(this.store.floor)?.attribution, mapCredit(this.store.photos.values())];
+    const known = [this.store.satellite?.attribution, this.store.floorNamed(this.store.floor)?.attribution, mapCredit(this.store.photos.values()), this._background?.service.attribution];
     const credits = [...new Set(known.filter(Boolean))].join(" · ");
     if (credits === this._credits) return;
     this._credits = credits;

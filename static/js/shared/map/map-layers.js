@@ -1,0 +1,77 @@
+/** The layers of a map: its image, more or less transparent, over the tiles of a service that somebody chooses. */
+
+import { byId } from "../dom.js";
+import { t } from "../i18n.js";
+
+const KEPT = "expmap.layers.";
+/** Of the image in percent, where tiles are to be seen through it. */
+const OVER_TILES = 60;
+
+/** Connects the menu; nothing is fetched from a service before it is chosen. */
+export class MapLayers {
+  /** @param {import("./map-view.js").MapView} view */
+  constructor(view) {
+    this.store = view.store;
+    this.views = [view];
+    this.menu = byId("layers", HTMLDetailsElement);
+    this.select = byId("layer-below", HTMLSelectElement);
+    this.opacity = byId("image-opacity", HTMLInputElement);
+    this.status = byId("layers-status");
+    this.select.addEventListener("change", () => this._choose());
+    this.opacity.addEventListener("input", () => this._show());
+    this.opacity.addEventListener("change", () => this._keep());
+    view.element.addEventListener("pointerdown", () => (this.menu.open = false));
+    this.store.on("satellite", () => this._show());
+    this._remember();
+    this._show();
+  }
+
+  /** Show the same layers on another map of the same image. @param {import("./map-view.js").MapView} view */
+  follow(view) {
+    this.views.push(view);
+    this._show();
+  }
+
+  /** The service below the image. */
+  get service() {
+    const { url, attribution, maxZoom } = this.select.selectedOptions[0].dataset;
+    return url ? { name: this.select.value, url, attribution, maxZoom: Number(maxZoom) } : null;
+  }
+
+  _choose() {
+    if (this.opacity.disabled) this.opacity.valueAsNumber = OVER_TILES;
+    this._show();
+    this._keep();
+  }
+
+  /** Only an image that knows where it is can be laid over others. */
+  _show() {
+    this.menu.hidden = !this.store.georeference.grid;
+    const service = this.menu.hidden ? null : this.service;
+    this.status.textContent = "";
+    this.opacity.disabled = !service;
+    const opacity = service ? this.opacity.valueAsNumber / 100 : 1;
+    for (const view of this.views) view.showBackground(service, opacity, (counts) => this._arrived(service, counts));
+  }
+
+  _arrived(service, { shown, failed }) {
+    if (service.name !== this.service?.name) return;
+    this.status.textContent = failed && !shown ? t("No tiles came from {host} for this place.", { host: new URL(service.url.replaceAll(/[{}]/g, "")).host }) : "";
+  }
+
+  _keep() {
+    if (!this.store.slug) return; // a shared map has a secret address, which is kept nowhere
+    const key = KEPT + this.store.slug;
+    if (this.service) localStorage.setItem(key, JSON.stringify({ name: this.select.value, opacity: this.opacity.valueAsNumber }));
+    else localStorage.removeItem(key);
+  }
+
+  /** Choose what was chosen on this map last; a service that is no longer offered is not. */
+  _remember() {
+    const kept = this.store.slug && JSON.parse(localStorage.getItem(KEPT + this.store.slug) ?? "null");
+    if (!kept) return;
+    this.select.value = kept.name;
+    if (this.select.selectedIndex < 0) this.select.selectedIndex = 0;
+    else this.opacity.valueAsNumber = kept.opacity;
+  }
+}
