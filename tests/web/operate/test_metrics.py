@@ -1,6 +1,8 @@
 """Figures for Prometheus, for whoever has the token."""
 
+import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -106,6 +108,35 @@ def test_what_processes_count_is_added_up(tmp_path):
         command = [sys.executable, "-c", COUNTING, str(count)]
         done = subprocess.run(command, cwd=ROOT, env=environ, capture_output=True, text=True, check=False)
         assert f'expmap_map_cache_total{{result="open"}} {total}.0' in done.stdout, done.stderr
+
+
+def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park):
+    client.get(f"/api/v1/maps/{park}")
+    with app.app_context():
+        metrics.count_answer({"extract": 0.02, "total": 0.2})
+    metrics.look_counter(app)(True)
+    families = text_string_to_metric_families(stranger.get("/metrics", headers=TOKEN).text)
+    labels = {}
+    for sample in (sample for family in families for sample in family.samples):
+        labels.setdefault(sample.name, {"instance"}).update(sample.labels)
+    board = json.loads((ROOT / "docs" / "grafana-board.json").read_text("utf-8"))
+    asked = [target["expr"] for panel in board["panels"] for target in panel["targets"]]
+    asked += [one["query"] for one in board["templating"]["list"] if one["type"] == "query"]
+    known = set()
+    for text in asked:
+        used = set(re.findall(r"expmap_\w+", text))
+        assert used, text
+        assert used <= set(labels), text
+        known |= used
+        named = set(re.findall(r"(\w+)=~?\"", text))
+        for group in re.findall(r"by \(([^)]*)\)", text):
+            named |= {label.strip() for label in group.split(",")}
+        assert all(named <= labels[name] for name in used), text
+    shown, given = (
+        {re.sub(r"_(total|sum|count|bucket|created)$", "", name) for name in names}
+        for names in (known, labels)
+    )
+    assert shown == given, "figures that it does not show"
 
 
 @pytest.mark.usefixtures("sqlite_only")
