@@ -56,7 +56,7 @@ def main() -> None:
         with App(library, environ={"EXPMAP_WEB_REQUESTS_PER_MINUTE": "100000"}) as app:
             client = Client(app.url, app.sign_in)
             slug = client.make_map("Large", satellite=_plan(Path(folder)), photos=[])
-            _fill(library, slug, count=arguments.photos)
+            fill(library, slug, count=arguments.photos)
             figures = _measure(client, slug, arguments)
             _wait_for_export(library, slug)
             figures |= _in_browser(client, slug, arguments)
@@ -81,7 +81,7 @@ def _plan(folder: Path) -> Path:
     return path
 
 
-def _fill(folder: Path, slug: str, *, count: int) -> None:
+def fill(folder: Path, slug: str, *, count: int) -> None:
     """Put photos on the map as one revision: nine of ten have a place."""
     rng = np.random.default_rng(1)
     at = rng.uniform((0, 0), PLAN_PX, (count, 2)).round(2)

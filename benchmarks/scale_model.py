@@ -1,0 +1,246 @@
+"""Measures what a photo and an answer cost on a map, and computes from it what libraries of other sizes need.
+
+    python -m benchmarks.scale_model MAP.cfg QUERIES.csv [--queries-used N] [--photo-mb MB] [--open-maps 4]
+        [--answers 0.1,5,200] [--core 12] [--gb-memory 2] [--tb-disk 80] [--tb-objects 20] [--json OUT]
+
+The index is built from scratch in a temporary folder, once with compressed descriptors and once with
+signatures. Measured are seconds of processor time (of all cores together), so that another load on the
+machine matters little, bytes, and the peak of a process that has the map open.
+
+The model multiplies, for maps like this one. Its assumptions are the options: megabytes of a photo (those of
+the map where it is not given), maps that a process has open at once, answers a second in the busiest hour for
+each size of library, prices a month. A core is planned to be busy for 60 % of that hour. Not in it: traffic,
+copies for backup, the second look of `auto`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import statistics
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from benchmarks.processes import run
+
+LIBRARIES = (10_000, 1_000_000, 100_000_000)
+BUSY = 0.6
+BUILD_DAYS = 30
+"""The first indexes may take so long."""
+ALL_MAPS_MB = 256.0
+"""Memory of a process that searches all maps, for a million photos: `python -m benchmarks.library_search`."""
+COMPRESSED_UP_TO = 9_600
+"""Photos of a map that are searched by compressed descriptors; with more, by signatures."""
+TIERS = {"compressed": "500", "signatures": "0"}
+"""Ways of searching, by what EXPMAP_MEMORY_MB is set to."""
+PREVIEWS, ROWS = 40, 5000
+
+
+@dataclass(frozen=True, slots=True)
+class Tier:
+    """Cost of a way of searching.
+
+    Attributes
+    ----------
+    build_s : float
+        Processor seconds a photo: keypoints, index, orientations and calibration.
+    index_kb, process_mb : float
+        On the disk, a photo; peak of a process with the map open, 2^20 bytes.
+    answer_s : float
+        Processor seconds of a query, from its file to the answer.
+    """
+
+    build_s: float
+    index_kb: float
+    process_mb: float
+    answer_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What was measured on a map."""
+
+    photos: int
+    photo_mb: float
+    previews_kb: float
+    row_kb: float
+    empty_mb: float
+    """Peak of a process that has no map open."""
+    compressed: Tier
+    signatures: Tier
+
+
+def main() -> None:
+    """Measure, and print both tables."""
+    arguments = _arguments()
+    with tempfile.TemporaryDirectory() as folder:
+        tiers = [_measure_tier(arguments, Path(folder) / tier, memory_mb=mb) for tier, mb in TIERS.items()]
+    empty = run([sys.executable, "-c", "import webapp.api; print(0)"]).peak_rss_mb
+    photos = _photos(arguments.map)
+    own_mb = statistics.fmean(path.stat().st_size for path in photos) / 1e6
+    measured = Measured(len(photos), own_mb, _previews_kb(photos), _row_kb(), empty, *tiers)
+    _print_measured(measured)
+    planned = replace(measured, photo_mb=arguments.photo_mb or own_mb)
+    plans = [
+        plan(planned, photos=n, answers_a_second=rate, options=arguments)
+        for n, rate in zip(LIBRARIES, arguments.answers, strict=True)
+    ]
+    _print_plans(plans)
+    if arguments.json:
+        found = {"measured": asdict(measured), "plans": plans}
+        arguments.json.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def plan(
+    measured: Measured, *, photos: int, answers_a_second: float, options: argparse.Namespace
+) -> dict[str, float]:
+    """Compute what a library needs: bytes, cores, memory, and money a month.
+
+    Parameters
+    ----------
+    photos : int
+        Of the library, on maps of as many photos as the measured one.
+    """
+    tier = measured.compressed if measured.photos <= COMPRESSED_UP_TO else measured.signatures
+    maps = math.ceil(photos / measured.photos)
+    answer_cores = max(1.0, answers_a_second * tier.answer_s / BUSY)
+    build_hours = photos * tier.build_s / 3600
+    build_cores = max(1.0, build_hours / (BUILD_DAYS * 24))
+    open_mb = min(maps, options.open_maps) * (tier.process_mb - measured.empty_mb)
+    process_mb = measured.empty_mb + open_mb + photos / 1e6 * ALL_MAPS_MB
+    memory_gb = math.ceil(answer_cores) * process_mb / 1000
+    objects_tb = photos * (measured.photo_mb * 1e6 + tier.index_kb * 1000) / 1e12
+    folder_tb = photos * measured.previews_kb * 1000 / 1e12
+    rows_gb = photos * measured.row_kb * 1000 / 1e9
+    money = {
+        "cores": (answer_cores + build_cores) * options.core,
+        "memory": memory_gb * options.gb_memory,
+        "objects": objects_tb * options.tb_objects,
+        "disk": (folder_tb + rows_gb / 1000) * options.tb_disk,
+    }
+    return {
+        "photos": photos,
+        "maps": maps,
+        "answers a second": answers_a_second,
+        "photos and indexes, TB": objects_tb,
+        "previews, TB": folder_tb,
+        "records, GB": rows_gb,
+        "first indexes, core hours": build_hours,
+        f"cores for these in {BUILD_DAYS} days": build_cores,
+        "cores for answers": answer_cores,
+        "memory for answers, GB": memory_gb,
+        **{f"{name}, a month": value for name, value in money.items()},
+        "all, a month": sum(money.values()),
+    }
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("map", type=Path)
+    parser.add_argument("queries", type=Path)
+    parser.add_argument("--queries-used", type=int, default=40)
+    parser.add_argument("--photo-mb", type=float, help="megabytes of a photo, instead of those of the map")
+    parser.add_argument("--open-maps", type=int, default=4, help="of a process, at once")
+    parser.add_argument("--answers", type=_rates, default=[0.1, 5.0, 200.0], help="a second, for each size")
+    parser.add_argument("--core", type=float, default=12.0, help="price of a core a month")
+    parser.add_argument("--gb-memory", type=float, default=2.0)
+    parser.add_argument("--tb-disk", type=float, default=80.0)
+    parser.add_argument("--tb-objects", type=float, default=20.0)
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+def _rates(text: str) -> list[float]:
+    rates = [float(part) for part in text.split(",")]
+    if len(rates) != len(LIBRARIES):
+        raise argparse.ArgumentTypeError(f"{len(LIBRARIES)} numbers are needed, by commas")
+    return rates
+
+
+def _photos(cfg: Path) -> list[Path]:
+    with cfg.open(newline="", encoding="utf-8") as file:
+        return [
+            cfg.parent / line[1] for line in csv.reader(file, delimiter=";") if line and line[0].isdecimal()
+        ]
+
+
+def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str) -> Tier:
+    """Build the map and ask about photos, with the commands that people use."""
+    os.environ["EXPMAP_MEMORY_MB"] = memory_mb
+    with arguments.queries.open(newline="", encoding="utf-8") as file:
+        names = [line["path"] for line in csv.DictReader(file, delimiter=";")]
+    step = max(1, len(names) // arguments.queries_used)
+    queries = [str(arguments.queries.parent / name) for name in names[::step][: arguments.queries_used]]
+    expmap, where = [sys.executable, "-m", "webapp"], [str(arguments.map), "--index", str(index), "--json"]
+    built = run([*expmap, "build", *where])
+    ask = [*expmap, "localize", *where, "--budget", "0"]
+    run([*ask, queries[0]])  # what the first answer finds missing is made then
+    one, every = run([*ask, queries[0]]), run([*ask, *queries])
+    count = len(_photos(arguments.map))
+    kept = sum(path.stat().st_size for path in index.rglob("*") if path.is_file())
+    return Tier(
+        build_s=built.cpu_seconds / count,
+        index_kb=kept / 1000 / count,
+        process_mb=every.peak_rss_mb,
+        answer_s=(every.cpu_seconds - one.cpu_seconds) / (len(queries) - 1),
+    )
+
+
+def _previews_kb(photos: Sequence[Path]) -> float:
+    """Make previews of some photos."""
+    from webapp.files.photos.preview import make_previews
+    from webapp.settings import PhotoLimits
+
+    some = photos[:: max(1, len(photos) // PREVIEWS)]
+    made = [make_previews(path, limits=PhotoLimits()) for path in some]
+    return statistics.fmean(sum(map(len, previews.values())) for previews in made) / 1000
+
+
+def _row_kb() -> float:
+    """Fill a library with the records of photos; what a photo adds to the file of the database."""
+    from benchmarks.large_map import fill
+    from webapp.store.accounts import accounts
+    from webapp.store.library import open_library
+    from webapp.store.maps import maps
+
+    with tempfile.TemporaryDirectory() as folder:
+        library = open_library(Path(folder))
+        with library.database.write() as session:
+            owner = accounts.ensure_owner(session)
+            slug = maps.create(session, "Rows", account_id=owner.id).slug
+        library.database.close()
+        file = Path(folder) / ".library" / "library.db"
+        before = file.stat().st_size
+        fill(Path(folder), slug, count=ROWS)
+        return (file.stat().st_size - before) / 1000 / ROWS
+
+
+def _print_measured(measured: Measured) -> None:
+    print(
+        f"{measured.photos} photos of {measured.photo_mb:.2f} MB; previews {measured.previews_kb:.0f} kB, "
+        f"records {measured.row_kb:.2f} kB a photo"
+    )
+    print(f"{'a photo or an answer':28}{'compressed':>14}{'signatures':>14}")
+    for name, value in asdict(measured.compressed).items():
+        print(f"{name:28}{value:>14.3g}{asdict(measured.signatures)[name]:>14.3g}")
+
+
+def _print_plans(plans: Sequence[dict[str, float]]) -> None:
+    print()
+    for name in plans[0]:
+        print(f"{name:28}" + "".join(f"{shown(found[name]):>16}" for found in plans))
+
+
+def shown(value: float) -> str:
+    """Write a number with three digits that count, or more before the point."""
+    return f"{value:,.0f}".replace(",", " ") if value >= 100 else f"{value:.3g}"
+
+
+if __name__ == "__main__":
+    main()
