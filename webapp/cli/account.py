@@ -9,10 +9,9 @@ from pathlib import Path
 import click
 from sqlalchemy.orm import Session
 
-from webapp.cli.library import library_option, library_settings
+from webapp.cli.library import library_option, library_settings, opened_library
 from webapp.configuration import load_settings
 from webapp.store.accounts import accounts, sign_in
-from webapp.store.library import open_library
 from webapp.store.schema import Account
 
 _ADDRESS = "http://127.0.0.1:8000"
@@ -88,13 +87,8 @@ def list_accounts(library: Path | None) -> None:
 
 @contextmanager
 def _writing(folder: Path | None) -> Iterator[Session]:
-    settings = library_settings(folder)
-    library = open_library(settings.library, url=settings.database)
-    try:
-        with library.database.write() as session:
-            yield session
-    finally:
-        library.database.close()
+    with opened_library(library_settings(folder)) as library, library.database.write() as session:
+        yield session
 
 
 def _whose(session: Session, name: str | None) -> Account:

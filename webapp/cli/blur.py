@@ -40,7 +40,7 @@ def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_jso
     for model in networks.missing:
         click.echo(f"{model} are not looked for: expmap models fetch {model}", err=True)
     blurred: list[int] = []
-    with library_of(cfg, url=settings.database) as there:
+    with library_of(cfg, settings=settings) as there:
         with terminal_progress("photos") as progress:
             report = search_photos(
                 cfg,

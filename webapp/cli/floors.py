@@ -63,7 +63,7 @@ def floors(
     new = None
     if add is not None and level is not None:
         new = NewFloor(Floor(BASE_FLOOR, add.strip(), level, height), base, image)
-    with library_of(cfg, url=settings.database) as there:
+    with library_of(cfg, settings=settings) as there:
         gone = None if remove is None else _named(read_map(cfg), remove)
         if there is None:
             if gone is not None:

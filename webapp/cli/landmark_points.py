@@ -44,7 +44,7 @@ def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | N
     click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px, photo_y_px.
     """
     settings = settings_in_use()
-    with library_of(cfg, url=settings.database) as there:
+    with library_of(cfg, settings=settings) as there:
         the_map = read_map(cfg)
         size = photo_sizes(cfg, settings.photo)
         changes: dict[str, GroundControlPoint | None] = dict.fromkeys(remove)

@@ -14,6 +14,7 @@ from webapp.cli.composition import settings_in_use
 from webapp.errors import NotFound
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library
+from webapp.tasks.operate.open_storage import open_storage
 
 Command = TypeVar("Command", bound=Callable[..., object])
 
@@ -33,6 +34,23 @@ def library_settings(folder: Path | None) -> Settings:
 
 
 @contextmanager
+def opened_library(settings: Settings) -> Iterator[Library]:
+    """Open the library of a command, with the object storage that it has.
+
+    Raises
+    ------
+    StorageError
+        The records or the object storage cannot be used, or the library has another storage.
+    """
+    library = open_library(settings.library, url=settings.database)
+    try:
+        open_storage(library, settings)
+        yield library
+    finally:
+        library.database.close()
+
+
+@contextmanager
 def existing_library(settings: Settings) -> Iterator[Library]:
     """Open the library of a command that has no use for a new one.
 
@@ -41,6 +59,7 @@ def existing_library(settings: Settings) -> Iterator[Library]:
     NotFound
         There is none in the folder.
     StorageError
+        As for `opened_library`.
     """
     if not has_library(settings.library):
         raise NotFound(
@@ -48,8 +67,5 @@ def existing_library(settings: Settings) -> Iterator[Library]:
             where=str(settings.library),
             hint="set it: --library FOLDER",
         )
-    library = open_library(settings.library, url=settings.database)
-    try:
+    with opened_library(settings) as library:
         yield library
-    finally:
-        library.database.close()

@@ -54,7 +54,7 @@ def place_rest(
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
     settings = settings_in_use()
-    with library_of(cfg, url=settings.database) as there:
+    with library_of(cfg, settings=settings) as there:
         with terminal_progress("photos") as progress:
             report = suggest_rest(cfg, settings=settings, progress=progress, check=check)
         chosen = [one for one in report.suggested if within is None or one.radius_px <= within]

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from webapp.cli.exitcodes import DONE, SOME_FAILED
-from webapp.cli.library import library_option, library_settings
+from webapp.cli.library import library_option, library_settings, opened_library
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
 from webapp.core.trajectory.axes import AXES
@@ -28,7 +28,7 @@ from webapp.missions.tasks.export import FORMATS
 from webapp.missions.tasks.import_file import TrackImport
 from webapp.missions.tasks.import_order import order_of
 from webapp.store.accounts import accounts
-from webapp.store.library import Library, open_library
+from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import Account
 
@@ -192,12 +192,8 @@ def _print_import(path: Path, done: TrackImport) -> None:
 
 @contextmanager
 def _opened(folder: Path | None) -> Iterator[Library]:
-    settings = library_settings(folder)
-    library = open_library(settings.library, url=settings.database)
-    try:
+    with opened_library(library_settings(folder)) as library:
         yield library
-    finally:
-        library.database.close()
 
 
 def _owner(library: Library) -> Account:

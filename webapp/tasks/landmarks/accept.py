@@ -16,6 +16,7 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience
 from webapp.files.maps.folder import read_map, write_map
+from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, has_library, open_library
 from webapp.store.maps import maps
@@ -24,6 +25,7 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 from webapp.tasks.maps import export
 from webapp.tasks.maps.placing import PlacingResult, RequestedPose, find_spots, needed_image, place_spots
+from webapp.tasks.operate.open_storage import open_storage
 
 _SAME_PX = 0.1
 """Positions are kept to a hundredth."""
@@ -32,26 +34,23 @@ Place = TypeVar("Place", SuggestedPlace, CorrectedPlace)
 
 
 @contextmanager
-def library_of(cfg: Path, *, url: str | None) -> Iterator[tuple[Library, int] | None]:
+def library_of(cfg: Path, *, settings: Settings) -> Iterator[tuple[Library, int] | None]:
     """Open the library that a map file belongs to, and give the map's id; None for one of any other folder.
 
     The file is brought up to date first.
 
-    Parameters
-    ----------
-    url : str or None
-        Of the database, where it is not a SQLite file in the folder.
-
     Raises
     ------
     StorageError
+        The records or the object storage cannot be used, or the library has another storage.
     """
     folder = cfg.resolve().parent
     if cfg.name != "map.cfg" or not has_library(folder.parent):
         yield None
         return
-    library = open_library(folder.parent, url=url)
+    library = open_library(folder.parent, url=settings.database)
     try:
+        open_storage(library, settings)
         with library.database.read() as session:
             found = session.scalar(select(MapRecord.id).where(MapRecord.slug == folder.name))
         if found is not None:
