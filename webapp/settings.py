@@ -324,7 +324,7 @@ class Settings:
     orphans_h: Annotated[float, AtLeast(1)] = 24.0
     """Hours after which objects that nothing names are deleted."""
 
-    cache_gb: float = 20.0
+    cache_gb: Annotated[float, AtLeast(0.1)] = 20.0
     """GB of objects kept on the disk of this machine."""
 
     cache_folder: Path | None = None

@@ -250,3 +250,24 @@ def test_a_pointer_says_what_the_file_was(node, tmp_path):
         pointer = storage.pointer_of(path)
     assert isinstance(pointer, Pointer)
     assert (pointer.bytes, pointer.mtime_ns) == (5, facts.st_mtime_ns)
+
+
+def test_a_name_too_long_for_a_pointer_has_none(node, tmp_path):
+    path = file_of(tmp_path, b"x", name="a" * 250 + ".jpg")
+    with storage.using(node()):
+        assert storage.local(path) == path
+
+
+def test_a_file_that_changes_while_it_is_stored_is_refused(node, tmp_path, monkeypatch):
+    path, there = file_of(tmp_path, b"before"), node()
+    put = there.bucket.put
+
+    def slowly(key, file):
+        put(key, file)
+        path.write_bytes(b"after it")
+
+    monkeypatch.setattr(there.bucket, "put", slowly)
+    with storage.using(there), pytest.raises(StorageError, match="was changed while it was stored"):
+        storage.publish(path)
+    assert path.read_bytes() == b"after it"
+    assert not pointer_path(path).exists()

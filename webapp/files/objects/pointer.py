@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -56,6 +57,8 @@ def read_pointer(path: Path) -> Pointer | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return None  # the file system could not have held a pointer of that name
         raise StorageError(f"the file cannot be read: {error.strerror}", where=str(place)) from error
     except (ValueError, TypeError) as error:
         raise StorageError(

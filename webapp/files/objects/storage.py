@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from webapp.errors import StorageError
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
@@ -29,9 +30,12 @@ class ObjectStorage:
 
         Raises
         ------
-        StorageUnavailable, DiskFull, StorageError
+        StorageUnavailable, DiskFull
+        StorageError
+            The disk refused, or the file was changed meanwhile: nothing names what was stored of it.
         """
-        sha256, facts = sha256_of(file), file.stat()
+        facts = file.stat()
+        sha256 = sha256_of(file)
         pointer = Pointer(
             # Not the hash alone: what is swept as an orphan is never what comes again at the same moment.
             f"{sha256[:2]}/{sha256}-{secrets.token_hex(8)}",
@@ -40,6 +44,17 @@ class ObjectStorage:
             facts.st_mtime_ns,
         )
         self.bucket.put(pointer.key, file)
+        after = file.stat()
+        if (after.st_size, after.st_mtime_ns, after.st_ino) != (
+            facts.st_size,
+            facts.st_mtime_ns,
+            facts.st_ino,
+        ):
+            raise StorageError(
+                "this file was changed while it was stored",
+                where=str(file),
+                hint="try again when it is complete",
+            )
         return pointer
 
     def fetch(self, path: Path, pointer: Pointer) -> Path:
