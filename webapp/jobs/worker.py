@@ -113,13 +113,22 @@ class Worker:
             self._lock.release()
 
     def _turn(self, *, once: bool) -> bool:
-        """Do what is due and the next job; returns whether there was one."""
+        """Do what is due and the next job; returns whether there was one.
+
+        Raises
+        ------
+        StorageUnavailable
+            With `once`: the job, which waits in the queue again, needs what is in the object storage.
+        """
         self._clean()
         if once:
             export_late_maps(self._library)
         job = self._next()
-        if job is not None:
-            self._do(job)
+        error = None if job is None else self._do(job)
+        if isinstance(error, StorageUnavailable):
+            if once:
+                raise error  # else it would be tried again without end
+            self._stopping.wait(error.wait_s)
         return job is not None
 
     def _wait_for_database(self, error: DatabaseUnavailable) -> bool:
@@ -160,9 +169,19 @@ class Worker:
                 written = False
 
     def _store(self) -> None:
-        """Every now and then move photos into the object storage, if there is one, while jobs are done."""
+        """Every now and then move photos into the object storage, and delete objects that nothing names.
+
+        Jobs are done meanwhile, and a worker that stops does not wait for it.
+        """
+        stops = self._stopping.is_set
         while True:
-            _sweep([partial(objects.move_photos, self._library, stops=self._ended.is_set)])
+            try:
+                objects.move_photos(self._library, stops=stops)
+                objects.sweep_objects(self._library, self._settings, stops=stops)
+            except (ExpMapError, OSError) as error:
+                _log.warning("the object storage could not be kept in order: %s", error)
+            except Exception:  # noqa: BLE001 - the thread must outlive an error in one round
+                _log.exception("the object storage could not be kept in order")
             if self._ended.wait(_CLEAN_S):
                 return
 
@@ -180,8 +199,8 @@ class Worker:
         with self._library.database.write(locks_rows=True) as session:
             return jobs.lease(session, self._lock.name, limits=limits, is_gone=self._lock.is_gone)
 
-    def _do(self, job: Job) -> None:
-        """Do a job in a thread, and say every now and then that it is being done."""
+    def _do(self, job: Job) -> BaseException | None:
+        """Do a job in a thread, and say every now and then that it is being done; returns its error."""
         _log.info("job %d (%s), attempt %d", job.id, job.kind, job.attempts)
         begun = time.monotonic()
         context = Context(
@@ -205,10 +224,9 @@ class Worker:
         pool.shutdown()
         heart.beat(always=True)
         self._log_end(job, self._end(job, context, work), time.monotonic() - begun)
-        if isinstance(error := work.exception(), StorageUnavailable):
-            self._stopping.wait(error.wait_s)
         if context.progress.cancelled():
             _sweep([partial(delete_orphans, self._library)])
+        return work.exception()
 
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""
@@ -311,7 +329,6 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
     sweeps.append(partial(sweep_uploads.sweep_uploads, library, settings=settings))
-    sweeps.append(partial(objects.sweep_objects, library, settings))
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]

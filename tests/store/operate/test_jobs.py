@@ -207,6 +207,19 @@ def test_being_given_back_is_no_death(do, take, seen):
         assert seen(id)["state"] == "queued"
 
 
+def test_a_job_that_could_not_be_done_lets_others_go_first(do, take):
+    first, second = (do(jobs.enqueue, "x", key=str(n)).id for n in range(2))
+    held = take()
+    assert held.job_id == first
+    do(jobs.give_back, held, note="the object storage cannot be reached")
+    assert take().job_id == second
+    again = take()
+    assert again.job_id == first
+    do(jobs.give_back, again)  # its worker had to stop
+    do(jobs.enqueue, "x", key="2")
+    assert take().job_id == first
+
+
 def test_given_back_while_one_like_it_waits_leaves_one(do, take, park, seen):
     first = do(jobs.enqueue, "index", map_id=park).id
     held = take()

@@ -19,8 +19,9 @@ from sqlalchemy import select
 from tests.web.conftest import Browser
 from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
+from webapp.cli.library import existing_library, opened_library
 from webapp.core.features.table import choose
-from webapp.errors import StorageError, UsageError
+from webapp.errors import StorageError, StorageUnavailable, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.files.objects import bucket as bucket_module
 from webapp.files.objects import storage
@@ -32,8 +33,9 @@ from webapp.settings import ExtractSettings, Settings, UploadLimits
 from webapp.store import clock
 from webapp.store.maps import maps
 from webapp.store.operate import jobs
-from webapp.store.schema import Job, MapRecord
+from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.exchange.duplicate_map import duplicate_map
+from webapp.tasks.landmarks.accept import library_of
 from webapp.tasks.localize.build_index import BuildRequest, update_index
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
@@ -311,20 +313,62 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
         manifest.unlink()
     monkeypatch.setattr(bucket_module, "_WAIT_S", 1)
     s3.refuse = (503, "SlowDown")
+    with pytest.raises(StorageUnavailable, match="overloaded or disturbed"):
+        build(library, cold, moved)  # `--once` ends, and the job waits
+    assert last_job(library).state == "queued"
+    worker = Worker(library, cold, duties=DUTIES)
     with ThreadPoolExecutor(1) as pool:
-        done = pool.submit(build, library, cold, moved)
-        until = time.monotonic() + 30
-        while last_note(library) != "the object storage is overloaded or disturbed":
-            assert time.monotonic() < until and not done.done()
-            time.sleep(0.05)
-        s3.reset()
-        assert done.result().state == "done"
+        working = pool.submit(worker.run)
+        try:
+            wait_until(lambda: last_job(library).fence > 1 and last_job(library).state == "queued")
+            assert last_job(library).note == "the object storage is overloaded or disturbed"
+            s3.reset()
+            wait_until(lambda: last_job(library).state == "done")
+        finally:
+            worker.stop()
+        working.result()
     assert list(library.map_folder("row").glob("derived/map/*/.*.features.object"))
 
 
-def last_note(library):
+def wait_until(holds):
+    until = time.monotonic() + 30
+    while not holds():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def last_job(library):
     with library.database.read() as session:
-        return session.scalars(select(Job.note).order_by(Job.id.desc())).first()
+        return session.scalars(select(Job).order_by(Job.id.desc())).first()
+
+
+def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
+    photo = library.map_folder("row") / "photos/0.jpg"
+    photo.write_bytes(jpeg(7))
+    assert objects.move_photos(library) == 1
+    assert read_pointer(photo).sha256 == hashlib.sha256(jpeg(7)).hexdigest()
+
+
+def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, settings, s3, bucket, monkeypatch):
+    send(machine("a"), jpeg())
+    (library.map_folder(park) / "photos/.a.jpg.object").unlink()
+    with library.changing(1) as change:
+        change.session.query(Photo).delete()
+    at(monkeypatch, 1)
+    objects.sweep_objects(library, settings)
+    at(monkeypatch, 40)
+    assert objects.sweep_objects(library, settings, stops=lambda: True) == 0
+    assert len(objects_in(s3, bucket)) == 1
+    assert objects.sweep_objects(library, settings) == 1
+
+
+def test_commands_refuse_a_library_without_its_storage(machine, library, settings):
+    machine("a")
+    another = replace(settings, storage="s3://another")
+    cfg = library.map_folder("park") / "map.cfg"
+    for opening in (existing_library(another), opened_library(another), library_of(cfg, settings=another)):
+        with pytest.raises(StorageError, match="are in an object storage"), opening:
+            pass
 
 
 def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Select, or_, select
+from sqlalchemy import Select, func, or_, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
@@ -273,12 +273,15 @@ def give_back(session: Session, held: Lease, *, note: str | None = None) -> bool
     Parameters
     ----------
     note : str or None
-        Shown with it, instead of what it was at.
+        Shown with it, instead of what it was at; jobs that waited when it was begun are then done first.
     """
     job = _held(session, held)
     if job is None:
         return False
-    job.note = job.note if note is None else note
+    if note is None:
+        job.started_at = None
+    else:
+        job.note = note  # and what waits longer than since this attempt has its turn first
     job.attempts -= 1  # nobody died on it
     if job.cancel_wanted or _waiting(session, job.kind, map_id=job.map_id, key=job.key) is not None:
         _end(session, job, "cancelled")  # when one like it waits already, that one does the work
@@ -304,7 +307,8 @@ def _next_waiting() -> Select[Job]:
     """Select the oldest waiting job of a map on which no other is at work."""
     other = aliased(Job)
     at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
-    return select(Job).where(Job.state == "queued", ~at_work).order_by(Job.created_at, Job.id).limit(1)
+    since = func.coalesce(Job.started_at, Job.created_at)  # who was given back waits since it was tried
+    return select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
 
 
 def _has_turn(session: Session, waiting: Job) -> bool:

@@ -88,26 +88,31 @@ def _photo_paths(library: Library) -> Iterator[Path]:
 
 
 def _move(storage: ObjectStorage, path: Path) -> bool:
-    """Store a photo that is a file; delete the file of one that was stored a while ago."""
+    """Store a photo that is a file, or was replaced by one; delete the file of one stored a while ago."""
     if not path.is_file() or path.is_symlink():
         return False
     pointer, facts = read_pointer(path), path.stat()
-    if pointer is None:
+    is_same = pointer is not None and (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
+    if not is_same:
         pointer = storage.store(path)
         write_pointer(path, pointer)
         storage.cache.adopt(path, pointer, name=path.name)
         return True
-    is_same = (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
-    if is_same and time.time() - pointer_path(path).stat().st_mtime > _READERS_S:
+    if time.time() - pointer_path(path).stat().st_mtime > _READERS_S:
         discard(path)
     return False
 
 
-def sweep_objects(library: Library, settings: Settings) -> int:
+def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], bool] = lambda: False) -> int:
     """Delete objects that nothing in the library's folder has named for `orphans_h` hours.
 
     An upload that was interrupted leaves such an object, and so does a map that is deleted for good. Nobody
     is reading one by then, and none of them is ever named again: every upload has a key of its own.
+
+    Parameters
+    ----------
+    stops : callable
+        Asked before each pointer and each object whether to end; what is left is done the next time.
 
     Returns
     -------
@@ -127,10 +132,15 @@ def sweep_objects(library: Library, settings: Settings) -> int:
             at, (looked_at, since) = now(), _read_looks(library)
             if looked_at is not None and at - looked_at < age / _LOOKS_PER_AGE:
                 return 0
-            since = _unnamed(library, storage, since, at=at)
+            found = _unnamed(library, storage, since, at=at, stops=stops)
+            if found is None:
+                return 0
+            since = found
             check_owner(library, storage)
             gone = [key for key, first in since.items() if at - first >= age]
-            swept = _delete(library, storage, gone)
+            swept = _delete(library, storage, gone, stops=stops)
+            if stops():
+                return len(swept)
             storage.bucket.drop_unfinished(begun_before=at - age)
             _write_looks(library, at, {key: first for key, first in since.items() if key not in swept})
             return len(swept)
@@ -139,11 +149,25 @@ def sweep_objects(library: Library, settings: Settings) -> int:
 
 
 def _unnamed(
-    library: Library, storage: ObjectStorage, before: Mapping[str, datetime], *, at: datetime
-) -> dict[str, datetime]:
-    """List the objects that nothing names, and since when."""
-    there = [one.key for one in storage.bucket.objects() if _KEY.fullmatch(one.key)]
-    named = {pointer.key for path in _pointers(library) if (pointer := read_pointer(path))}
+    library: Library,
+    storage: ObjectStorage,
+    before: Mapping[str, datetime],
+    *,
+    at: datetime,
+    stops: Callable[[], bool],
+) -> dict[str, datetime] | None:
+    """List the objects that nothing names, and since when; None when it was stopped."""
+    there, named = [], set()
+    for one in storage.bucket.objects():
+        if stops():
+            return None
+        if _KEY.fullmatch(one.key):
+            there.append(one.key)
+    for path in _pointers(library):
+        if stops():
+            return None
+        if pointer := read_pointer(path):
+            named.add(pointer.key)
     return {key: before.get(key, at) for key in there if key not in named}
 
 
@@ -171,7 +195,9 @@ def _pointers(library: Library) -> Iterator[Path]:
         )
 
 
-def _delete(library: Library, storage: ObjectStorage, keys: Iterable[str]) -> set[str]:
+def _delete(
+    library: Library, storage: ObjectStorage, keys: Iterable[str], *, stops: Callable[[], bool]
+) -> set[str]:
     """Delete objects, but none with a photo in it whose file is missing: somebody has lost the pointer."""
     by_hash: dict[str, list[str]] = {}
     for key in keys:
@@ -179,9 +205,11 @@ def _delete(library: Library, storage: ObjectStorage, keys: Iterable[str]) -> se
     needed = _missing(library, list(by_hash))
     if needed:
         _log.warning("%d photos have lost their files, and their objects are kept", len(needed))
-    deleted = set()
+    deleted: set[str] = set()
     for sha256, same in by_hash.items():
         for key in same if sha256 not in needed else ():
+            if stops():
+                return deleted
             storage.bucket.delete(key)
             deleted.add(key)
     return deleted
