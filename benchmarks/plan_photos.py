@@ -34,7 +34,7 @@ from webapp.errors import PhotoError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
-from webapp.tasks.evaluation.evaluate import with_hidden_photos
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 from webapp.tasks.photo_plan.planning import PhotoTrial

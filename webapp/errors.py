@@ -10,6 +10,7 @@
     ├── RetryLater               the same request can succeed later
     │   ├── TooMany              too often in a short time: wait
     │   ├── Busy                 others are being served: try again
+    │   ├── ClusterUnavailable   the scheduler of Dask cannot be reached, or is lost
     │   ├── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
     │   └── StorageUnavailable   the object storage cannot be reached, or refuses (a StorageError too)
     ├── Conflict                 somebody else has changed it in the meantime
@@ -180,6 +181,10 @@ class DatabaseUnavailable(StorageError, RetryLater):
 
 class StorageUnavailable(StorageError, RetryLater):
     """The object storage cannot be reached, is too slow or refuses; nobody was assured of anything."""
+
+
+class ClusterUnavailable(RetryLater):
+    """The scheduler of Dask cannot be reached, or is lost; what was finished is kept."""
 
 
 class ObjectLost(StorageError):

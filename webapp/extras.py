@@ -21,7 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
-        "cluster": ("psycopg", "prometheus_client", "boto3", "botocore"),
+        "cluster": ("psycopg", "prometheus_client", "boto3", "botocore", "distributed"),
     }
 )
 """Packages of each extra, as they are imported."""
@@ -32,7 +32,7 @@ _PURPOSE = {
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
-    "cluster": "libraries in PostgreSQL or S3, and metrics",
+    "cluster": "libraries in PostgreSQL or S3, metrics and computing by Dask",
 }
 
 

@@ -85,15 +85,13 @@ class RetrievalSettings:
     """How a map is searched."""
 
     memory_mb: Annotated[float, AtLeast(0)] = 500.0
-    """What the index of a map may take, megabytes (10^6 bytes): where the codes of all descriptors would take
-    more, photos are found by one signature each."""
+    """What the index of a map may take, megabytes (10^6 bytes): beyond, photos have one signature each."""
 
     shortlist: int = 12
     """Photos of the map that geometry verifies for each query: those with the most votes."""
 
     budget_s: Annotated[float, AtLeast(0)] = 5.0
-    """Method `auto` looks a second time, by other features and a network, where this takes at most so many
-    seconds a photo on this machine; 0 never does."""
+    """Method `auto` looks a second time where that takes at most so many seconds a photo here; 0: never."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,6 +327,9 @@ class Settings:
 
     cache_folder: Path | None = None
     """Folder for them, instead of one in the user's cache."""
+
+    dask: str | None = None
+    """Address of a scheduler of Dask, `tcp://HOST:8786`, whose workers compute, instead of this machine."""
 
     models: Path | None = None
     """Folder with the weights of learned features, instead of one in the user's cache."""

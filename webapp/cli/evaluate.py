@@ -29,6 +29,7 @@ from webapp.render import evaluation_folder
 from webapp.render.report import figures
 from webapp.settings import keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
 from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
@@ -133,7 +134,7 @@ def evaluate(
         elif sequence:
             localize = SequenceFilter(pipeline, speed_px=speed).localize
         if queries is None:
-            own = task.with_hidden_photos(pipeline)
+            own = with_hidden_photos(pipeline)
             done = task.evaluate_self(own, map_folder=folder, options=options, progress=progress)
         else:
             done = [

@@ -19,6 +19,7 @@ from webapp.tasks.blur.accept import accept_in_library
 from webapp.tasks.blur.find import PhotoToSearch, search_photos
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation import stored as stored_evaluation
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
@@ -127,7 +128,7 @@ def evaluate_map(context: Context) -> dict[str, Any]:
     context.progress.note("preparing the map")
     localizer = open_pipeline(cfg, OpenOptions(), settings=context.settings, progress=context.progress)
     done = evaluate.evaluate_self(
-        evaluate.with_hidden_photos(localizer),
+        with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=limit),
         progress=context.progress,

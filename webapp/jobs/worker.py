@@ -26,6 +26,7 @@ from sqlalchemy import select
 
 from webapp.errors import (
     Cancelled,
+    ClusterUnavailable,
     DatabaseUnavailable,
     ExpMapError,
     ProcessLost,
@@ -117,15 +118,15 @@ class Worker:
 
         Raises
         ------
-        StorageUnavailable
-            With `once`: the job, which waits in the queue again, needs what is in the object storage.
+        StorageUnavailable, ClusterUnavailable
+            With `once`: the job, which waits in the queue again, needs what is away.
         """
         self._clean()
         if once:
             export_late_maps(self._library)
         job = self._next()
         error = None if job is None else self._do(job)
-        if isinstance(error, StorageUnavailable):
+        if isinstance(error, StorageUnavailable | ClusterUnavailable):
             if once:
                 raise error  # else it would be tried again without end
             self._stopping.wait(error.wait_s)
@@ -257,7 +258,7 @@ class Worker:
                 ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
-            elif isinstance(error, StorageUnavailable):
+            elif isinstance(error, StorageUnavailable | ClusterUnavailable):
                 _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.give_back(session, lease, note=error.message)
             elif isinstance(error, ProcessLost | DatabaseUnavailable):

@@ -87,7 +87,7 @@ def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
     monkeypatch.setattr(trials, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
     stored = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
     assert sorted(tried) == list(range(12))
-    whole = [*trials.try_photos(opened.indexed, Progress()).values()]
+    whole = [*trials.try_photos(trials.TriedMap(opened.indexed), Progress()).values()]
     assert stored.calibration == calibrate.fit_trials(opened.indexed, whole)
 
 

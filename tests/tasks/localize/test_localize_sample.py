@@ -15,12 +15,12 @@ from webapp.core.retrieval.indexed import candidates
 from webapp.core.retrieval.shortlist import filter_by_rotation, shortlist, weighted_votes
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.evaluation.evaluate import with_hidden_photos
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize.calibrate import fit_trials
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.spot import photo_headings
-from webapp.tasks.localize.trials import try_photos
+from webapp.tasks.localize.trials import TriedMap, try_photos
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +194,7 @@ def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
     indexed = localizer.opened.indexed
     known = with_hidden_photos(localizer).sightings
     one, two = (
-        fit_trials(indexed, [*try_photos(indexed, Progress(), sightings=known).values()]) for _ in range(2)
+        fit_trials(indexed, [*try_photos(TriedMap(indexed, known), Progress()).values()]) for _ in range(2)
     )
     assert one == two == localizer.calibration.calibration
     assert 40 <= one.cases <= 60

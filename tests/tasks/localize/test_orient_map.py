@@ -196,7 +196,6 @@ def test_stopped_in_between_it_continues(cfg, monkeypatch):
     whole = oriented(cfg).indexed.extrinsics
     for path in derived.glob("*-ivf.arrays"):
         path.unlink()
-    monkeypatch.setattr(orient_map, "_AT_ONCE", 3)
     monkeypatch.setattr(orient_map, "_SAVED_EVERY_S", 0.0)
     with pytest.raises(Cancelled):
         oriented(cfg, Counting(stop_after=6))
@@ -356,7 +355,6 @@ def test_photos_of_the_same_content_have_the_same_orientation(cfg):
 
 
 def test_stopped_while_a_network_compares_it_continues(with_network, monkeypatch):
-    monkeypatch.setattr(orient_map, "_AT_ONCE_BY_NETWORK", 2)
     monkeypatch.setattr(orient_map, "_SAVED_EVERY_S", 0.0)
     with pytest.raises(Cancelled):
         thoroughly(with_network, Counting(stop_after=4))

@@ -9,7 +9,7 @@ from PIL import Image
 from tests.standin_models import write_aliked
 from webapp.core.hypotheses import looks
 from webapp.progress import Progress
-from webapp.tasks.evaluation.evaluate import with_hidden_photos
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize import build_map, cascade, trials
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import faiss
@@ -19,9 +19,10 @@ from webapp.core.evaluation.summary import WITHIN_PX, summarise
 from webapp.core.evaluation.types import QueryResult
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.errors import PhotoError, UsageError
+from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
+from webapp.tasks.evaluation.measure import QueryTrial, measure, measure_all
 from webapp.tasks.evaluation.types import (
     EvaluateOptions,
     Evaluation,
@@ -30,7 +31,6 @@ from webapp.tasks.evaluation.types import (
     Scheme,
     Subject,
 )
-from webapp.tasks.localize import orient_map
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
@@ -70,11 +70,12 @@ def evaluate_queries(
     """
     options, progress = options or EvaluateOptions(), progress or Progress()
     trials = [
-        _Trial(QueryResult(query.name, query.truth, None), query.path)
+        QueryTrial(QueryResult(query.name, query.truth, None), query.path)
         for query in queries_csv.select(queries_csv.read(queries), options.limit)
     ]
     progress.size(len(trials))
-    results = _measure(trials, localize or localizer.localize, top=options.top, progress=progress)
+    measured = _measure(trials, localizer, localize=localize, top=options.top, progress=progress)
+    results = [*measured]
     return _evaluation(
         localizer, results, map_folder=map_folder, query_folder=queries.parent, options=options
     )
@@ -119,7 +120,7 @@ def evaluate_self(
     for scheme, within in schemes:
         progress.note(scheme)
         trials = [
-            _Trial(
+            QueryTrial(
                 QueryResult(
                     own.photo,
                     own.position,
@@ -132,7 +133,7 @@ def evaluate_self(
             )
             for own in chosen
         ]
-        results = _measure(trials, localizer.localize, top=options.top, progress=progress)
+        results = [*_measure(trials, localizer, localize=None, top=options.top, progress=progress)]
         done = _evaluation(
             localizer, results, map_folder=map_folder, query_folder=map_folder, options=options
         )
@@ -215,29 +216,24 @@ def _query_to_json(result: QueryResult, source: AnswerSource) -> dict[str, Any]:
     }
 
 
-class _Trial(NamedTuple):
-    """A query that has no answer yet, its photo, and the ids it must be found without."""
-
-    query: QueryResult
-    photo: Path
-    hide: frozenset[int] = frozenset()
-
-
 def _measure(
-    trials: Sequence[_Trial], localize: Localize, *, top: int, progress: Progress
-) -> list[QueryResult]:
-    results = []
-    for query, photo, hide in trials:
-        progress.check()
-        try:
-            answer = localize(photo, top=top, hide=hide)
-        except PhotoError as error:
-            results.append(replace(query, error=str(error)))
-        else:
-            # Only the best photo's matches are shown later; those of all would fill the memory.
-            results.append(replace(query, answer=replace(answer, evidence=answer.evidence[:1])))
+    trials: Sequence[QueryTrial],
+    localizer: Localizer,
+    *,
+    localize: Localize | None,
+    top: int,
+    progress: Progress,
+) -> Iterator[QueryResult]:
+    """Ask about all photos, by Dask where it is used and each answer stands for itself."""
+    if localize is None and isinstance(localizer, LocalizationPipeline):
+        found = measure_all(localizer, trials, top=top, progress=progress)
+    else:
+        found = (measure(localize or localizer.localize, trial, top=top) for trial in trials)
+    progress.check()
+    for result in found:
+        yield result
         progress.advance()
-    return results
+        progress.check()
 
 
 def _evaluation(
@@ -294,20 +290,3 @@ def versions() -> dict[str, str]:
         "faiss": faiss.__version__,
         "experience-map": __version__,
     }
-
-
-def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Prepare a pipeline for the photos of its own map, which are hidden in turn.
-
-    Raises
-    ------
-    StorageError
-    """
-    known, opened = pipeline.calibration, pipeline.opened
-    if known is None:
-        return pipeline
-    return replace(
-        pipeline,
-        sightings=orient_map.sightings(opened, map_fov_deg=known.map_fov_deg),
-        second=None if pipeline.second is None else with_hidden_photos(pipeline.second),
-    )

@@ -14,7 +14,7 @@ from webapp.errors import ProcessLost
 from webapp.files.landmarks.adjust import AdjustJob, adjust
 from webapp.files.landmarks.colmap import Model, StoredPieces, as_model, pycolmap
 from webapp.progress import Progress
-from webapp.tasks.localize.extract_photo import start_worker
+from webapp.tasks.computing.local import start_worker
 
 MATCHES_FILE = "matches.db"
 ADJUSTED = "adjusted"

@@ -5,28 +5,23 @@ Only what changed is computed, and a kill at any moment loses no finished photo.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
 import time
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import level_views, picture_of
-from webapp.errors import IndexDamaged, ProcessLost
+from webapp.errors import IndexDamaged
 from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.computing.in_order import Workplace, in_order
 from webapp.tasks.localize import extract_photo, segments
 from webapp.tasks.localize.coding import coding_of
 from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
-from webapp.threads import cores
 
 _IN_PROCESS = 4
 """So few photos are done here: starting worker processes takes longer."""
@@ -132,7 +127,9 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
         if old != before and coding.engine == before.engine:
             progress.note("files of the index are missing or damaged: rebuilding them")
         photos, extracted = _photos(old, request, settings=settings, progress=progress)
-        new = segments.join(index, replace(old, photos=photos), coding=coding, progress=progress)
+        new = segments.join(
+            index, replace(old, photos=photos), coding=coding, settings=settings, progress=progress
+        )
         index.publish(new)
         if new != before:
             spent = before.build_seconds + time.perf_counter() - started
@@ -201,15 +198,12 @@ def describe_all(
     settings: Settings,
     progress: Progress,
 ) -> Iterator[PhotoDone]:
-    """Describe photos, in worker processes when there are many; yields each as it is finished."""
+    """Describe photos, when there are many in worker processes or by Dask; yields each once it is done."""
     tasks = _tasks(changed, old, request=request, settings=settings)
-    jobs = request.jobs or cores()
-    if jobs == 1 or len(changed) <= _IN_PROCESS:
-        for task in tasks:
-            progress.check()
-            yield extract_photo.extract_photo(task)
-        return
-    yield from _in_processes(tasks, min(jobs, len(changed)), progress)
+    at = Workplace(settings, request.folder, "processes", request.jobs)
+    if len(changed) <= _IN_PROCESS:
+        at = at.on_this_machine()
+    yield from in_order(extract_photo.extract_one, tasks, shared=None, at=at, progress=progress)
 
 
 def _tasks(
@@ -236,43 +230,3 @@ def _tasks(
             e.view,
             () if e.view is not None else e.blurred,
         )
-
-
-def _in_processes(tasks: Iterable[PhotoJob], jobs: int, progress: Progress) -> Iterator[PhotoDone]:
-    # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=extract_photo.start_worker)
-    waiting: set[Future[PhotoDone]] = set()
-    todo = iter(tasks)
-    try:
-        while True:
-            # A short queue bounds the memory and lets a cancelled build stop within a few photos.
-            while len(waiting) < 4 * jobs and (task := next(todo, None)) is not None:
-                with _interrupts_held_back():
-                    waiting.add(pool.submit(extract_photo.extract_photo, task))
-            if not waiting:
-                return
-            finished, waiting = wait(waiting, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in finished:
-                yield future.result()
-            progress.check()
-    except BrokenProcessPool as error:
-        raise ProcessLost(
-            "a worker process was killed",
-            hint="too little memory? Use fewer --jobs. In a script, call it below if __name__ == '__main__':",
-        ) from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Start processes that do not see Ctrl-C, which would kill them before they can ignore it."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -18,12 +18,14 @@ from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, 
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
-from webapp.files.localize.calibration import StoredCalibration, recorded_trials
+from webapp.files.localize.calibration import StoredCalibration, TrialRecord, recorded_trials
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
+from webapp.tasks.computing.in_order import Workplace, in_order
 from webapp.tasks.localize import landmarks, orient_map
+from webapp.tasks.localize.open_again import MadeAgain, MapFiles
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.localize.trials import Hidden, Trial, try_photos
+from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
 
 _CHANGED_SHARE = 0.1
 """A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
@@ -91,15 +93,31 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
     key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
     key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
     with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
-        sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
-        return try_photos(
-            opened.indexed,
-            progress,
-            find=None if opened.landmarks is None else partial(landmarks.find_places, opened),
-            sightings=sightings,
-            known=known,
-            keep=keep,
+        tried = _tried(opened, map_fov_deg)
+        again = MadeAgain(partial(_open_again, MapFiles.of(opened), map_fov_deg), tried)
+        attempts = partial(
+            in_order,
+            _attempt,
+            shared=again,
+            at=Workplace(opened.settings, opened.writable),
+            progress=progress,
         )
+        return try_photos(tried, progress, attempts=attempts, known=known, keep=keep)
+
+
+def _tried(opened: OpenMap, map_fov_deg: float | None) -> TriedMap:
+    sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
+    find = None if opened.landmarks is None else partial(landmarks.find_places, opened)
+    return TriedMap(opened.indexed, sightings, find)
+
+
+def _open_again(files: MapFiles, map_fov_deg: float | None) -> TriedMap:
+    opened = landmarks.prepare_geometry(files.open(), progress=Progress())
+    return _tried(opened, map_fov_deg)
+
+
+def _attempt(tried: MadeAgain[TriedMap], number: int) -> TrialRecord:
+    return tried.value().attempt(number)
 
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:

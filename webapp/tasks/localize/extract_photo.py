@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-import multiprocessing
-import os
-import signal
-import threading
 from dataclasses import dataclass, replace
-from multiprocessing.connection import wait
 from pathlib import Path
 
 import cv2
@@ -32,7 +27,7 @@ from webapp.files.objects.connect import connect
 from webapp.files.objects.storage import pointer_of
 from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
-from webapp.settings import Settings, keep_freed_memory
+from webapp.settings import Settings
 
 _BORDER_PX = 15
 """Width of the patches around keypoints in which there is to be nothing masked."""
@@ -95,22 +90,6 @@ class PhotoDone:
     extracted: bool = False
 
 
-def start_worker() -> None:
-    """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
-    cv2.setNumThreads(1)
-    keep_freed_memory()
-    # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    wait([sentinel])
-    os._exit(1)
-
-
 def extract_photo(job: PhotoJob) -> PhotoDone:
     """Read, describe and keep one photo; a bad photo is a result, not an exception.
 
@@ -131,6 +110,11 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
     except (MapError, PhotoError) as error:
         return replace(seen, error=f"{error.message}; {error.hint}" if error.hint else error.message)
     return replace(seen, content=content, extracted=not there)
+
+
+def extract_one(_: None, job: PhotoJob) -> PhotoDone:
+    """Do it as a part of a build: parts share nothing."""
+    return extract_photo(job)
 
 
 def size_and_time(path: Path) -> tuple[int, int]:

@@ -86,7 +86,6 @@ class OpenMap:
 
     Attributes
     ----------
-    method : Method
     writable : Path
         Folder for what else is computed from the index; its own, unless that cannot be written.
     built : BuildReport or None
@@ -111,6 +110,7 @@ class OpenMap:
     indexed: IndexedMap
     built: BuildReport | None
     options: OpenOptions
+    settings: Settings
     landmarks: LaidCloud | None = None
     pictures: tuple[Experience, ...] = field(init=False)
     views: Mapping[int, LevelView] = field(init=False)
@@ -200,8 +200,8 @@ def open_index(
         extract_side_px=settings.extract.max_side_px,
     )
     choice = _as_built(choice, manifest)
-    writable = folders[-1].folder
-    return OpenMap(cfg, the_map, options.method, choice, folder, writable, manifest, indexed, built, options)
+    at = folder, folders[-1].folder
+    return OpenMap(cfg, the_map, options.method, choice, *at, manifest, indexed, built, options, settings)
 
 
 def within_memory(

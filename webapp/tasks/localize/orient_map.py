@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,11 +30,9 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
+from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.localize.open_again import MadeAgain, MapFiles
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.threads import in_threads
-
-_AT_ONCE, _AT_ONCE_BY_NETWORK = 32, 4
-"""Photos between two looks at whether to stop: a fraction of a second, or some seconds."""
 
 _SAVED_EVERY_S = 20.0
 _MOVED = 0.5
@@ -325,22 +324,40 @@ class _Comparison:
         if stage:
             progress.size(len(todo))
         saved = time.monotonic()
-        at_once = _AT_ONCE if self.matcher is None else _AT_ONCE_BY_NETWORK
-        for first in range(0, len(todo), at_once):
-            progress.check()
-            chunk = todo[first : first + at_once]
-            parts += in_threads(self._compare, chunk)
-            done |= {contents[i] for i in chunk}
-            progress.advance(len(chunk))
-            last = first + at_once >= len(todo)
-            if last or time.monotonic() > saved + _SAVED_EVERY_S:
+        for photo, found in zip(todo, self._compare(todo, progress), strict=True):
+            parts.append(found)
+            done.add(contents[photo])
+            progress.advance()
+            if photo == todo[-1] or time.monotonic() > saved + _SAVED_EVERY_S:
                 parts = [concatenate(parts)]
                 _store(self._files[-1], parts[0], contents=contents, done=done, key=self._key)
                 saved = time.monotonic()
         return concatenate(parts)
 
-    def _compare(self, photo: int) -> PhotoPairs:
-        return match_photo(self.opened.indexed, photo, matcher=self.matcher)
+    def _compare(self, photos: Sequence[int], progress: Progress) -> Iterator[PhotoPairs]:
+        opened, by_network = self.opened, self.matcher is not None
+        again = MadeAgain(
+            partial(_open_again, MapFiles.of(opened), by_network), _Compared(opened.indexed, self.matcher)
+        )
+        at = Workplace(opened.settings, opened.writable, "threads")
+        return in_order(_match, photos, shared=again, at=at, progress=progress)
+
+
+class _Compared(NamedTuple):
+    """A map whose photos are compared with each other, by a network or without one."""
+
+    indexed: IndexedMap
+    matcher: PairMatcher | None
+
+
+def _open_again(files: MapFiles, by_network: bool) -> _Compared:
+    indexed = files.open().indexed
+    return _Compared(indexed, indexed.pair_matcher if by_network else None)
+
+
+def _match(compared: MadeAgain[_Compared], photo: int) -> PhotoPairs:
+    indexed, matcher = compared.value()
+    return match_photo(indexed, photo, matcher=matcher)
 
 
 def _numbers(contents: list[str]) -> dict[str, int]:

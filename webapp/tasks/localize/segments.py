@@ -13,6 +13,8 @@ from webapp.errors import IndexDamaged
 from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest, SegmentRecord
 from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.computing.in_order import Workplace, in_order
 from webapp.tasks.localize.coding import Coding
 
 PHOTOS_PER_SEGMENT = 1000
@@ -57,7 +59,9 @@ def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifes
     return replace(manifest, segments=tuple(kept), photos=photos, codebook=codebook, engine=coding.engine)
 
 
-def join(index: IndexFolder, manifest: Manifest, *, coding: Coding, progress: Progress) -> Manifest:
+def join(
+    index: IndexFolder, manifest: Manifest, *, coding: Coding, settings: Settings, progress: Progress
+) -> Manifest:
     """Make segments and codes of all photos that the manifest names.
 
     Parameters
@@ -82,20 +86,29 @@ def join(index: IndexFolder, manifest: Manifest, *, coding: Coding, progress: Pr
         entries = [entry(c) for c in chunk]
         name = write_segment(index.segment_path("{hash}"), entries)
         kept.append(SegmentRecord(name, len(entries), sum(len(e.features) for e in entries), codes=""))
-    total = sum(s.descriptors for s in kept)
+    total, at = sum(s.descriptors for s in kept), Workplace(settings, index.folder)
     if not total:
         return replace(manifest, segments=tuple(kept), codebook="", trained_for=0)
     if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for:
         progress.note("training")
-        codebook = coding.train(kept, total=total)
+        (codebook,) = in_order(_train, [(kept, total)], shared=coding, at=at, progress=progress)
         kept = [replace(s, codes="") for s in kept]
         manifest = replace(manifest, codebook=codebook, trained_for=total)
-    coded = []
-    for segment in kept:
-        progress.check()
-        codes = segment.codes or coding.encode(segment.name, codebook=manifest.codebook)
-        coded.append(replace(segment, codes=codes))
-    return replace(manifest, segments=tuple(coded))
+    uncoded = [s.name for s in kept if not s.codes]
+    found = in_order(_encode, uncoded, shared=(coding, manifest.codebook), at=at, progress=progress)
+    codes = dict(zip(uncoded, found, strict=True))
+    segments = (s if s.codes else replace(s, codes=codes[s.name]) for s in kept)
+    return replace(manifest, segments=tuple(segments))
+
+
+def _train(coding: Coding, sample: tuple[Collection[SegmentRecord], int]) -> str:
+    segments, total = sample
+    return coding.train(segments, total=total)
+
+
+def _encode(shared: tuple[Coding, str], segment: str) -> str:
+    coding, codebook = shared
+    return coding.encode(segment, codebook=codebook)
 
 
 def descriptors_in_map(index: IndexFolder, manifest: Manifest) -> int:

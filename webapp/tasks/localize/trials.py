@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -136,12 +136,53 @@ class Trial:
         ]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TriedMap:
+    """A map whose photos play queries.
+
+    Attributes
+    ----------
+    sightings : DepthObservations or None
+        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
+    find : callable or None
+        Looks for a photo's places, as `find_places` does, which is taken by default.
+    """
+
+    indexed: IndexedMap
+    sightings: DepthObservations | None = None
+    find: FindPlaces | None = None
+
+    @property
+    def trials(self) -> int:
+        """Number of photos that are tried, evenly spread over the map."""
+        return min(MOST_PHOTOS, len(self.indexed.ids))
+
+    def attempt(self, number: int) -> TrialRecord:
+        """Look for a photo; None where that cannot be done.
+
+        Parameters
+        ----------
+        number : int
+            Of the trial.
+        """
+        indexed = self.indexed
+        spacing = spacing_px(indexed.position, floor=indexed.floor)
+        trial = _try(
+            indexed,
+            number * len(indexed.ids) // self.trials,
+            self.sightings,
+            number=number,
+            same_place_px=_SAME_PLACE * (spacing or indexed.place_radius_px),
+            find=self.find or partial(find_places, indexed),
+        )
+        return None if trial is None else trial.to_record()
+
+
 def try_photos(
-    indexed: IndexedMap,
+    tried: TriedMap,
     progress: Progress,
     *,
-    find: FindPlaces | None = None,
-    sightings: DepthObservations | None = None,
+    attempts: Callable[[Iterable[int]], Iterator[TrialRecord]] | None = None,
     known: Mapping[int, TrialRecord] = MappingProxyType({}),
     keep: Callable[[int, TrialRecord], None] = lambda number, trial: None,
 ) -> dict[int, Trial]:
@@ -149,10 +190,8 @@ def try_photos(
 
     Parameters
     ----------
-    find : callable, optional
-        Looks for a photo's places, as `find_places` does, which is taken by default.
-    sightings : DepthObservations, optional
-        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
+    attempts : callable, optional
+        Tries photos by the numbers of their trials, in that order; by default here, one after the other.
     known : mapping of int to TrialRecord
         Photos that an earlier run has tried.
     keep : callable
@@ -163,20 +202,15 @@ def try_photos(
     dict of int to Trial
         By the number of the trial; photos that cannot be used are left out.
     """
-    count = min(MOST_PHOTOS, len(indexed.ids))
-    spacing = spacing_px(indexed.position, floor=indexed.floor)
-    same_place_px = _SAME_PLACE * (spacing or indexed.place_radius_px)
-    progress.size(count)
-    looked = find or partial(find_places, indexed)
+    progress.size(tried.trials)
+    new = (attempts or partial(map, tried.attempt))(n for n in range(tried.trials) if n not in known)
     trials = {}
-    for number in range(count):
+    for number in range(tried.trials):
         progress.check()
         if number in known:
             record = known[number]
         else:
-            photo = number * len(indexed.ids) // count
-            trial = _try(indexed, photo, sightings, number=number, same_place_px=same_place_px, find=looked)
-            record = None if trial is None else trial.to_record()
+            record = next(new)
             keep(number, record)
         if record is not None:
             trials[number] = Trial.from_record(record)

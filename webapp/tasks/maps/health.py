@@ -17,6 +17,7 @@ from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
@@ -50,7 +51,7 @@ def find_weak_places(
     options = options or OpenOptions(method="verified")
     localizer = open_pipeline(cfg, options, settings=settings, progress=progress)
     done = evaluate.evaluate_self(
-        evaluate.with_hidden_photos(localizer),
+        with_hidden_photos(localizer),
         map_folder=cfg.parent,
         options=EvaluateOptions(limit=LIMIT),
         progress=progress,

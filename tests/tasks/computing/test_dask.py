@@ -1,0 +1,187 @@
+"""Maps are built by Dask as they are here, whatever dies meanwhile."""
+
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.dask_cluster import DaskCluster
+from tests.ports import reserved_port
+from webapp.errors import Cancelled, ClusterUnavailable, MissingPart, UsageError
+from webapp.extras import EXTRAS, is_installed
+from webapp.progress import Progress
+from webapp.tasks.computing import cluster as cluster_module
+from webapp.tasks.computing import on_worker
+from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.evaluation import evaluate
+from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+
+pytestmark = pytest.mark.skipif(
+    not is_installed("cluster") or os.name == "nt", reason="the extra `cluster` is not installed"
+)
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A scheduler with two workers."""
+    started = DaskCluster(tmp_path_factory.mktemp("dask"), workers=2)
+    try:
+        started.wait(2)
+        yield started
+    finally:
+        started.stop()
+
+
+@pytest.fixture
+def on_dask(quick, cluster):
+    return replace(quick, dask=cluster.address)
+
+
+class Calls(Progress):
+    """Calls a function once after so many steps."""
+
+    def __init__(self, steps, call):
+        self.left, self.call, self.stop, self.notes = steps, call, False, []
+
+    def advance(self, steps=1):
+        self.left -= steps
+        if self.left <= 0 and self.call:
+            call, self.call = self.call, None
+            call()
+
+    def note(self, text):
+        self.notes.append(text)
+
+    def cancelled(self):
+        return self.stop
+
+
+def lasting(folder: Path):
+    """All that is computed from a map, without times: bytes, or what stands in a JSON file."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix in (".features", ".ivf", ".codebook", ".arrays"):
+            found[str(path.relative_to(folder))] = path.read_bytes()
+        elif path.suffix == ".trials" or path.name.startswith("calibration"):
+            found[str(path.relative_to(folder))] = re.sub(r'"\w*seconds\w*": [0-9.]+', "", path.read_text())
+    return found
+
+
+def build(cfg, settings, index, *, progress=None, **options):
+    asked = OpenOptions(index=index, jobs=2, **options)
+    return build_map.build_map(cfg, asked, settings=settings, progress=progress or Progress())
+
+
+def test_the_same_bytes_as_here(tmp_path, sample_folder, quick, on_dask):
+    (cfg,) = sample_folder.glob("map.cfg")
+    method = {"method": "verified"}
+    build(cfg, quick, tmp_path / "here", **method)
+    report = build(cfg, on_dask, tmp_path / "there", **method)
+    here, there = lasting(tmp_path / "here"), lasting(tmp_path / "there")
+    assert here.keys() == there.keys()
+    assert [name for name in here if here[name] != there[name]] == []
+    assert report.index.extracted == report.index.photos
+    assert not [*tmp_path.rglob(".computing-*")]
+
+
+def test_the_same_answers_as_here(tmp_path, sample_folder, quick, on_dask):
+    (cfg,) = sample_folder.glob("map.cfg")
+    answers = []
+    for settings in (quick, on_dask):
+        options = OpenOptions(index=tmp_path / "index", method="verified")
+        pipeline = open_pipeline(cfg, options, settings=settings, progress=Progress())
+        (done,) = evaluate.evaluate_self(
+            with_hidden_photos(pipeline),
+            map_folder=cfg.parent,
+            options=evaluate.EvaluateOptions(limit=12, hide_within_px=10.0),
+        )
+        form = evaluate.to_json(done)["per_query"]
+        for query in form:
+            query["answer"].pop("seconds")
+        answers.append(form)
+    assert answers[0] == answers[1]
+
+
+def test_a_killed_worker_costs_only_its_parts(tmp_path, make_map, quick, on_dask, cluster):
+    cfg = make_map(tmp_path, 60)
+    third = cluster.start_worker()
+    cluster.wait(3)
+    build(cfg, quick, tmp_path / "here", method="vote")
+    progress = Calls(5, third.kill)
+    build(cfg, on_dask, tmp_path / "there", progress=progress, method="vote")
+    assert third.wait(5) < 0
+    assert lasting(tmp_path / "here") == lasting(tmp_path / "there")
+
+
+def test_it_can_be_stopped_and_goes_on(tmp_path, make_map, quick, on_dask):
+    cfg = make_map(tmp_path, 40)
+    progress = Calls(5, lambda: setattr(progress, "stop", True))
+    with pytest.raises(Cancelled):
+        build(cfg, on_dask, tmp_path / "there", progress=progress, method="vote")
+    report = build(cfg, on_dask, tmp_path / "there", method="vote")
+    assert report.index.extracted <= 35
+    build(cfg, quick, tmp_path / "here", method="vote")
+    assert lasting(tmp_path / "here") == lasting(tmp_path / "there")
+
+
+def test_a_scheduler_that_is_not_there(tmp_path, make_map, quick, monkeypatch):
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
+    cfg = make_map(tmp_path, 6)
+    with reserved_port() as port:
+        settings = replace(quick, dask=f"tcp://127.0.0.1:{port}")
+        with pytest.raises(ClusterUnavailable, match=r"tcp://.*: the scheduler of Dask cannot be reached"):
+            build(cfg, settings, tmp_path / "there", method="vote")
+    with pytest.raises(UsageError, match="is not the address of a scheduler"):
+        build(cfg, replace(quick, dask="nowhere://x"), tmp_path / "there", method="vote")
+
+
+def test_a_scheduler_that_is_lost(tmp_path, make_map, quick):
+    cfg = make_map(tmp_path, 40)
+    own = DaskCluster(tmp_path, workers=1)
+    try:
+        own.wait(1)
+        progress = Calls(5, own.scheduler.kill)
+        with pytest.raises(ClusterUnavailable, match=r"is lost|cannot be reached"):
+            build(cfg, replace(quick, dask=own.address), tmp_path / "there", progress=progress, method="vote")
+    finally:
+        own.stop()
+    report = build(cfg, quick, tmp_path / "there", method="vote")
+    assert report.index.extracted <= 35
+
+
+def test_workers_that_differ_are_refused(tmp_path, on_dask, monkeypatch):
+    at = Workplace(on_dask, tmp_path)
+    monkeypatch.setattr(on_worker, "versions", lambda: {"numpy": "1.0"})
+    with pytest.raises(UsageError, match=r"worker tcp://.* of Dask has numpy .*, this process 1\.0"):
+        [*in_order(max, [1], shared=0, at=at, progress=Progress())]
+
+
+def test_workers_that_do_not_see_the_folder_are_refused():
+    terms = on_worker.Terms(on_worker.versions(), Path("/nowhere/.computing-1"), None)
+    with pytest.raises(UsageError, match="does not see the folder /nowhere"):
+        terms.check("tcp://127.0.0.1:1")
+
+
+def test_errors_of_a_part_are_raised_as_they_are(tmp_path, on_dask):
+    with pytest.raises(TypeError):
+        [*in_order(max, ["x"], shared=0, at=Workplace(on_dask, tmp_path), progress=Progress())]
+
+
+def test_without_the_extra(tmp_path, on_dask, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingPart, match="distributed is not installed") as caught:
+        [*in_order(max, [1], shared=0, at=Workplace(on_dask, tmp_path), progress=Progress())]
+    assert "experience-map[cluster]" in caught.value.hint
+    assert "distributed" in EXTRAS["cluster"]
+
+
+def test_without_the_setting_dask_is_not_loaded():
+    code = "import sys, webapp.tasks.localize.build_map; sys.exit('distributed' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

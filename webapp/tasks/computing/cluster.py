@@ -1,0 +1,161 @@
+"""Does the parts of some work on the workers of Dask."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import secrets
+from collections.abc import Iterator, Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from webapp.errors import ClusterUnavailable, ProcessLost, StorageError, UsageError
+from webapp.extras import extra
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.computing import on_worker
+from webapp.tasks.computing.pool import LOOK_EVERY_S, Part
+
+_CONNECT_S = 5.0
+_WAIT_S = 10
+_WAY_OUT = "start it, or unset EXPMAP_DASK to compute on this machine; what was finished is kept"
+_EACH = 4
+"""Parts for each thread of a worker that have begun or wait: so many that it is never idle."""
+
+
+class DaskPool:
+    """Does parts on the workers of a scheduler.
+
+    Parameters
+    ----------
+    folder : Path
+        That workers have to see.
+
+    Raises
+    ------
+    ClusterUnavailable, UsageError, MissingPart
+    """
+
+    def __init__(
+        self, function: Part, shared: Any, *, settings: Settings, folder: Path, progress: Progress
+    ) -> None:
+        self._address = settings.dask or ""
+        self._function = function
+        self._progress = progress
+        self._distributed = _distributed()
+        self._client = self._connect()
+        self._marker = folder / f".computing-{secrets.token_hex(8)}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._marker.touch()
+        except OSError as error:
+            self._client.close()
+            raise StorageError(
+                f"the folder cannot be written: {error.strerror}", where=str(folder)
+            ) from error
+        terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings)
+        self._terms = pickle.dumps(terms)
+        # A task and not scattered data: when the workers that have it are lost, it is made again.
+        self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)
+
+    def _connect(self) -> Any:
+        try:
+            return self._distributed.Client(
+                self._address, timeout=_CONNECT_S, set_as_default=False, name="experience-map"
+            )
+        except ValueError as error:
+            raise UsageError(
+                f"{self._address!r} is not the address of a scheduler of Dask",
+                where="EXPMAP_DASK",
+                hint="write tcp://HOST:8786",
+            ) from error
+        except OSError as error:
+            raise ClusterUnavailable(
+                "the scheduler of Dask cannot be reached", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
+            ) from error
+
+    def _lost(self) -> ClusterUnavailable:
+        return ClusterUnavailable(
+            "the scheduler of Dask is lost", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
+        )
+
+    @property
+    def at_once(self) -> int:
+        """Number of parts that may have begun or wait; it follows the workers that there are."""
+        threads: int = sum(worker["nthreads"] for worker in self._workers().values())
+        if not threads:
+            self._progress.note("waiting for a worker of Dask")
+        return _EACH * max(threads, 1)
+
+    def _workers(self) -> dict[str, Any]:
+        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return found
+
+    def submit(self, item: Any) -> Any:
+        """Begin a part."""
+        part = pickle.dumps((self._function, item))
+        return self._client.submit(on_worker.do, part, self._shared, terms=self._terms, pure=False)
+
+    def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
+        """Give the results of the first parts that are finished.
+
+        Raises
+        ------
+        ClusterUnavailable, ProcessLost, UsageError
+        """
+        try:
+            with self._client.as_current():
+                self._distributed.wait([waiting[0]], timeout=LOOK_EVERY_S)
+        except TimeoutError:
+            pass
+        except self._distributed.CancelledError as error:
+            raise self._lost() from error
+        if self._client.status != "running":
+            raise self._lost()
+        ready = list(takewhile(lambda future: future.status == "finished", waiting))
+        if ready:
+            yield from self._fetch(ready)
+        elif waiting[0].status in ("error", "cancelled", "lost"):
+            self._raise(waiting[0])
+
+    def _fetch(self, ready: Sequence[Any]) -> list[Any]:
+        """Fetch results together; what a worker was lost with is computed again."""
+        try:
+            results: list[Any] = self._client.gather(ready)
+        except (OSError, self._distributed.CancelledError) as error:
+            raise self._lost() from error
+        return results
+
+    def _raise(self, future: Any) -> None:
+        """Raise the error of a part, as what it means here."""
+        if future.status != "error":
+            raise self._lost()
+        error = future.exception()
+        if isinstance(error, self._distributed.scheduler.KilledWorker):
+            raise ProcessLost(
+                "several workers of Dask were killed by the same part of the work",
+                hint="too little memory? Give them more, or fewer threads",
+            ) from error
+        if isinstance(error, RuntimeError) and "deserialization" in str(error):
+            raise UsageError(
+                f"the scheduler of Dask at {self._address} has another version of the program, or of Dask",
+                where="EXPMAP_DASK",
+                hint="install the same versions on all machines; see docs/cluster.md",
+            ) from error
+        raise error
+
+    def close(self, waiting: Sequence[Any]) -> None:
+        """Drop the parts that have not begun, and leave the scheduler."""
+        self._marker.unlink(missing_ok=True)
+        if self._client.status == "running" and waiting:
+            self._client.cancel(list(waiting), force=True)
+        self._client.close(timeout=_CONNECT_S)
+
+
+def _distributed() -> Any:
+    with extra("cluster"):
+        import distributed
+    # What it logs about lost connections becomes one sentence here.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    return distributed
