@@ -17,7 +17,9 @@ class DaskCluster:
     def __init__(self, folder: Path, *, workers: int) -> None:
         self._folder = folder
         self.scheduler, self.address = self._start_scheduler()
-        self.workers = [self.start_worker() for _ in range(workers)]
+        self.workers: list[subprocess.Popen[bytes]] = []
+        for _ in range(workers):
+            self.start_worker()
 
     def _start(self, *arguments: object, **environment: str) -> subprocess.Popen[bytes]:
         env = os.environ | {"PYTHONPATH": str(ROOT), "DASK_LOGGING__DISTRIBUTED": "error"} | environment
@@ -48,11 +50,13 @@ class DaskCluster:
         return (self._folder / "log").read_text()
 
     def start_worker(self, **environment: str) -> subprocess.Popen[bytes]:
-        return self._start(
+        process = self._start(
             *("worker", self.address, "--nthreads", 1, "--no-nanny", "--no-dashboard"),
             *("--local-directory", self._folder),
             **environment,
         )
+        self.workers.append(process)
+        return process
 
     def wait(self, workers: int, seconds: float = 30.0) -> None:
         """Wait until so many workers are there."""

@@ -1,6 +1,8 @@
 """The jobs that are part of the program, from the queue to their results."""
 
 import json
+import threading
+import time
 from dataclasses import replace
 
 import pytest
@@ -49,6 +51,26 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
     result = seen(id)["result"]
     assert (seen(id)["state"], result["features"], result["method"]) == ("done", "xfeat", "thorough")
     assert list(library.map_folder("row").glob("derived/**/calibration-thorough-ivf.json"))
+
+
+def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queue, seen):
+    pytest.importorskip("distributed")
+    make_map(library.map_folder("long"), 6)
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session)
+    id = queue("index", map_id=adopt_map.adopt_map(library, "long", account_id=owner.id))
+    worker = Worker(library, replace(quick, dask="tcp://127.0.0.1:1"), duties=DUTIES)
+    working = threading.Thread(target=worker.run)
+    working.start()
+    until = time.monotonic() + 30.0
+    while seen(id)["note"] != "the scheduler of Dask cannot be reached" and time.monotonic() < until:
+        time.sleep(0.1)
+    worker.stop()
+    working.join()
+    assert (seen(id)["state"], seen(id)["note"]) == ("queued", "the scheduler of Dask cannot be reached")
+    assert seen(id)["error"] is None
+    Worker(library, quick, duties=DUTIES).run(once=True)
+    assert (seen(id)["state"], seen(id)["result"]["computed"]) == ("done", 6)
 
 
 def test_evaluate(library, quick, queue, seen, row):

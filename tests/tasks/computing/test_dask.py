@@ -2,8 +2,11 @@
 
 import os
 import re
+import shutil
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +16,14 @@ from tests.dask_cluster import DaskCluster
 from tests.ports import reserved_port
 from webapp.errors import Cancelled, ClusterUnavailable, MissingPart, UsageError
 from webapp.extras import EXTRAS, is_installed
+from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.tasks.computing import cluster as cluster_module
 from webapp.tasks.computing import on_worker
 from webapp.tasks.computing.in_order import Workplace, in_order
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.measure import with_hidden_photos
+from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
@@ -79,7 +84,7 @@ def build(cfg, settings, index, *, progress=None, **options):
     return build_map.build_map(cfg, asked, settings=settings, progress=progress or Progress())
 
 
-def test_the_same_bytes_as_here(tmp_path, sample_folder, quick, on_dask):
+def test_the_same_bytes_and_answers_as_here(tmp_path, sample_folder, quick, on_dask):
     (cfg,) = sample_folder.glob("map.cfg")
     method = {"method": "verified"}
     build(cfg, quick, tmp_path / "here", **method)
@@ -89,24 +94,37 @@ def test_the_same_bytes_as_here(tmp_path, sample_folder, quick, on_dask):
     assert [name for name in here if here[name] != there[name]] == []
     assert report.index.extracted == report.index.photos
     assert not [*tmp_path.rglob(".computing-*")]
+    options = OpenOptions(index=tmp_path / "here", **method)
+    assert answers(cfg, options, settings=quick) == answers(cfg, options, settings=on_dask)
 
 
-def test_the_same_answers_as_here(tmp_path, sample_folder, quick, on_dask):
-    (cfg,) = sample_folder.glob("map.cfg")
-    answers = []
-    for settings in (quick, on_dask):
-        options = OpenOptions(index=tmp_path / "index", method="verified")
-        pipeline = open_pipeline(cfg, options, settings=settings, progress=Progress())
-        (done,) = evaluate.evaluate_self(
-            with_hidden_photos(pipeline),
-            map_folder=cfg.parent,
-            options=evaluate.EvaluateOptions(limit=12, hide_within_px=10.0),
-        )
-        form = evaluate.to_json(done)["per_query"]
-        for query in form:
-            query["answer"].pop("seconds")
-        answers.append(form)
-    assert answers[0] == answers[1]
+def answers(cfg, options, *, settings):
+    """What an evaluation says of the map's own photos, without times."""
+    pipeline = open_pipeline(cfg, options, settings=settings, progress=Progress())
+    (done,) = evaluate.evaluate_self(
+        with_hidden_photos(pipeline),
+        map_folder=cfg.parent,
+        options=evaluate.EvaluateOptions(limit=12, hide_within_px=10.0),
+    )
+    found = evaluate.to_json(done)["per_query"]
+    for query in found:
+        query["answer"].pop("seconds")
+    return found
+
+
+def test_the_same_pairs_for_landmarks_as_here(tmp_path, sample_folder, on_dask):
+    pytest.importorskip("pycolmap")
+    rows = []
+    for settings in (replace(on_dask, dask=None), on_dask):
+        folder = tmp_path / ("here" if settings.dask is None else "there")
+        shutil.copytree(sample_folder, folder, ignore=shutil.ignore_patterns("derived"))
+        the_map = read_map(folder / "map.cfg")
+        some = replace(the_map, experiences=the_map.experiences[:8], unplaced=())
+        found = reconstruct(folder / "map.cfg", some, settings=settings, progress=Progress())
+        with closing(sqlite3.connect(found.shared / "matches.db")) as database:
+            rows.append(database.execute("SELECT * FROM two_view_geometries ORDER BY pair_id").fetchall())
+    assert len(rows[0]) > 5
+    assert rows[0] == rows[1]
 
 
 def test_a_killed_worker_costs_only_its_parts(tmp_path, make_map, quick, on_dask, cluster):

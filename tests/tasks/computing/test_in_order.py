@@ -10,6 +10,7 @@ import pytest
 from webapp.errors import Cancelled, ProcessLost
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.computing import local
 from webapp.tasks.computing.in_order import Workplace, in_order
 
 
@@ -45,6 +46,18 @@ def test_few_items_are_taken_ahead(tmp_path):
     assert next(found) == 0
     assert len(taken) <= 9
     found.close()
+
+
+def test_fewer_at_once_than_are_waiting(tmp_path, monkeypatch):
+    class Shrinking(local.Inline):
+        @property
+        def at_once(self):
+            return next(sizes, 1)
+
+    sizes = iter([8, 2, 2, 8, 1])
+    monkeypatch.setattr(local, "Inline", Shrinking)
+    at = Workplace(Settings(), tmp_path)
+    assert [*in_order(twice, range(12), shared=1, at=at, progress=Progress())] == [*range(12)]
 
 
 @pytest.mark.parametrize("here", ["inline", "threads"])

@@ -184,25 +184,14 @@ class MatchDatabase:
         self._frame_of |= {image.image_id: frame.frame_id for image in images}
 
     def _stored(self, content: str, features: Features, camera: Any) -> StoredPhoto:
-        id, xy = self._ids[content], features.xy.astype(np.float64) + 0.5
-        if not self._database.exists_keypoints(id):
-            self._database.write_keypoints(id, xy.astype(np.float32))
-        return StoredPhoto(id, camera, xy, features.descriptors)
+        stored = stored_photo(self._ids[content], camera, features)
+        if not self._database.exists_keypoints(stored.id):
+            self._database.write_keypoints(stored.id, stored.xy.astype(np.float32))
+        return stored
 
     def is_compared(self, one: StoredPhoto, other: StoredPhoto) -> bool:
         """Return whether two photos were compared, now or earlier."""
         return bool(self._database.exists_two_view_geometry(one.id, other.id))
-
-    def verify(self, one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
-        """Find the relative pose that most matches agree with; safe in several threads at once."""
-        options = self._colmap.TwoViewGeometryOptions()
-        options.min_num_inliers = LEAST_INLIERS
-        options.ransac.random_seed = 1
-        options.ransac.max_num_trials = _TRIALS
-        if len(matches) < LEAST_INLIERS:
-            return self._colmap.TwoViewGeometry()
-        estimate = self._colmap.estimate_calibrated_two_view_geometry
-        return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
 
     def keep(self, one: StoredPhoto, other: StoredPhoto, *, geometry: Any) -> None:
         """Keep what two photos have in common, or that they have nothing in common."""
@@ -234,6 +223,24 @@ class MatchDatabase:
             if {name_of[one], name_of[other]} <= chosen and count >= LEAST_INLIERS
         ]
         return hashlib.sha256(json.dumps([sorted(chosen), sorted(pairs)]).encode()).hexdigest()
+
+
+def verify(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
+    """Find the relative pose that most matches agree with; safe in several threads at once."""
+    colmap = pycolmap()
+    if len(matches) < LEAST_INLIERS:
+        return colmap.TwoViewGeometry()
+    options = colmap.TwoViewGeometryOptions()
+    options.min_num_inliers = LEAST_INLIERS
+    options.ransac.random_seed = 1
+    options.ransac.max_num_trials = _TRIALS
+    estimate = colmap.estimate_calibrated_two_view_geometry
+    return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
+
+
+def stored_photo(id: int, camera: Any, features: Features) -> StoredPhoto:
+    """Give a photo as it is in the database."""
+    return StoredPhoto(id, camera, features.xy.astype(np.float64) + 0.5, features.descriptors)
 
 
 def _lens(features: Features, fov_deg: float) -> _Lens:

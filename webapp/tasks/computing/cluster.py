@@ -6,6 +6,7 @@ import logging
 import pickle
 import secrets
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,11 @@ class DaskPool:
     def _connect(self) -> Any:
         try:
             return self._distributed.Client(
-                self._address, timeout=_CONNECT_S, set_as_default=False, name="experience-map"
+                self._address,
+                timeout=_CONNECT_S,
+                set_as_default=False,
+                name="experience-map",
+                loop=_loop_runner().loop,
             )
         except ValueError as error:
             raise UsageError(
@@ -151,6 +156,14 @@ class DaskPool:
         if self._client.status == "running" and waiting:
             self._client.cancel(list(waiting), force=True)
         self._client.close(timeout=_CONNECT_S)
+
+
+@cache
+def _loop_runner() -> Any:
+    """Start the thread that talks to schedulers, once: starting one for each client failed now and then."""
+    runner = _distributed().utils.LoopRunner()
+    runner.start()
+    return runner
 
 
 def _distributed() -> Any:

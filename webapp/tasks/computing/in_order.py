@@ -86,7 +86,7 @@ def in_order(
     waiting: deque[Any] = deque()
     try:
         while True:
-            todo.extend(islice(items, pool.at_once - len(waiting) - len(todo)))
+            todo.extend(islice(items, max(pool.at_once - len(waiting) - len(todo), 0)))
             while todo:
                 waiting.append(pool.submit(todo.popleft()))
             if not waiting:

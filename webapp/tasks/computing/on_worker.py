@@ -29,6 +29,7 @@ _DECIDE = (
     "pillow",
     "pillow-heif",
     "onnxruntime",
+    "pycolmap",
     "distributed",
 )
 """Distributions whose versions decide the results, or whether machines understand each other."""

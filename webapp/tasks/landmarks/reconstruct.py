@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
 from webapp.core.landmarks.joints import LEAST_PHOTOS
-from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
+from webapp.core.landmarks.matching import Views
 from webapp.core.landmarks.pieces import RigidPiece, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
@@ -34,6 +33,8 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
+from webapp.tasks.computing.in_order import Workplace
+from webapp.tasks.landmarks.compare import compare_photos
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import (
     MATCHES_FILE,
@@ -44,7 +45,6 @@ from webapp.tasks.landmarks.mapping import (
 )
 from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.threads import cores, in_threads
 
 SURROUNDINGS = "surroundings"
 """Folder of the parts of a map that were reconstructed one by one; all photos together replace them."""
@@ -140,7 +140,14 @@ def reconstruct(
             stored = _add_all(database, [(pictures[n], entries[n]) for n in numbers], photo_of=photo_of)
             at = np.array([_position(pictures[n]) for n in numbers], np.complex128)
             views_of = Views(photo_of, np.array(turns, np.int64))
-            _compare(database, stored, at=at, views=views_of, progress=progress)
+            compare_photos(
+                database,
+                [(entries[n].content, photo) for n, photo in zip(numbers, stored, strict=True)],
+                at=at,
+                views=views_of,
+                place=Workplace(settings, folder, "threads"),
+                progress=progress,
+            )
             contents = database.joined(dict.fromkeys(entries[n].content for n in numbers))
             key = database.signature(contents)
         finally:
@@ -238,37 +245,6 @@ def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredP
         fov = entry.fov_deg
     guess = guessed_fov_deg(*entry.features.photo_size)
     return database.add(entry.content, entry.features, fov_deg=fov or guess, is_guessed=fov is None)
-
-
-def _compare(
-    database: MatchDatabase,
-    photos: Sequence[StoredPhoto],
-    *,
-    at: NDArray[np.complex128],
-    views: Views,
-    progress: Progress,
-) -> None:
-    """Compare pairs that have not been compared; each is kept when it is finished."""
-    progress.note("finding photos that show the same")
-    pairs = choose_pairs([photo.descriptors for photo in photos], at=at, views=views)
-    waiting = [
-        (photos[one], photos[other])
-        for one, other in pairs.tolist()
-        if not database.is_compared(photos[one], photos[other])
-    ]
-    progress.note("comparing them")
-    progress.size(len(waiting))
-
-    def compare(pair: tuple[StoredPhoto, StoredPhoto]) -> Any:
-        return database.verify(*pair, matches=match_mutually(pair[0].descriptors, pair[1].descriptors))
-
-    together = 4 * cores()
-    for first in range(0, len(waiting), together):
-        some = waiting[first : first + together]
-        progress.check()
-        for pair, geometry in zip(some, in_threads(compare, some), strict=True):
-            database.keep(*pair, geometry=geometry)
-            progress.advance()
 
 
 def _pieces(
