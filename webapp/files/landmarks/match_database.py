@@ -184,7 +184,7 @@ class MatchDatabase:
         self._frame_of |= {image.image_id: frame.frame_id for image in images}
 
     def _stored(self, content: str, features: Features, camera: Any) -> StoredPhoto:
-        stored = stored_photo(self._ids[content], camera, features)
+        stored = stored_photo(self._ids[content], camera, features=features)
         if not self._database.exists_keypoints(stored.id):
             self._database.write_keypoints(stored.id, stored.xy.astype(np.float32))
         return stored
@@ -238,7 +238,7 @@ def verify(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32])
     return estimate(one.camera, one.xy, other.camera, other.xy, matches, options)
 
 
-def stored_photo(id: int, camera: Any, features: Features) -> StoredPhoto:
+def stored_photo(id: int, camera: Any, *, features: Features) -> StoredPhoto:
     """Give a photo as it is in the database."""
     return StoredPhoto(id, camera, features.xy.astype(np.float64) + 0.5, features.descriptors)
 

@@ -52,7 +52,7 @@ class ComparedPhotos:
     def _read(self, number: int) -> StoredPhoto:
         folder, contents, cameras = self._state
         features = read_segment(IndexFolder(folder).spool_path(contents[number]), mapped=False)
-        return stored_photo(*cameras[number], features.entry(0).features)
+        return stored_photo(*cameras[number], features=features.entry(0).features)
 
 
 def _on_worker(folder: Path, contents: Sequence[str], cameras: Sequence[tuple[int, Any]]) -> ComparedPhotos:
