@@ -65,7 +65,8 @@ def in_order(
     shared : object
         What all calls need; like items and results, it can be pickled.
     progress : Progress
-        Is asked whether to stop after each result, and at least every half second. What has begun by then is finished and dropped.
+        Is asked whether to stop after each result, and at least every half second. What has begun by then is
+        finished and dropped.
 
     Raises
     ------
