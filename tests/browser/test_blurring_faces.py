@@ -162,9 +162,20 @@ def test_what_was_found_before_is_shown_when_the_editor_opens(make_page, page):
     face = {"x": 0.4, "y": 0.3, "width": 0.1, "height": 0.2, "kind": "face", "score": 0.9}
     photos = [{"id": 0, "name": "a", "boxes": [face], "left": 0}]
     found = {"photos": photos, "searched": 1, "total": 1, "missing": [], "job": None}
-    page.route("**/maps/*/blur/suggestions", lambda route: route.fulfill(json=found))
+    page.route("**/maps/*/blur/suggestions?boxes=0", lambda route: route.fulfill(json=found))
     make_page(1, placed=True)
     expect(page.get_by_text("1 photo has something to blur.")).to_be_visible()
+
+
+def test_what_nobody_asked_for_fails_without_a_word(make_page, page):
+    page.context.watch.expect(403)
+    refusal = {"error": {"code": "forbidden", "message": "No."}}
+    page.route("**/maps/*/blur/suggestions?boxes=0", lambda route: route.fulfill(status=403, json=refusal))
+    with page.expect_response("**/maps/*/blur/suggestions?boxes=0"):
+        edit = make_page(1)
+    edit.click(300, 300)
+    edit.saved()
+    expect(edit.error).to_have_count(0)
 
 
 def test_a_server_without_a_network_says_what_is_not_looked_for(make_page, page):
@@ -202,7 +213,7 @@ def test_all_photos_are_searched_and_looked_at_from_the_bar(make_page, page, api
             state["jobs"] = [*state.get("jobs", []), {**job, "error": None, "result": {}, "note": ""}]
         route.fulfill(response=answer, json=state)
 
-    page.route("**/blur/suggestions", of_map)
+    page.route("**/blur/suggestions*", of_map)
     page.route("**/changes?*", changes)
     page.route(
         "**/photos/*/blur/suggestions", lambda route: route.fulfill(json={"boxes": [face], "missing": []})

@@ -55,7 +55,7 @@ export function endpointsOf(slug) {
 
     readMask: (file) => api(`${map}/photos/mask`, { method: "POST", body: form({ file }) }),
     suggestBlur: (id) => get(`${map}/photos/${id}/blur/suggestions`),
-    blurFound: () => get(`${map}/blur/suggestions`),
+    blurFound: () => get(`${map}/blur/suggestions?boxes=0`),
     searchBlur: () => post(`${map}/blur/suggestions`, {}),
     blur: (id, boxes, seen) => put(`${map}/photos/${id}/blur`, { boxes, seen }),
 

@@ -222,6 +222,9 @@ def test_a_map_lists_what_was_found_in_its_photos(client, park, finding, library
     answer = client.post(url, json={"accept": True, "least_score": 0.8})
     assert answer.status_code == 202
     assert (answer.json["searched"], [photo["id"] for photo in answer.json["photos"]]) == (1, [0])
+    assert answer.json["photos"] == client.get(url).json["photos"]
+    assert answer.json["photos"][0]["boxes"]
+    assert client.get(f"{url}?boxes=0").json["photos"] == [{"id": 0, "name": "a.png", "left": 0}]
     with library.database.read() as session:
         job = session.get_one(Job, answer.json["job"])
         assert (job.kind, job.arguments) == ("blur", {"accept": True, "least_score": 0.8})

@@ -109,7 +109,7 @@ class PhotoSuggestions(Schema):
 
     id = Integer()
     name = String()
-    boxes = List(Nested(SuggestedBoxOut))
+    boxes = List(Nested(SuggestedBoxOut), metadata={"description": "Not there with `boxes=0`."})
     left = _LEFT
 
 
@@ -134,11 +134,25 @@ class SearchIn(Schema):
     )
 
 
+class FoundQuery(Schema):
+    """How much is listed."""
+
+    boxes = Boolean(
+        load_default=True,
+        metadata={"description": "`0` for the photos alone, without their boxes."},
+    )
+
+
 @blur_api.get("/blur/suggestions")
+@blur_api.input(FoundQuery, location="query", arg_name="query")
 @blur_api.output(MapSuggestions)
-def list_suggestions(slug: str) -> dict[str, Any]:
+def list_suggestions(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     """Get what was found in the photos of a map and is not blurred yet."""
-    return _of_map(open_map(slug, "editor"))
+    found = _of_map(open_map(slug, "editor"))
+    if not query["boxes"]:
+        for photo in found["photos"]:
+            del photo["boxes"]
+    return found
 
 
 @blur_api.post("/blur/suggestions")

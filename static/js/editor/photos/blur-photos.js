@@ -40,6 +40,8 @@ export function connectBlurBar({ store, server }) {
     bar.hidden = !ids.length;
     text.textContent = tn("{n} photo has something to blur.", "{n} photos have something to blur.", ids.length);
   };
+  /** Nobody asked for it: where it fails, the bar stays as it is, and the next load of the page asks again. */
+  const askQuietly = () => ask().catch(() => {});
   const open = () => {
     blurPhotos(store, server, ids)?.addEventListener("close", () => ask().catch(toastError));
   };
@@ -48,7 +50,7 @@ export function connectBlurBar({ store, server }) {
     const done = store.jobs.findLast(({ kind, state }) => kind === "blur" && state === "done");
     if (!done || done.id === ended) return;
     ended = done.id;
-    ask().catch(toastError);
+    askQuietly();
   });
-  setTimeout(() => ask().catch(toastError), AFTER_LOAD_MS);
+  setTimeout(askQuietly, AFTER_LOAD_MS);
 }
