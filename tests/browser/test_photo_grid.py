@@ -1,5 +1,6 @@
 """The grid of photos: how many are in sight, sorting, filters, views, what is done with one or several."""
 
+import json
 import math
 import re
 
@@ -235,3 +236,61 @@ def test_notes_and_tags_of_several_photos(make_page, api):
     assert notes == ["Old oak #tree\nWalk of May #north", *["Walk of May #north #tree"] * 3]
     edit.undo.click()
     expect(edit.tray).to_have_count(4)
+
+
+def only_dots(page, held):
+    """Let a page begin with what is drawn of its photos, and hold the request for their details."""
+
+    def begin(route):
+        answer = route.fetch()
+        before, tag, rest = answer.text().partition('<script type="application/json" id="state">')
+        text, end, after = rest.partition("</script>")
+        state = json.loads(text)
+        fields = ("id", "x_px", "y_px", "heading_deg", "fov_deg", "floor")
+        state["dots"] = {field: [photo.get(field) for photo in state["photos"]] for field in fields}
+        state["photos"] = []
+        route.fulfill(response=answer, body="".join((before, tag, json.dumps(state), end, after)))
+
+    page.route("**/edit", begin)
+    page.route("**/photos?after=*&limit=5000", lambda route: held.append(route))
+
+
+def test_filters_are_offered_while_details_are_loading(make_page, page, api):
+    edit = make_page(3)
+    ids = [photo["id"] for photo in api.state(edit.slug)["photos"]]
+    changes = [{"id": id, "note": note} for id, note in zip(ids, ("#oak", "#gate", ""), strict=True)]
+    api.ask("PATCH", f"/maps/{edit.slug}/experiences", data={"kind": "note", "changes": changes})
+    held = []
+    only_dots(page, held)
+    with page.expect_request("**/photos?after=*&limit=5000"):
+        edit.open()
+    page.get_by_label("Filter").click()
+    loading = page.get_by_text("More choices follow while details of the photos are loading.")
+    expect(loading).to_be_visible()
+    tag = page.locator("#filter-note option[value='#gate']")
+    expect(tag).to_have_count(0)
+    page.locator("#filter-note").select_option("yes")
+    page.locator("#filter-camera").select_option("unknown")
+    expect(edit.tray).to_have_count(1)  # the current photo, whose details come first
+    held[0].continue_()
+    expect(tag).to_have_text("#gate (1)")
+    expect(loading).to_be_hidden()
+    expect(page.locator("#filter-note")).to_have_value("yes")
+    expect(page.locator("#filter-camera")).to_have_value("unknown")
+    expect(edit.tray).to_have_count(2)
+
+
+def test_photos_are_filtered_by_camera_or_by_not_knowing_it(make_page, page):
+    def with_camera(route):
+        answer = route.fetch()
+        body, changed = re.subn('"camera": ?null', '"camera": "Kestrel 2"', answer.text(), count=1)
+        assert changed
+        route.fulfill(response=answer, body=body)
+
+    page.route("**/edit", with_camera)
+    edit = make_page(3)
+    page.get_by_label("Filter").click()
+    page.locator("#filter-camera").select_option("Kestrel 2")
+    expect(edit.tray).to_have_count(1)
+    page.locator("#filter-camera").select_option("unknown")
+    expect(edit.tray).to_have_count(2)

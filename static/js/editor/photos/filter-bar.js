@@ -5,6 +5,9 @@ import { t } from "../../shared/i18n.js";
 import { debounce } from "../../shared/timing.js";
 import { countEach, countTags } from "./tags.js";
 
+/** Photos change in bursts, while they are uploaded or their details load. */
+const OFFER_MS = 200;
+
 /**
  * Connect them.
  * @param {import("./photo-order.js").PhotoOrder} order
@@ -25,18 +28,30 @@ export function connectFilters(order, store) {
   sort.addEventListener("change", () => order.sortBy(/** @type {*} */ (sort.value)));
   search.addEventListener("input", debounce(() => order.filter({ text: search.value.trim() }), 150));
   for (const [name, field] of Object.entries(fields)) field.addEventListener("change", () => order.filter({ [name]: field.value }));
-  byId("filter-menu").addEventListener("toggle", () => {
+  const menu = byId("filter-menu", HTMLDetailsElement);
+  let loading = false; // more choices come with the details of photos
+  const offer = () => {
+    if (!menu.open) return;
     const photos = [...store.photos.values()];
+    loading = [...store.photos.keys()].some((id) => !store.isKnown(id));
+    byId("filter-loading").hidden = !loading;
     offerBesides("note", [...countTags(photos)].map(([tag, count]) => [`#${tag}`, count]));
     offerBesides("camera", [...countEach(photos.map(({ camera }) => camera).filter(Boolean))]);
-  });
+  };
+  menu.addEventListener("toggle", offer);
+  store.on("photos", debounce(offer, OFFER_MS));
   /** Values that photos have, after the choices that there always are. */
   function offerBesides(name, values) {
     const field = fields[name];
     const always = [...field.options].filter((option) => !option.dataset.found);
-    field.replaceChildren(...always, ...values.map(([value, count]) => h("option", { value, "data-found": "yes" }, `${value} (${count})`)));
-    field.value = order.filters[name];
-    if (!field.value) order.filter({ [name]: "any" }); // no photo has it any more
+    const chosen = order.filters[name];
+    const found = values.map(([value, count]) => choice(value, `${value} (${count})`));
+    const offered = [...always, ...found];
+    const missing = !offered.some(({ value }) => value === chosen);
+    if (missing && loading) offered.push(choice(chosen, chosen));
+    if (!same(offered, [...field.options])) field.replaceChildren(...offered);
+    field.value = chosen;
+    if (missing && !loading) order.filter({ [name]: "any" }); // no photo has it any more
   }
   byId("filter-clear").addEventListener("click", () => order.clear());
   const render = () => {
@@ -50,4 +65,14 @@ export function connectFilters(order, store) {
   };
   order.addEventListener("change", render);
   render();
+}
+
+/** A choice that photos have. */
+function choice(value, words) {
+  return h("option", { value, "data-found": "yes" }, words);
+}
+
+/** Whether two lists of choices say the same: one that somebody looks at is not replaced without need. */
+function same(offered, shown) {
+  return offered.length === shown.length && offered.every(({ text }, n) => text === shown[n].text);
 }

@@ -5,6 +5,9 @@ import { tagsOf } from "./tags.js";
 /** What no filter leaves out; `note` can be a tag, with its #. */
 const EVERY = { gps: "any", heading: "any", accuracy: "any", camera: "any", note: "any", from: "", to: "", text: "" };
 
+/** The choice of photos whose camera nobody knows. */
+const UNKNOWN = "unknown";
+
 /** Sorting and filters; fires `change`. */
 export class PhotoOrder extends EventTarget {
   /** @param {import("../../shared/map/map-store.js").MapStore} store */
@@ -69,11 +72,12 @@ export class PhotoOrder extends EventTarget {
     const { gps, heading, accuracy, camera, note, from, to, text } = this.filters;
     const photo = this.store.photos.get(id);
     if (text && !`${photo.name} ${photo.note ?? ""}`.toLowerCase().includes(text.toLowerCase())) return false;
+    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // yet
     if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
     if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
     if (accuracy !== "any" && !(this.store.isPlaced(id) && Number.isFinite(photo.radius_px) === (accuracy === "suggested"))) return false;
     if (note.startsWith("#") ? !tagsOf(photo.note).includes(note.slice(1)) : note !== "any" && Boolean(photo.note) !== (note === "yes")) return false;
-    if (camera !== "any" && photo.camera !== camera) return false;
+    if (camera === UNKNOWN ? photo.camera : camera !== "any" && photo.camera !== camera) return false;
     if (!from && !to) return true;
     const day = photo.taken_at?.slice(0, 10);
     return Boolean(day) && (!from || day >= from) && (!to || day <= to);
