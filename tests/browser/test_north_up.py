@@ -23,6 +23,12 @@ SMALL = (840, 560)
 LARGE = (4800, 3200)
 """Large enough to be shown in tiles."""
 
+TILES_ARE_SHOWN = """
+() => [...document.querySelectorAll("img.leaflet-tile")].every((tile) =>
+  tile.classList.contains("leaflet-tile-loaded") && getComputedStyle(tile).opacity === "1")
+"""
+"""They have come and faded in."""
+
 
 def quartered(path, size):
     """Write an image whose quarters have different colours."""
@@ -170,8 +176,7 @@ def test_tiles_of_a_large_image_turn_too(turned_map, api, page):
     edit = EditPage(page, slug).open()
     expect(page.locator("img.leaflet-tile-loaded").first).to_be_attached()
     turn_north_up(edit)
-    expect(page.locator("img.leaflet-tile:not(.leaflet-tile-loaded)")).to_have_count(0)
-    page.wait_for_timeout(400)  # tiles fade in
+    page.wait_for_function(TILES_ARE_SHOWN)
     check_quarters(edit)
     with Image.open(io.BytesIO(page.screenshot())) as shot:
         (left, top), (right, bottom) = edit.screen(300, 1000), edit.screen(2000, 1000)
@@ -182,10 +187,11 @@ def test_tiles_of_a_large_image_turn_too(turned_map, api, page):
             for n in range(201)
         ]
     assert set(line) == {COLOURS[0]}, "no seams between tiles"
+    scale = page.locator(".ed-scale")
+    before = scale.inner_text()
     page.locator("#zoom-in").click()
-    page.wait_for_timeout(600)  # the animation
-    expect(page.locator("img.leaflet-tile:not(.leaflet-tile-loaded)")).to_have_count(0)
-    page.wait_for_timeout(400)
+    expect(scale).not_to_have_text(before)  # at the end of the animation
+    page.wait_for_function(TILES_ARE_SHOWN)
     middle = edit.screen(LARGE[0] / 2, LARGE[1] / 2)
     for n, (dx, dy) in enumerate(((-100, -60), (100, -60), (-100, 60), (100, 60))):
         turn = math.radians(-NORTH_DEG)
@@ -220,6 +226,43 @@ def test_it_fits_a_phone(turned_map, api, open_context, owner):
         )
         assert math.degrees(turn) == pytest.approx(-NORTH_DEG, abs=0.3)
         assert axe.findings(page) == []
+
+
+def test_its_key_works_everywhere_on_a_page_but_while_somebody_types(turned_map, api, page):
+    slug = turned_map(photos=1)
+    place(api, slug, [northward(SMALL, 100)])
+    button = page.get_by_test_id("north-up")
+    for address in (f"/maps/{slug}/localize", f"/field?map={slug}"):
+        page.goto(address)
+        expect(button).to_be_visible()
+        if button.get_attribute("aria-pressed") == "true":
+            button.click()
+        page.locator("h1, summary, a").first.focus()
+        page.keyboard.press("u")
+        expect(button).to_have_attribute("aria-pressed", "true")
+        page.evaluate("document.body.append(document.createElement('textarea'))")
+        page.locator("body > textarea").focus()
+        page.keyboard.press("u")
+        expect(page.locator("body > textarea")).to_have_value("u")
+        expect(button).to_have_attribute("aria-pressed", "true")
+
+
+def test_nothing_is_kept_of_a_shared_map(turned_map, api, page, open_context):
+    slug = turned_map(photos=1)
+    place(api, slug, [northward(SMALL, 100)])
+    address = api.ask("POST", f"/maps/{slug}/shares", data={})["url"]
+    visitor = open_context().new_page()
+    visitor.goto(address)
+    button = visitor.get_by_test_id("north-up")
+    expect(button).to_have_attribute("aria-pressed", "false")
+    visitor.keyboard.press("u")
+    expect(button).to_have_attribute("aria-pressed", "true")
+    button.click()
+    button.click()
+    expect(button).to_have_attribute("aria-pressed", "true")
+    assert not visitor.evaluate("Object.keys(localStorage).filter((key) => key.includes('north'))")
+    secret = address.rstrip("/").split("/")[-1]
+    assert secret not in visitor.evaluate("JSON.stringify(localStorage)")
 
 
 def test_with_reduced_motion_it_is_drawn_in_the_same_place(turned_map, open_context, owner):

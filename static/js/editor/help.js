@@ -3,7 +3,7 @@
 import { openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
-import { singleKeys } from "./keyboard.js";
+import { singleKeys } from "../shared/single-keys.js";
 
 /** Show how everything is done. */
 export function showHelp() {

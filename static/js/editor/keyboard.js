@@ -1,24 +1,13 @@
 /** The keyboard: everything that a hand can do. */
 
 import { takesText } from "../shared/dom.js";
+import { singleKeys } from "../shared/single-keys.js";
 import { openViewer } from "./photos/photo-viewer.js";
 
 const STEP = 8;
 const FAST_STEP = 48;
 const TURN_DEG = 5;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-const OFF = "expmap.single-keys-off";
-
-/** Whether single letters do something; some people's devices type letters by accident. */
-export const singleKeys = {
-  get on() {
-    return localStorage.getItem(OFF) === null;
-  },
-  set on(value) {
-    if (value) localStorage.removeItem(OFF);
-    else localStorage.setItem(OFF, "1");
-  },
-};
 
 /**
  * Listen to keys.

@@ -2,8 +2,8 @@
 
 import { byId } from "../dom.js";
 import { t } from "../i18n.js";
+import { KeptChoice } from "./kept-choice.js";
 
-const KEPT = "expmap.layers.";
 /** Of the image in percent, where tiles are to be seen through it. */
 const OVER_TILES = 60;
 
@@ -13,6 +13,7 @@ export class MapLayers {
   constructor(view) {
     this.store = view.store;
     this.views = [view];
+    this.kept = new KeptChoice("layers", this.store.slug);
     this.menu = byId("layers", HTMLDetailsElement);
     this.select = byId("layer-below", HTMLSelectElement);
     this.opacity = byId("image-opacity", HTMLInputElement);
@@ -60,15 +61,12 @@ export class MapLayers {
   }
 
   _keep() {
-    if (!this.store.slug) return; // a shared map has a secret address, which is kept nowhere
-    const key = KEPT + this.store.slug;
-    if (this.service) localStorage.setItem(key, JSON.stringify({ name: this.select.value, opacity: this.opacity.valueAsNumber }));
-    else localStorage.removeItem(key);
+    this.kept.value = this.service && { name: this.select.value, opacity: this.opacity.valueAsNumber };
   }
 
   /** Choose what was chosen on this map last; a service that is no longer offered is not. */
   _remember() {
-    const kept = this.store.slug && JSON.parse(localStorage.getItem(KEPT + this.store.slug) ?? "null");
+    const kept = this.kept.value;
     if (!kept) return;
     this.select.value = kept.name;
     if (this.select.selectedIndex < 0) this.select.selectedIndex = 0;

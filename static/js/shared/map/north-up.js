@@ -1,8 +1,9 @@
 /** The compass over a map: it shows where north is, and turns the image so that north is up. */
 
-import { byId } from "../dom.js";
+import { byId, takesText } from "../dom.js";
+import { singleKeys } from "../single-keys.js";
+import { KeptChoice } from "./kept-choice.js";
 
-const KEPT = "expmap.north-up.";
 /** An image that is turned by less has north up already. */
 const LEAST_DEG = 1;
 const KEY = "u";
@@ -11,22 +12,22 @@ const KEY = "u";
 export class NorthUp {
   /**
    * @param {import("./map-view.js").MapView} view
-   * @param {{ownKey?: boolean}} [does] `ownKey`: listens to its key where the image has the focus
+   * @param {{ownKey?: boolean}} [does] `ownKey`: listens to its key; the editor has a table of keys instead
    */
   constructor(view, { ownKey = true } = {}) {
     this.store = view.store;
     this.views = [view];
-    this.kept = KEPT + (this.store.slug ?? location.pathname); // a shared map has a secret address instead
+    this.kept = new KeptChoice("north-up", this.store.slug);
     this.button = byId("north-up", HTMLButtonElement);
     this.button.addEventListener("click", () => this.toggle());
     this.store.on("satellite", () => this.show());
-    if (ownKey) view.element.addEventListener("keydown", (event) => this._key(event));
+    if (ownKey) document.addEventListener("keydown", (event) => this._key(event));
     this.show();
   }
 
   /** Whether north is wanted up. */
   get on() {
-    return localStorage.getItem(this.kept) !== null;
+    return this.kept.value !== null;
   }
 
   /** Turn another map of the same image along with the first one. @param {import("./map-view.js").MapView} view */
@@ -38,8 +39,7 @@ export class NorthUp {
   /** North up, or the image again. */
   toggle() {
     if (this.button.hidden) return;
-    if (this.on) localStorage.removeItem(this.kept);
-    else localStorage.setItem(this.kept, "1");
+    this.kept.value = this.on ? null : 1;
     this.show();
   }
 
@@ -54,6 +54,7 @@ export class NorthUp {
 
   _key(event) {
     if (event.key.toLowerCase() !== KEY || event.ctrlKey || event.metaKey || event.altKey || this.button.hidden) return;
+    if (event.defaultPrevented || takesText(event.target) || !singleKeys.on || document.querySelector("dialog[open]")) return;
     event.preventDefault();
     this.toggle();
   }

@@ -1,0 +1,13 @@
+/** Whether single letters do something; some people's devices type letters by accident. */
+
+const OFF = "expmap.single-keys-off";
+
+export const singleKeys = {
+  get on() {
+    return localStorage.getItem(OFF) === null;
+  },
+  set on(value) {
+    if (value) localStorage.removeItem(OFF);
+    else localStorage.setItem(OFF, "1");
+  },
+};
