@@ -2,12 +2,15 @@
 
 import io
 import json
+from xml.etree import ElementTree
 
 import pytest
 
 from tests.web.maps.images import CORNERS, png
 from webapp.errors import MapJsonError
 from webapp.files.maps.map_json import parse_map_json
+
+KML = {"k": "http://www.opengis.net/kml/2.2"}
 
 
 @pytest.fixture
@@ -152,6 +155,25 @@ def test_exports_for_the_earth_have_them(client, url):
     kml = client.get(f"{url}/export.kml").text
     assert "&lt;b&gt; &amp; co" in kml
     assert "on it" in kml
+
+
+def test_exports_for_the_earth_name_the_floors_of_notes_and_photos(client, url):
+    write(client, url, title="Yard")
+    assert '<ExtendedData><Data name="floor">' not in client.get(f"{url}/export.kml").text
+    client.post(f"{url}/floors", data={"name": "Gallery <1>", "level": "1"})
+    write(client, url, title="Lift", floor=1)
+    kml = ElementTree.fromstring(client.get(f"{url}/export.kml").data)
+    floors = {
+        mark.findtext("k:name", namespaces=KML): {
+            data.get("name"): data.findtext("k:value", namespaces=KML)
+            for data in mark.iterfind("k:ExtendedData/k:Data", KML)
+        }
+        for mark in kml.iterfind(".//k:Placemark", KML)
+    }
+    assert floors["Lift"] == {"floor": "Gallery <1>", "level": "1.0"}
+    assert (floors["Yard"]["floor"], floors["Yard"]["level"]) == ("Ground floor", "0.0")
+    (photo,) = (floors[name] for name in floors if name not in ("Lift", "Yard"))
+    assert photo["floor"] == "Ground floor"
 
 
 def test_a_share_shows_notes_only_where_it_is_allowed(client, url, stranger):

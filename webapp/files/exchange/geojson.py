@@ -85,11 +85,12 @@ def photo_properties(e: Experience) -> dict[str, object]:
 
 
 def _photo(e: Experience, georeference: Georeference, map_: Map) -> str:
-    on = _floor(map_, e.floor)
+    on = floor_properties(map_, e.floor)
     return point_feature(e.id, _latlon(e.position, georeference), properties={**photo_properties(e), **on})
 
 
-def _floor(map_: Map, id: int) -> dict[str, Any]:
+def floor_properties(map_: Map, id: int) -> dict[str, Any]:
+    """Describe a floor by `floor`, its name, and `level`; nothing where the map has one image alone."""
     floor = map_.floor_named(id)
     return {} if floor is None else {"floor": floor.name, "level": floor.level}
 
@@ -97,7 +98,7 @@ def _floor(map_: Map, id: int) -> dict[str, Any]:
 def _note(note: MapNote, map_: Map, georeference: Georeference) -> str:
     at = None if note.position is None else _latlon(note.position, georeference)
     about = {"title": note.title, "note": note.text or None, "photos": list(note.photos)}
-    properties = about | _floor(map_, note.floor)
+    properties = about | floor_properties(map_, note.floor)
     return point_feature(f"note-{note.id}", at, properties=properties)
 
 

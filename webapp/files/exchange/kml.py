@@ -15,7 +15,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.notes import MapNote
-from webapp.files.exchange.geojson import photo_properties
+from webapp.files.exchange.geojson import floor_properties, photo_properties
 from webapp.files.exchange.xml import DECLARATION, element, quoted
 
 _OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">\n'
@@ -40,7 +40,7 @@ class Pictures:
 def format_kml(
     map_: Map, georeference: Georeference, *, title: str, pictures: Pictures | None = None
 ) -> Iterator[bytes]:
-    """Write the photos of a map, and the notes on its spots, as placemarks.
+    """Write the photos of a map, and the notes on its spots, as placemarks; each has its floor as data.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def format_kml(
     content = [element("name", title), "\n"]
     if pictures.ground is not None:
         content.append(_ground(map_, georeference, href=pictures.ground))
-    marks = (_photo(e, georeference, picture=pictures.photos.get(e.id)) for e in map_.experiences)
-    notes = (_note(note, georeference) for note in map_.notes)
+    marks = (_photo(e, map_, georeference, picture=pictures.photos.get(e.id)) for e in map_.experiences)
+    notes = (_note(note, map_, georeference) for note in map_.notes)
     return write_kml(("<Document>", *content), marks, notes, ("</Document>\n",))
 
 
@@ -105,7 +105,7 @@ def extended_data(facts: Mapping[str, object]) -> str:
     return f"<ExtendedData>{data}</ExtendedData>"
 
 
-def _photo(e: Experience, georeference: Georeference, *, picture: str | None) -> str:
+def _photo(e: Experience, map_: Map, georeference: Georeference, *, picture: str | None) -> str:
     at = georeference.latlon_of(e.position)
     if not (math.isfinite(at.lat) and math.isfinite(at.lon)):
         return ""
@@ -121,18 +121,22 @@ def _photo(e: Experience, georeference: Georeference, *, picture: str | None) ->
     if e.taken_at is not None and "T" in e.taken_at:
         when = f"<TimeStamp>{element('when', e.taken_at)}</TimeStamp>"
     name = element("name", e.photo.rsplit("/", 1)[-1])
+    facts = {"id": e.id} | photo_properties(e) | floor_properties(map_, e.floor)
     return (
         f'<Placemark id="photo-{e.id}">{name}{about}{look}{when}{style}'
-        f"{extended_data({'id': e.id} | photo_properties(e))}{point(at)}</Placemark>\n"
+        f"{extended_data(facts)}{point(at)}</Placemark>\n"
     )
 
 
-def _note(note: MapNote, georeference: Georeference) -> str:
+def _note(note: MapNote, map_: Map, georeference: Georeference) -> str:
     at = None if note.position is None else georeference.latlon_of(note.position)
     if at is None or not (math.isfinite(at.lat) and math.isfinite(at.lon)):
         return ""
     about = element("description", html.escape(note.text)) if note.text else ""
-    return f'<Placemark id="note-{note.id}">{element("name", note.title)}{about}{point(at)}</Placemark>\n'
+    floor = floor_properties(map_, note.floor)
+    facts = extended_data(floor) if floor else ""
+    name = element("name", note.title)
+    return f'<Placemark id="note-{note.id}">{name}{about}{facts}{point(at)}</Placemark>\n'
 
 
 def _ground(map_: Map, georeference: Georeference, *, href: str) -> str:
