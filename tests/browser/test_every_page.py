@@ -28,6 +28,7 @@ PAGES = {
 }
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 SCREENS = {"wide": {}, "phone": {"viewport": PHONE, **TOUCH}}
+WIDTH = "document.querySelector('#map-view img.leaflet-image-layer').getBoundingClientRect().width"
 CALM = """
 () => document.getAnimations().every((animation) =>
   animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
@@ -124,8 +125,25 @@ def test_the_dialogs_of_the_editor(visit, screen):
         check(page, "dialog[open]")
         box = dialog.bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= page.viewport_size["width"], button
+        if button in ("place-the-rest", "plan-button") and screen == "wide":
+            tools = page.locator("#toolbar").bounding_box()
+            assert box["y"] >= tools["y"] + tools["height"], button
+            page.locator("#zoom-in").click(trial=True)
         page.keyboard.press("Escape")
         expect(dialog).to_have_count(0)
+
+
+def test_maps_for_points_have_the_zoom_buttons_of_the_others(visit):
+    page = visit(PAGES["control-points"])
+    expect(page.locator(".leaflet-control-zoom")).to_have_count(0)
+    view = page.get_by_test_id("map-view")
+    image = view.locator("img.leaflet-image-layer")
+    before = image.bounding_box()["width"]
+    view.get_by_role("button", name="Zoom in").click()
+    page.wait_for_function(f"before => ({WIDTH}) > 1.5 * before", arg=before)
+    view.get_by_role("button", name="Show the whole image").click()
+    page.wait_for_function(f"before => Math.abs(({WIDTH}) - before) < 1", arg=before)
+    assert view.locator(".ed-zoom").evaluate("one => getComputedStyle(one).flexDirection") == "column"
 
 
 def test_the_buttons_of_a_dialog_are_in_reach_without_scrolling(visit):

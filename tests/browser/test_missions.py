@@ -151,6 +151,19 @@ def test_time_goes_back_and_runs(page, mission, send):
     expect(page.get_by_role("button", name="Height")).to_have_attribute("aria-pressed", "true")
 
 
+def test_the_legend_on_a_phone_is_whole(open_context, owner, mission, send):
+    send(*(pose(n, source=source) for n in range(5) for source in ("gps", "odometry", "visual", "manual")))
+    page = open_context(storage_state=owner, **PHONE).new_page()
+    page.goto(f"/missions/{mission}")
+    legend = by_id(page, "legend")
+    expect(legend).to_contain_text("Visual fixes")
+    assert legend.evaluate("one => one.parentElement.scrollWidth - one.parentElement.clientWidth") <= 0
+    offer = page.locator("#ground-offer")
+    expect(offer).to_be_visible()
+    shown = legend.bounding_box()
+    assert offer.bounding_box()["y"] > shown["y"] + shown["height"]
+
+
 def test_colours_have_a_legend(page, mission, send):
     send(*(pose(n) for n in range(60)), *(pose(n, source="odometry") for n in range(60)))
     page.goto(f"/missions/{mission}")

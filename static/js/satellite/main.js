@@ -10,7 +10,7 @@ import { blankForm, uploadForm } from "./upload-forms.js";
 
 showKeptNotes();
 if (page.satellite) {
-  const still = { zoomControl: false, dragging: false, scrollWheelZoom: false, doubleClickZoom: false, touchZoom: false };
+  const still = { dragging: false, scrollWheelZoom: false, doubleClickZoom: false, touchZoom: false };
   const map = imageMap(byId("present-map"), page.satellite, { ...still, boxZoom: false, keyboard: false });
   for (const place of page.placed) L.circleMarker(latLngOf(place), { radius: 3, className: "sat-photo", interactive: false }).addTo(map);
 }

@@ -2,6 +2,7 @@
 
 import { t } from "../shared/i18n.js";
 import { parseLatLon } from "../shared/map/coords.js";
+import { addZoomButtons } from "../shared/map/zoom-buttons.js";
 import { toast } from "../shared/toast.js";
 import { page } from "./page.js";
 
@@ -18,7 +19,8 @@ const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
  */
 export function slippyMap(element, select, { load = null } = {}) {
   const motion = { zoomAnimation: !calm, fadeAnimation: !calm, inertia: !calm };
-  const map = L.map(element, { maxZoom: 22, worldCopyJump: true, ...motion });
+  const map = L.map(element, { maxZoom: 22, worldCopyJump: true, zoomControl: false, ...motion });
+  addZoomButtons(map);
   map.attributionControl.setPrefix('<a href="https://leafletjs.com" rel="noopener" target="_blank">Leaflet</a>');
   let layer = null;
   const service = () => page.services[select.selectedIndex];

@@ -25,7 +25,7 @@ export function panoramaDialog(commands, server) {
   const photo = store.current;
   const others = [...store.photos.values()].filter((other) => other.panorama && other.id !== photo.id);
   const image = h("img", { src: photo.preview, alt: photo.name, draggable: "false" });
-  const frame = h("div", { class: "blur-frame" }, image);
+  const frame = h("div", { class: "blur-frame mask-frame" }, image);
   const boxes = new MaskBoxes(frame, (photo.panorama?.masked ?? []).map((box) => ({ ...box })));
   const error = errorLine();
   const is = h("input", { type: "checkbox", checked: true });

@@ -2,6 +2,7 @@
 
 import { imageBounds } from "./coords.js";
 import { satelliteLayer } from "./turned-layers.js";
+import { addZoomButtons } from "./zoom-buttons.js";
 
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
@@ -16,6 +17,7 @@ export function imageMap(element, satellite, options = {}) {
   const map = L.map(element, {
     crs: L.CRS.Simple,
     attributionControl: false,
+    zoomControl: false,
     zoomSnap: 0.25,
     minZoom: -20,
     maxZoom: 5,
@@ -27,6 +29,7 @@ export function imageMap(element, satellite, options = {}) {
   map.fitBounds(bounds);
   map.setMaxBounds(bounds.pad(1));
   satelliteLayer(satellite).addTo(map);
+  if (map.options.dragging) addZoomButtons(map, () => map.fitBounds(bounds)); // else it is a mere picture
   new ResizeObserver(() => map.invalidateSize({ pan: false })).observe(element);
   return map;
 }
