@@ -24,8 +24,10 @@ PIP    := $(BIN)/python -m pip install --disable-pip-version-check
 # By environment, so that what builds the package is pinned too.
 export PIP_CONSTRAINT       := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
+# Many tests start a server or a command: without compiled modules each takes a second of computing more.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint quick postgresql test ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts quick postgresql test ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -50,10 +52,17 @@ run: install     ## make the sample map, localize a photo on it, start the web a
 	@echo "starting the web application: open the link that says sign in, and stop it with Ctrl-C"
 	$(BIN)/expmap serve --library maps
 
-lint: $(VENV)/.tested ## check style and types
+lint: $(VENV)/.tested ## check style and types, those of scripts besides
+	@$(MAKE) --no-print-directory -j 2 style types scripts
+
+style: $(VENV)/.tested
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: $(VENV)/.tested
 	$(BIN)/mypy
+
+scripts: $(VENV)/.tested
 	$(BIN)/python tests/js/check.py
 
 quick: $(VENV)/.tested ## run the tests that need no server, no browser and no other process, in less than a minute

@@ -1,7 +1,10 @@
 """Files for contributors, forges and containers agree with the project."""
 
+import os
 import re
+import shutil
 import stat
+import subprocess
 
 import pytest
 import yaml
@@ -108,6 +111,15 @@ def test_each_part_of_the_suite_is_run_once(project):
     for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
         assert recipe.count(part) == (2 if part == "tests/browser" else 1), part
     assert recipe.count("ros/run_tests.py") == 1
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_make_lets_python_keep_what_it_compiles(project, tmp_path):
+    (tmp_path / "seen.mk").write_text("seen:\n\t@echo [$${PYTHONDONTWRITEBYTECODE}]\n")
+    command = ["make", "-f", "Makefile", "-f", tmp_path / "seen.mk", "seen"]
+    environ = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(command, cwd=project, env=environ, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 def test_scripts_can_be_run(project):
