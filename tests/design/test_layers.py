@@ -24,7 +24,7 @@ WINGS = {"missions", "sample"}
 SAMPLE = {"scene": "core", "content": "tasks", "make": "tasks", "job": "jobs", "cli": "cli", "": "tasks"}
 """Layers of the modules of the sample, which is too small for folders."""
 
-COMMON = {"", "errors", "extras", "progress", "settings", "threads"}
+COMMON = {"", "errors", "extras", "importing", "progress", "settings", "threads"}
 """For everyone ("" is the version)."""
 
 ALONE = {
@@ -34,6 +34,7 @@ ALONE = {
     "extras": {"errors"},
     "progress": {"errors"},
     "settings": {"errors"},
+    "importing": set(),
     "threads": {"errors"},
     "resources": {"errors"},
     "api": {"core", "files", "tasks", "render", "configuration", "errors", "progress", "settings"},

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from webapp.cli.composition import Composition
 from webapp.cli.exitcodes import INTERRUPTED, exit_code
 from webapp.configuration import use_config
 from webapp.errors import ExpMapError
+from webapp.importing import import_name
 from webapp.settings import let_threads_sleep
 
 if TYPE_CHECKING:
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 def _duties() -> Duties:
-    return cast("Duties", importlib.import_module("webapp.app.wings").DUTIES)
+    return cast("Duties", import_name("webapp.app.wings:DUTIES"))
 
 
 def _library_parts() -> Sequence[LibraryPart]:
-    return cast("Sequence[LibraryPart]", importlib.import_module("webapp.app.wings").PARTS)
+    return cast("Sequence[LibraryPart]", import_name("webapp.app.wings:PARTS"))
 
 
 COMPOSITION = Composition(web_app="webapp.app.web:create_app", duties=_duties, library_parts=_library_parts)
@@ -56,8 +56,7 @@ class LazyGroup(click.Group):
         """Import a command; None when there is none of that name."""
         if cmd_name not in self._where:
             return None
-        module, name = self._where[cmd_name].split(":")
-        command: click.Command = getattr(importlib.import_module(module), name)
+        command: click.Command = import_name(self._where[cmd_name])
         return command
 
     def resolve_command(

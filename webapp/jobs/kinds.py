@@ -6,12 +6,12 @@ may be killed at any moment and is then done again from the start, so every step
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from webapp.errors import UsageError
+from webapp.importing import import_name
 from webapp.jobs.context import Context
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -67,6 +67,5 @@ class Duties:
                 f"unknown kind of job: {kind!r}",
                 hint="was it queued by a newer version? Then update this one",
             )
-        module, name = self.kinds[kind].split(":")
-        found: Function = getattr(importlib.import_module(module), name)
+        found: Function = import_name(self.kinds[kind])
         return found

@@ -8,7 +8,6 @@ safely.
 from __future__ import annotations
 
 import argparse
-import importlib
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,6 +19,7 @@ from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
 from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 
 from webapp.configuration import load_settings
+from webapp.importing import import_name
 from webapp.jobs.logs import FORMS, log_to_stderr
 from webapp.jobs.slow_clients import ClientSocket, PatientWorker
 from webapp.settings import Settings, let_threads_sleep
@@ -61,8 +61,7 @@ class Server(BaseApplication):  # type: ignore[misc]
         ClientSocket.patience_s = self._settings.serve.patience_s
 
         cv2.setNumThreads(native_threads(self.cfg.workers))
-        module, name = self._app.split(":")
-        create: Callable[[Settings], Any] = getattr(importlib.import_module(module), name)
+        create: Callable[[Settings], Any] = import_name(self._app)
         return create(self._settings)
 
     def run(self) -> None:
