@@ -150,7 +150,18 @@ class Answer:
     @property
     def abstained(self) -> bool:
         """True when the answer is "not on this map": no hypothesis, or off-map more probable than each."""
-        if not self.hypotheses:
-            return True
-        off = self.off_map_probability
-        return off is not None and off > self.hypotheses[0].probability
+        best = self.hypotheses[0].probability if self.hypotheses else None
+        return is_off_map(best, self.off_map_probability)
+
+
+def is_off_map(best: float | None, off: float | None) -> bool:
+    """Decide whether an answer says "not on this map".
+
+    Parameters
+    ----------
+    best : float or None
+        Probability of its first hypothesis; None where it has none.
+    off : float or None
+        Probability that the photo is of another place; None where that is unknown.
+    """
+    return best is None or (off is not None and off > best)

@@ -12,6 +12,7 @@ import numpy as np
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.model import is_off_map
 
 CLEARLY = 0.7
 """A less probable place is not a fix: a filter takes one place with an error, not a choice of several."""
@@ -48,8 +49,7 @@ def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> 
         Of the map that answered.
     """
     best = next(iter(answer["hypotheses"]), None)
-    off = answer["off_map_probability"]
-    if best is None or (off is not None and off > best["probability"]):
+    if best is None or is_off_map(best["probability"], answer["off_map_probability"]):
         return NoPose("the photo was probably not taken on this map")
     if best["probability"] < CLEARLY:
         return NoPose(

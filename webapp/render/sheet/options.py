@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
+from webapp.core.hypotheses.model import is_off_map
 
 Paper = Literal["a4", "a3", "letter"]
 PAPERS: tuple[Paper, ...] = get_args(Paper)
@@ -105,7 +106,7 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
     found = []
     for answer in answers:
         for best in answer.get("hypotheses", ())[:1]:
-            if best["probability"] < (answer.get("off_map_probability") or 0.0):
+            if is_off_map(best["probability"], answer.get("off_map_probability")):
                 continue
             found.append(
                 SheetAnswer(
