@@ -25,8 +25,9 @@ def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page,
     assert axe.findings(page) == []
     page.keyboard.press("Escape")
     shown = switch.get_by_role("button", pressed=True)
-    expect(shown).to_have_accessible_name("Gallery")
+    expect(shown).to_have_accessible_name("1: Gallery")
     expect(page.locator(".leaflet-image-layer[src*='/floors/1/image']")).to_have_count(1)
+    assert axe.findings(page) == []
 
     edit.click(300, 300)
     edit.saved()
@@ -40,7 +41,7 @@ def test_a_floor_is_added_and_photos_are_placed_on_it_and_moved(make_page, page,
     assert sorted(floors) == [0, 1]
 
     page.goto(re.sub(r"/edit.*", f"/edit?photo={placed[0]['id']}", page.url))
-    expect(shown).to_have_accessible_name("Gallery")
+    expect(shown).to_have_accessible_name("1: Gallery")
     page.get_by_test_id("undo").click()
     page.get_by_test_id("undo").click()
     page.get_by_test_id("undo").click()

@@ -30,8 +30,9 @@ export class FloorSwitch {
   }
 
   _button({ id, name, level }) {
+    const label = `${levelText(level)}: ${name}`; // begins with what is seen, for those who say it to their device
     return h("button", {
-      class: "icon-button number", type: "button", title: name, "aria-label": name, "aria-pressed": String(id === this.store.floor),
+      class: "icon-button number", type: "button", title: name, "aria-label": label, "aria-pressed": String(id === this.store.floor),
       "data-floor": id, onclick: () => this.store.showFloor(id),
     }, levelText(level));
   }
