@@ -294,3 +294,19 @@ def test_photos_are_filtered_by_camera_or_by_not_knowing_it(make_page, page):
     expect(edit.tray).to_have_count(1)
     page.locator("#filter-camera").select_option("unknown")
     expect(edit.tray).to_have_count(2)
+
+
+@pytest.mark.parametrize("width", [1366, 1024, 390])
+def test_what_is_done_with_selected_photos_fits_the_screen(open_context, owner, sample_map, width):
+    page = open_context(storage_state=owner, viewport={"width": width, "height": 768}).new_page()
+    EditPage(page, sample_map).open()
+    if width < 768:
+        page.locator("#side-toggle").click()
+    page.locator("#tray-list").focus()
+    page.keyboard.press("Control+a")
+    button = page.locator("#selection-note")
+    expect(button).to_be_visible()
+    assert button.bounding_box()["height"] < 50, "its words are in one line"
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    last = page.locator(".ed-selection button").last.bounding_box()
+    assert last["x"] + last["width"] <= width
