@@ -239,3 +239,18 @@ def test_a_move_can_be_killed_anywhere(folder, server, where, monkeypatch, tmp_p
     assert (opens(folder, old), opens(folder, new)) == (False, True)
     assert hashes(url if where == "sqlite" else file_url(folder), tmp_path) == before
     assert not (folder / ".library" / TICKET).exists()
+
+
+def test_a_move_that_is_completed_names_the_file_that_was_kept(folder, server, monkeypatch):
+    url = server()
+
+    def fail(*args):
+        raise Stop
+
+    with monkeypatch.context() as patched:
+        patched.setattr("webapp.tasks.operate.move.marks.unmark_filling", fail)
+        with pytest.raises(Stop):
+            to_server(folder, url)
+    (kept,) = (folder / ".library").glob("library-until-*.db")
+    kept = kept.rename(kept.with_name("library-until-20200101T000000.db"))
+    assert Path(to_server(folder, url).kept) == kept

@@ -276,7 +276,9 @@ def _ticket(inner: Path, place: str) -> str | None:
 
 
 def _put_aside(file: Path) -> Path:
-    """Keep the old file under another name; gives that."""
+    """Keep the old file under another name; gives that, or the one that a killed move has given it."""
+    if not file.exists() and (earlier := sorted(file.parent.glob(f"{file.stem}-until-*{file.suffix}"))):
+        return earlier[-1]
     kept = file.with_name(f"{file.stem}-until-{now():%Y%m%dT%H%M%S}{file.suffix}")
     if file.exists():
         _join_journal(file)
