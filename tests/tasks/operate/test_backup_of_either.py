@@ -53,3 +53,24 @@ def test_a_restore_into_a_server_that_was_stopped_begins_anew(folder, server, tm
     shutil.rmtree(restored)
     restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     assert opens(restored, into)
+
+
+def test_a_restore_that_was_stopped_after_the_files_were_placed_says_how_to_go_on(
+    folder, server, tmp_path, monkeypatch
+):
+    library = open_library(folder)
+    backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
+    library.database.close()
+    into, restored = server(), tmp_path / "restored"
+
+    def fail(*args):
+        raise Stop
+
+    with monkeypatch.context() as patched:
+        patched.setattr(restore.marks, "unmark_filling", fail)
+        with pytest.raises(Stop):
+            restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    with pytest.raises(UsageError, match="stopped just before its end: repeat it with --force"):
+        restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
+    restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, force=True, progress=Progress())
+    assert opens(restored, into)

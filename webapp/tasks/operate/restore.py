@@ -96,12 +96,12 @@ def restore(
     """
     folder = folder.absolute()
     manifest = read_manifest(archive)
-    stage, there = folder / _STAGE, _there(folder)
+    stage, there, key = folder / _STAGE, _there(folder), f"restore into {folder}"
     if there and not force:
         raise UsageError(
             "the folder is not empty",
             where=str(folder),
-            hint="choose an empty one, or --force, which keeps what is there under another name",
+            hint=_hint(url, key=key),
         )
     _check_idle(folder)
     try:
@@ -111,13 +111,22 @@ def restore(
             progress.note("unpacking")
             files = _unpack(archive, stage, parts, progress=progress)
             contents = _prepare(stage, parts)
-            with _records_in(url, stage, key=f"restore into {folder}", progress=progress):
+            with _records_in(url, stage, key=key, progress=progress):
                 before = _swap(folder, stage, there)
         finally:
             shutil.rmtree(stage, ignore_errors=True)
     except OSError as error:
         raise storage_error(error, where=str(folder)) from error
     return RestoreReport(str(manifest.get("made_at")), len(contents.maps), contents.photos, files, before)
+
+
+def _hint(url: str | None, *, key: str) -> str:
+    """Say how to restore into a folder that is not empty: perhaps an earlier restore has filled it."""
+    if url is not None:
+        with closing(Database(url)) as target, target.moving() as connection:
+            if marks.filling_key(connection) == key:
+                return "an earlier restore was stopped just before its end: repeat it with --force"
+    return "choose an empty one, or --force, which keeps what is there under another name"
 
 
 def _there(folder: Path) -> list[Path]:
