@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -196,6 +197,32 @@ def test_a_photo_of_one_machine_is_read_on_another(machine, library, park, s3, b
         preview.unlink()
     thumb = machine("c").get(f"{base}/thumb", buffered=True)
     assert Image.open(io.BytesIO(thumb.data)).size == (200, 200)
+
+
+def test_nothing_is_copied_into_the_cache_while_others_wait(machine, library, park, s3, monkeypatch):
+    here, copied, waiting = machine("a"), [], []
+    cache, changing = storage.in_use().cache, type(library).changing
+    adopt = cache.adopt
+
+    @contextmanager
+    def noted(self, *args, **options):
+        with changing(self, *args, **options) as change:
+            waiting.append(True)
+            yield change
+            waiting.pop()
+
+    def adopted(*args, **options):
+        copied.append(bool(waiting))
+        adopt(*args, **options)
+
+    monkeypatch.setattr(type(library), "changing", noted)
+    monkeypatch.setattr(cache, "adopt", adopted)
+    data = jpeg()
+    assert send(here, data)["id"] == 0
+    assert copied == [False]
+    s3.refuse = (503, "SlowDown")
+    original = here.get(f"/api/v1/maps/{park}/photos/0/original", buffered=True)
+    assert original.data == data, "from the cache"
 
 
 def test_a_photo_that_comes_twice_is_kept_once(machine, library, park):

@@ -93,6 +93,11 @@ class ObjectCache:
         with suppress(StorageError, OSError):
             self._keep(place, pointer, make=lambda target: _copy(file, target))
 
+    def rename(self, pointer: Pointer, *, before: str, name: str) -> None:
+        """Give the copy of an object the name of its file; where there is none, it is fetched when needed."""
+        with suppress(OSError):
+            self._place(pointer, before).rename(self._place(pointer, name))
+
     def size(self) -> int:
         """Sum the bytes of all copies."""
         return sum(size for _, size, _ in self._files())

@@ -119,18 +119,24 @@ def hash_of(path: Path) -> str:
 
 
 def store(file: Path) -> Pointer | None:
-    """Store a file's content before something names it; None where there is no storage.
+    """Store a file's content before something names it, and keep a copy; None where there is no storage.
 
     Raises
     ------
     StorageUnavailable, DiskFull, StorageError
     """
     storage = in_use()
-    return storage.store(file) if storage else None
+    if storage is None:
+        return None
+    pointer = storage.store(file)
+    storage.cache.adopt(file, pointer, name=file.name)
+    return pointer
 
 
 def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
-    """Let a pointer stand for a file whose content was stored, and delete that one.
+    """Let a pointer stand for a file whose content was stored by `store`, and delete that one.
+
+    Nothing is copied here, as it may be done while others wait for their changes.
 
     Raises
     ------
@@ -141,7 +147,7 @@ def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
     write_pointer(target, pointer)
     storage = in_use()
     if storage is not None:
-        storage.cache.adopt(file, pointer, name=target.name)
+        storage.cache.rename(pointer, before=file.name, name=target.name)
     discard(file)
 
 
@@ -153,9 +159,9 @@ def publish(path: Path) -> None:
     StorageUnavailable, DiskFull, StorageError
         The file is still there.
     """
-    storage = in_use()
-    if storage is not None and path.is_file():
-        put_in_place(path, path, pointer=storage.store(path))
+    pointer = store(path) if path.is_file() else None
+    if pointer is not None:
+        put_in_place(path, path, pointer=pointer)
 
 
 def replaced(path: Path) -> None:
