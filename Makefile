@@ -16,8 +16,10 @@ PAGES  := tests/web tests/missions
 RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py tests/missions/tasks/test_query_mission.py \
            tests/missions/tasks/test_mission_import.py tests/missions/tasks/test_thin_tracks.py tests/missions/tasks/test_preview.py \
            tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find
-REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
+REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/cluster tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
+# Clients of Dask that lose their scheduler leave coroutines behind, which pytest would count against any later test.
+CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/cluster
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
@@ -77,6 +79,7 @@ test: lint       ## run everything that must pass; installs chromium through apt
 	$(PYTEST) -q --database postgresql $(RECORDS)
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
+	$(BIN)/pytest -q $(CLUSTER)
 	$(PYTEST) -q tests/browser
 	$(BIN)/python ros/run_tests.py
 
@@ -87,7 +90,7 @@ fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and 
 	$(PYTEST) -m hypothesis --hypothesis-profile fuzz
 
 coverage: $(VENV)/.tested ## run the tests without a browser and print which lines they reach; half as slow again
-	$(PYTEST) -q --ignore tests/browser --cov=webapp --cov-report=term:skip-covered
+	$(PYTEST) -q --ignore tests/browser --ignore tests/cluster --cov=webapp --cov-report=term:skip-covered
 
 audit: $(VENV)/.tested ## look for known vulnerabilities of what is used, changed scripts of others, unusual licences
 	@$(BIN)/python tests/design/audit.py

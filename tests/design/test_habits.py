@@ -108,7 +108,7 @@ def test_each_part_of_the_suite_is_run_once(project):
     for folder in (*named, *pages):
         assert (project / folder).is_dir(), folder
     recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", text, re.M)[1]
-    for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
+    for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser", "$(CLUSTER)"):
         assert recipe.count(part) == (2 if part == "tests/browser" else 1), part
     assert recipe.count("ros/run_tests.py") == 1
 
@@ -116,7 +116,7 @@ def test_each_part_of_the_suite_is_run_once(project):
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_make_lets_python_keep_what_it_compiles(project, tmp_path):
     (tmp_path / "seen.mk").write_text("seen:\n\t@echo [$${PYTHONDONTWRITEBYTECODE}]\n")
-    command = ["make", "-f", "Makefile", "-f", tmp_path / "seen.mk", "seen"]
+    command = ["make", "--no-print-directory", "-f", "Makefile", "-f", tmp_path / "seen.mk", "seen"]
     environ = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(command, cwd=project, env=environ, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"

@@ -8,10 +8,12 @@ from dataclasses import replace
 import pytest
 
 from webapp.app.wings import DUTIES
+from webapp.errors import ClusterUnavailable
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
 from webapp.store.accounts import accounts
 from webapp.store.schema import MapRecord
+from webapp.tasks.computing.cluster import DaskPool
 from webapp.tasks.maps import adopt_map
 
 
@@ -53,8 +55,12 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
     assert list(library.map_folder("row").glob("derived/**/calibration-thorough-ivf.json"))
 
 
-def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queue, seen):
+def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queue, seen, monkeypatch):
+    def away(pool):
+        raise ClusterUnavailable("the scheduler of Dask cannot be reached", wait_s=1)
+
     pytest.importorskip("distributed")
+    monkeypatch.setattr(DaskPool, "_connect", away)
     make_map(library.map_folder("long"), 6)
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)

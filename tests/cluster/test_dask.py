@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.dask_cluster import DaskCluster
+from tests.cluster.dask_cluster import DaskCluster
 from tests.ports import reserved_port
 from webapp.errors import Cancelled, ClusterUnavailable, MissingPart, UsageError
 from webapp.extras import EXTRAS, is_installed
