@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal
@@ -151,6 +151,11 @@ class TriedMap:
     indexed: IndexedMap
     sightings: DepthObservations | None = None
     find: FindPlaces | None = None
+    _same_place_px: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        spacing = spacing_px(self.indexed.position, floor=self.indexed.floor)
+        object.__setattr__(self, "_same_place_px", _SAME_PLACE * (spacing or self.indexed.place_radius_px))
 
     @property
     def trials(self) -> int:
@@ -166,13 +171,12 @@ class TriedMap:
             Of the trial.
         """
         indexed = self.indexed
-        spacing = spacing_px(indexed.position, floor=indexed.floor)
         trial = _try(
             indexed,
             number * len(indexed.ids) // self.trials,
             self.sightings,
             number=number,
-            same_place_px=_SAME_PLACE * (spacing or indexed.place_radius_px),
+            same_place_px=self._same_place_px,
             find=self.find or partial(find_places, indexed),
         )
         return None if trial is None else trial.to_record()
