@@ -30,7 +30,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
         "sharing",
         "field",
     ),
-    "Localization": ("localization", "features", "large-maps", "measurements", "notation"),
+    "Localization": ("localization", "features", "large-maps", "scale", "measurements", "notation"),
     "Robots": ("missions", "robots", "ros", "foxglove", "fusion", "mission-exports"),
     "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating", "cluster"),
 }
