@@ -21,7 +21,7 @@ def import_name(reference: str) -> Any:
     Raises
     ------
     ImportError
-        There is no such module.
+        The module does not exist.
     AttributeError
         The module has no such object.
     """

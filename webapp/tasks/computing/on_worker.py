@@ -101,7 +101,7 @@ class SharedValue:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Go to another worker as it came."""
+        """Pickle the bytes, not the value that was made of them."""
         return SharedValue, (self._data,)
 
     def value(self) -> Any:
