@@ -100,7 +100,7 @@ function show(cloud) {
     chooser.value = camera ? String(camera.id) : "";
     frusta.choose(camera, () => stage.invalidate());
     card.show(camera);
-    if (camera) stage.reveal(camera.at);
+    if (camera) stage.reveal(camera.at, card.box.getBoundingClientRect());
     stage.invalidate();
   };
   const step = (by) => {

@@ -97,15 +97,38 @@ export class Stage {
     this.invalidate();
   }
 
-  /** Move until a point can be seen; nothing moves where it can. @param {number[]} point */
-  reveal(point) {
+  /**
+   * Move until a point can be seen; nothing moves where it can.
+   * @param {number[]} point
+   * @param {DOMRect} cover part of the screen in which something is laid over the view, at its right or its bottom
+   */
+  reveal(point, cover) {
     const at = new Vector3().fromArray(point);
     const seen = at.clone().project(this.camera);
-    if (Math.max(Math.abs(seen.x), Math.abs(seen.y)) < 0.9 && Math.abs(seen.z) < 1) return;
+    const view = this.canvas.getBoundingClientRect();
+    const isBelow = cover.width > 0.6 * view.width;
+    const right = isBelow ? 1 : (2 * (cover.left - view.left)) / view.width - 1;
+    const bottom = isBelow ? 1 - (2 * (cover.top - view.top)) / view.height : -1;
+    const isFree = seen.x > -0.9 && seen.x < right - 0.1 && seen.y > bottom + 0.1 && seen.y < 0.9;
+    if (isFree && Math.abs(seen.z) < 1) return;
     const { object, target } = this.controls;
     object.position.add(at.clone().sub(target));
     target.copy(at);
+    this._shift((1 - right) / 2, (-1 - bottom) / 2);
     this.invalidate();
+  }
+
+  /** Move sideways, by halves of what the view shows at its target. @param {number} right @param {number} up */
+  _shift(right, up) {
+    const { object, target } = this.controls;
+    object.updateMatrixWorld();
+    const [half, aspect] = object.isOrthographicCamera
+      ? [object.top / object.zoom, object.right / object.top]
+      : [object.position.distanceTo(target) * Math.tan((object.fov * Math.PI) / 360), object.aspect];
+    const move = new Vector3().setFromMatrixColumn(object.matrixWorld, 0).multiplyScalar(right * half * aspect);
+    move.addScaledVector(new Vector3().setFromMatrixColumn(object.matrixWorld, 1), up * half);
+    object.position.add(move);
+    target.add(move);
   }
 
   /** Look from where a photo was taken. @param {Object} camera @param {number} ahead to what is looked at */

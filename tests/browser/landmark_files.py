@@ -1,0 +1,72 @@
+"""Landmarks of a map, written as if they had been computed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.landmarks.cloud import LandmarkCloud
+from webapp.core.landmarks.pieces import RigidPiece
+from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
+from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.landmarks.points import COLOURS_FILE, write_colours
+from webapp.files.part_file import sha256_of
+from webapp.store.library import open_library
+from webapp.store.schema import MapRecord
+from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.localize.index_location import landmarks_folder
+
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Camera from world, of one that looks to the top of the image; the world is map pixels, y up, z up."""
+
+FOCAL_PX = 500.0
+
+
+def write_landmarks(
+    cfg: Path, names: Sequence[str], *, at: NDArray[np.float64], points: NDArray[np.float64]
+) -> None:
+    """Write one reconstruction of all photos, each of which sees all points.
+
+    Parameters
+    ----------
+    at : (p, 2) ndarray of float64
+        Where the photos are in it, map pixels.
+    points : (k, 3) ndarray of float64
+        Map pixels, y and z up; all magenta.
+    """
+    photos, count = len(names), len(points)
+    contents = tuple(sha256_of(cfg.parent / "photos" / name) for name in names)
+    folder = landmarks_folder(cfg)
+    folder.mkdir(parents=True, exist_ok=True)
+    centre = np.column_stack([at[:, 0], -at[:, 1], np.zeros(photos)])
+    piece = RigidPiece(np.arange(photos), centre, np.tile(UP, (photos, 1, 1)))
+    write_pieces(folder / PIECES_FILE, StoredPieces((piece,), contents, "key"))
+    seen = photos * count
+    cloud = LandmarkCloud(
+        contents,
+        points,
+        np.zeros(count, np.int32),
+        np.arange(photos + 1) * count,
+        np.tile(np.arange(count, dtype=np.int32), photos),
+        np.zeros((seen, 2), np.float32),
+        np.zeros((seen, 128), np.uint8),
+        np.full(photos, FOCAL_PX if count else 0.0),
+        np.zeros(photos),
+    )
+    write_cloud(folder / CLOUD_FILE, StoredCloud(cloud, "key"))
+    if count:
+        write_colours(
+            folder / COLOURS_FILE, np.tile(np.array([255, 0, 255], np.uint8), (count, 1)), key="key"
+        )
+
+
+def lay_landmarks(library_folder: Path, slug: str) -> None:
+    """Lay the landmarks on the map, for which the worker may have no time yet."""
+    library = open_library(library_folder)
+    try:
+        with library.database.read() as session:
+            record = session.query(MapRecord).filter_by(slug=slug).one()
+        lay_in_library(library, record)
+    finally:
+        library.database.close()
