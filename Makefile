@@ -20,6 +20,8 @@ REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/cluster tests/vendo
           $(wildcard tests/test_*.py)
 # Clients of Dask that lose their scheduler leave coroutines behind, which pytest would count against any later test.
 CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/cluster
+# Half of the time of a browser and of a node is waiting: more of them than processors, and both parts side by side.
+BROWSERS = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
@@ -29,7 +31,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 # Many tests start a server or a command: without compiled modules each takes a second of computing more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint style types scripts quick postgresql test ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts quick postgresql test browser ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -80,8 +82,10 @@ test: lint       ## run everything that must pass; installs chromium through apt
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	$(BIN)/pytest -q $(CLUSTER)
-	$(PYTEST) -q tests/browser
-	$(BIN)/python ros/run_tests.py
+	@$(MAKE) --no-print-directory -j 2 browser ros-test
+
+browser: $(VENV)/.tested ## run the tests of pages in a browser
+	$(PYTEST) -n $(BROWSERS) -q tests/browser
 
 ros-test: $(VENV)/.tested ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
 	$(BIN)/python ros/run_tests.py

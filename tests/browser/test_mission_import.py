@@ -158,6 +158,6 @@ def test_a_closed_dialog_leaves_nothing_behind(page, app, way):
     expect(by_id(page, "import-hint")).to_contain_text("In metres from the start")
     assert len(set(waiting.glob("*.track")) - before) == 1
     with page.expect_response(lambda answer: answer.request.method == "DELETE") as deleted:
-        page.get_by_role("button", name="Cancel").click()
+        page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
     assert deleted.value.status == 204
     assert set(waiting.glob("*.track")) == before

@@ -65,7 +65,7 @@ def test_spots_are_planned_on_the_image(page, planned):
     assert download.value.path().read_text("utf-8").count("<wpt ") == 4
     page.get_by_label("In an area that I draw on the image").check()
     expect(page.get_by_role("button", name="Top left corner of the area")).to_be_visible()
-    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
     expect(page.get_by_role("button", name="Top left corner of the area")).to_have_count(0)
 
 
