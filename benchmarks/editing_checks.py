@@ -28,9 +28,9 @@ class Final:
     cfg: dict[int, tuple[int, int]]
 
 
-def read_final(library_folder: Path, slug: str) -> Final:
-    """Read database and `map.cfg` of a map."""
-    library = open_library(library_folder)
+def read_final(library_folder: Path, slug: str, *, url: str | None = None) -> Final:
+    """Read database and `map.cfg` of a map; `url` is the address of the database, unless it is SQLite."""
+    library = open_library(library_folder, url=url)
     with library.database.read() as session:
         record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).one()
         photos = session.scalars(select(Photo).where(Photo.map_id == record.id, ~Photo.removed))

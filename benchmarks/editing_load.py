@@ -89,9 +89,12 @@ def _set_up(app: App, folder: Path, arguments: argparse.Namespace) -> tuple[list
     return slugs, editors
 
 
-def sign_in_links(folder: Path, count: int) -> list[str]:
-    """Make accounts that may do everything; gives the paths that sign in to them."""
-    library = open_library(folder)
+def sign_in_links(folder: Path, count: int, *, url: str | None = None) -> list[str]:
+    """Make accounts that may do everything; gives the paths that sign in to them.
+
+    `url` is the address of the database, unless it is SQLite.
+    """
+    library = open_library(folder, url=url)
     with library.database.write() as session:
         people = [accounts.create(session, f"client{number}", is_owner=True) for number in range(count)]
         links = [f"/sign-in/{sign_in.new_link(session, person, hours=1)}" for person in people]

@@ -149,7 +149,7 @@ def main() -> None:
             follower = Follower(app.url, token, ids[0])
             used = _work(robots, follower, arguments, pid=app.pid)
         library = open_library(Path(folder) / "maps")
-        problems = [problem for robot in robots for problem in _problems(library, robot)]
+        problems = [problem for robot in robots for problem in stored_problems(library, robot)]
         library.database.close()
     missed = len(robots[0].made) - len(follower.heard)
     if missed:
@@ -233,7 +233,7 @@ def _processor_s(pid: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-def _problems(library: Library, robot: Robot) -> list[str]:
+def stored_problems(library: Library, robot: Robot) -> list[str]:
     """Compare what a robot has made with what is stored of it."""
     with library.database.read() as session:
         found = tracks.list_tracks(session, robot.mission)

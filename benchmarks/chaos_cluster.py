@@ -1,0 +1,254 @@
+"""The parts of a library on several machines, as processes on this one, and what kills them at random."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from benchmarks.killer import descendants
+from tests.cluster.dask_cluster import DaskCluster
+from tests.postgresql_server import PostgresqlServer
+
+_STARTS_WITHIN_S = 120.0
+_DOWN_S = (0.2, 3.0)
+"""How long what was killed stays away, at random."""
+
+
+class WebNode:
+    """`expmap serve` with a worker of its own; all of it can be killed at once, or a process of it."""
+
+    def __init__(self, library: Path, port: int, *, environ: dict[str, str], log: Path) -> None:
+        self.port = port
+        self._library = library
+        self._environ = environ
+        self._log = log
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start it; `wait` waits until it answers."""
+        words = ["serve", "--port", str(self.port), "--library", str(self._library), "--workers", "2"]
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "webapp", *words],
+                env={**os.environ, **self._environ}, stdout=log, stderr=log, start_new_session=True,
+            )  # fmt: skip
+
+    def wait(self) -> None:
+        """Wait until it answers."""
+        until = time.monotonic() + _STARTS_WITHIN_S
+        while True:
+            try:
+                urllib.request.urlopen(f"http://127.0.0.1:{self.port}/healthz", timeout=20).close()
+            except OSError as error:
+                if time.monotonic() > until:
+                    raise SystemExit(f"a web node does not start, see {self._log}: {error}") from error
+                time.sleep(0.1)
+            else:
+                return
+
+    def kill(self) -> None:
+        """Kill all its processes."""
+        process = self._running()
+        for pid in (process.pid, *descendants(process.pid)):
+            _kill(pid)
+        process.wait()
+
+    def kill_one(self, rng: random.Random, *, worker: bool) -> None:
+        """Kill its worker, or one of its processes that answer; it starts them again itself."""
+        below = descendants(self._running().pid)
+        pids = [pid for pid, command in below.items() if (" worker " in command) is worker]
+        if pids:
+            _kill(rng.choice(pids))
+
+    def end(self) -> None:
+        """End it as the system does when it shuts down."""
+        process = self._running()
+        process.terminate()
+        try:
+            process.wait(_STARTS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None:
+            raise RuntimeError("it was not started")
+        return self._process
+
+
+class Balancer:
+    """Passes each connection on to one of the ports that take it, in turns."""
+
+    def __init__(self, ports: Iterable[int]) -> None:
+        self._ports = list(ports)
+        self._turn = 0
+        self._listener = socket.create_server(("127.0.0.1", 0), backlog=256)
+
+    @property
+    def url(self) -> str:
+        """Where clients connect to."""
+        return f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+
+    def __enter__(self) -> Balancer:
+        threading.Thread(target=self._accept, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._listener.close()
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                client, _ = self._listener.accept()
+            except OSError:
+                return  # the listener was closed
+            server = self._connect()
+            if server is None:
+                client.close()
+                continue
+            for here, there in ((client, server), (server, client)):
+                threading.Thread(target=_pass_on, args=(here, there), daemon=True).start()
+
+    def _connect(self) -> socket.socket | None:
+        for _ in self._ports:
+            self._turn += 1
+            port = self._ports[self._turn % len(self._ports)]
+            with contextlib.suppress(OSError):
+                server = socket.create_connection(("127.0.0.1", port), 2)
+                server.settimeout(None)  # it was for connecting only
+                return server
+        return None
+
+
+def _pass_on(here: socket.socket, there: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        while data := here.recv(65536):
+            there.sendall(data)
+    for sock in (here, there):
+        with contextlib.suppress(OSError):
+            sock.shutdown(socket.SHUT_RDWR)
+
+
+@dataclass
+class Cluster:
+    """All parts.
+
+    Attributes
+    ----------
+    outages : list of tuple of float
+        From when to when the database was away, by the monotonic clock.
+    """
+
+    database: PostgresqlServer
+    dask: DaskCluster
+    nodes: list[WebNode]
+    outages: list[tuple[float, float]] = field(default_factory=list)
+
+    def start(self) -> None:
+        """Start the web nodes, and wait until they answer."""
+        for node in self.nodes:
+            node.start()
+        for node in self.nodes:
+            node.wait()
+
+    def restart_database(self) -> None:
+        """Stop it at once, and start it again after a while."""
+        begin = time.monotonic()
+        self.database.stop(signal.SIGQUIT)
+        time.sleep(random.uniform(*_DOWN_S))
+        self.database.start()
+        self.outages.append((begin, time.monotonic()))
+
+    def end(self) -> None:
+        """End the nodes and Dask; the database is needed to look at what is left."""
+        for node in self.nodes:
+            node.end()
+        self.dask.stop()
+
+
+class Chaos:
+    """While it is entered, kills a part of the cluster every few seconds, and starts it again.
+
+    Attributes
+    ----------
+    killed : Counter
+        How often which part was killed.
+    problems : list of str
+        What could not be started again.
+    """
+
+    def __init__(self, cluster: Cluster, *, every_s: float, seed: int) -> None:
+        self.killed: Counter[str] = Counter()
+        self.problems: list[str] = []
+        self._cluster = cluster
+        self._every_s = every_s
+        self._random = random.Random(seed)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._work, daemon=True)
+
+    def __enter__(self) -> Chaos:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _work(self) -> None:
+        parts: dict[str, Callable[[], None]] = {
+            "web node": self._kill_node,
+            "process of a web node": lambda: self._kill_process(worker=False),
+            "worker": lambda: self._kill_process(worker=True),
+            "worker of Dask": self._kill_dask_worker,
+            "database": self._cluster.restart_database,
+        }
+        while not self._end.wait(self._random.uniform(0.3, 1.7) * self._every_s):
+            name = self._random.choice(sorted(parts))
+            try:
+                parts[name]()
+            except (OSError, SystemExit, AssertionError) as error:
+                self.problems.append(f"{name}: {error}")
+            self.killed[name] += 1
+
+    def _kill_node(self) -> None:
+        node = self._random.choice(self._cluster.nodes)
+        node.kill()
+        time.sleep(self._random.uniform(*_DOWN_S))
+        node.start()
+        node.wait()
+
+    def _kill_process(self, *, worker: bool) -> None:
+        self._random.choice(self._cluster.nodes).kill_one(self._random, worker=worker)
+
+    def _kill_dask_worker(self) -> None:
+        dask = self._cluster.dask
+        process = self._random.choice(dask.workers)
+        process.kill()
+        process.wait()
+        dask.workers.remove(process)
+        time.sleep(self._random.uniform(*_DOWN_S))
+        dask.start_worker()
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+def tail(log: Path, lines: int = 20) -> str:
+    """Read the end of a log."""
+    stream: IO[str]
+    with log.open(errors="replace") as stream:
+        return "".join(stream.readlines()[-lines:])

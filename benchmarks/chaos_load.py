@@ -1,0 +1,184 @@
+"""Who uses the cluster in `chaos`: people who edit and upload; they write down what was acknowledged.
+
+An answer that is lost on the way says nothing: what was asked may be done or not. Clients do what the pages
+do then. An edit is not repeated: the client asks for what has changed. An upload is, as the program knows
+a photo that it has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import random
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import requests
+from PIL import Image
+
+from benchmarks.client import Client
+from benchmarks.editing_client import Editor
+
+PATIENCE_S = 120.0
+_PAUSE_S = 0.1
+_UNSURE = (429, 500, 502, 503, 504)
+"""Nothing is certain after these: a database can be lost while it commits."""
+
+
+@dataclass
+class Refusals:
+    """Times from the first request of a client that was refused to the one that was answered.
+
+    Attributes
+    ----------
+    times : list of tuple of float
+        By the monotonic clock.
+    errors : list of str
+        Answers that should not be, even while parts of the cluster are away.
+    """
+
+    times: list[tuple[float, float]] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+
+class PatientClient(Client):
+    """Asks again what can be repeated, until it is answered, and keeps how long that took."""
+
+    def __init__(self, url: str, link: str, refusals: Refusals) -> None:
+        super().__init__(url, link)
+        self._refusals = refusals
+        self._since: float | None = None
+
+    def call(self, method: str, path: str, **options: Any) -> requests.Response:
+        """Ask the API once; refusals are noted.
+
+        Raises
+        ------
+        requests.RequestException
+            No answer came, or one that leaves open what was done.
+        """
+        try:
+            answer = super().call(method, path, **options)
+            if answer.status_code == 500:
+                self._refusals.errors.append(f"{method} {path}: 500 {answer.text[:300]}")
+            if answer.status_code in _UNSURE:
+                raise requests.RequestException(f"{answer.status_code} {answer.text[:200]}")
+        except requests.RequestException:
+            self._since = time.monotonic() if self._since is None else self._since
+            raise
+        if self._since is not None:
+            self._refusals.times.append((self._since, time.monotonic()))
+            self._since = None
+        return answer
+
+    def repeat(self, method: str, path: str, **options: Any) -> requests.Response:
+        """Ask until there is an answer."""
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return self.call(method, path, **options)
+            except requests.RequestException as error:
+                if time.monotonic() > until:
+                    raise SystemExit(f"{method} {path}: no answer for {PATIENCE_S:.0f} s: {error}") from error
+                time.sleep(_PAUSE_S)
+
+
+class UnsureEditor(Editor):
+    """An editor whose answers may be lost.
+
+    Attributes
+    ----------
+    lost : int
+        Edits of which it is not known whether they were made.
+    """
+
+    client: PatientClient
+
+    def __init__(self, client: PatientClient, slug: str, *, seed: int, pause_s: float) -> None:
+        super().__init__(client, slug, seed=seed, pause_s=pause_s)
+        self.lost = 0
+
+    def _timed(self, method: str, path: str, *, times: list[float], **body: Any) -> requests.Response | None:
+        if method == "GET":
+            return self._checked(self.client.repeat(method, self._path + path), path)
+        begin = time.monotonic()
+        try:
+            answer = self.client.call(method, self._path + path, **body)
+        except requests.RequestException:
+            self.lost += 1
+            self._poll()
+            return None
+        times.append(time.monotonic() - begin)
+        return self._checked(answer, path)
+
+    def _checked(self, answer: requests.Response, path: str) -> requests.Response:
+        if not answer.ok and answer.status_code not in (409, 412):
+            self.log.errors.append(f"{path}: {answer.status_code} {answer.text[:300]}")
+        return answer
+
+
+class Uploader:
+    """Fills a map of its own with photos, each of which it places.
+
+    Attributes
+    ----------
+    tried, uploaded : set of str
+        SHA-256 of the photos that it sent, and of those that were acknowledged.
+    placed : dict
+        Where photos are that were placed, by id, as acknowledged.
+    """
+
+    def __init__(self, client: PatientClient, slug: str, *, seed: int, pause_s: float) -> None:
+        self.slug = slug
+        self.tried: set[str] = set()
+        self.uploaded: set[str] = set()
+        self.placed: dict[int, tuple[float, float]] = {}
+        self.errors: list[str] = []
+        self.client = client
+        self._pause_s = pause_s
+        self._random = random.Random(seed)
+        self._draw = np.random.default_rng(seed)
+
+    def work(self, seconds: float) -> None:
+        """Upload and place photos for so long."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until and not self.errors:
+            data = self._photo()
+            sha = hashlib.sha256(data).hexdigest()
+            self.tried.add(sha)
+            files = {"file": (f"{sha[:8]}.jpg", data)}
+            answer = self.client.repeat("POST", f"/maps/{self.slug}/photos", files=files)
+            result = answer.json()[0] if answer.status_code == 207 else {"error": answer.text[:300]}
+            if "error" in result:
+                self.errors.append(f"{self.slug}: upload: {result['error']}")
+                return
+            self.uploaded.add(sha)
+            self._place(result["id"])
+            time.sleep(self._random.expovariate(1 / self._pause_s))
+
+    def _photo(self) -> bytes:
+        """Draw a photo of coarse noise, which has features."""
+        coarse = Image.fromarray(self._draw.integers(0, 255, (24, 32, 3), np.uint8))
+        file = io.BytesIO()
+        coarse.resize((320, 240)).save(file, "JPEG")
+        return file.getvalue()
+
+    def _place(self, id: int) -> None:
+        x, y = round(self._random.uniform(0, 1000), 2), round(self._random.uniform(0, 700), 2)
+        change = {"id": id, "x_px": x, "y_px": y}
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until:
+            seen = self.client.repeat("GET", f"/maps/{self.slug}").json()["revision"]
+            body = {"seen": seen, "kind": "place", "changes": [change]}
+            try:
+                answer = self.client.call("PATCH", f"/maps/{self.slug}/experiences", json=body)
+            except requests.RequestException:
+                continue  # placing it at the same position again changes nothing
+            if answer.ok:
+                self.placed[id] = (x, y)
+                return
+            if answer.status_code not in (409, 412):
+                break
+        self.errors.append(f"{self.slug}: photo {id} is not placed")
