@@ -60,3 +60,21 @@ def test_a_server_loads_what_writes_pages_for_downloads_when_it_is_needed(projec
     loaded = loaded_by(["webapp.app.web"], project)
     assert "flask" in loaded
     assert loaded & {"folium", "branca"} == set()
+
+
+OPEN = """
+import sys
+from pathlib import Path
+from webapp.store.library import open_library
+open_library(Path(sys.argv[1])).database.close()
+print("alembic" in sys.modules)
+"""
+
+
+def test_migrations_are_loaded_where_a_library_is_not_up_to_date(project, tmp_path):
+    command = [sys.executable, "-c", OPEN, tmp_path / "library"]
+    new, again = (
+        subprocess.run(command, cwd=project, capture_output=True, text=True, check=True).stdout.strip()
+        for _ in range(2)
+    )
+    assert (new, again) == ("True", "False")

@@ -14,7 +14,7 @@ from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares
 from webapp.store import sharing
 from webapp.store.database import Database
-from webapp.store.library import Library, migrate, open_library
+from webapp.store.library import Library, migrate, newest_schema, open_library, schema_version
 from webapp.store.maps import edits
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Base, Job, Photo
@@ -23,6 +23,10 @@ from webapp.store.schema import Account, Base, Job, Photo
 def test_the_migrations_make_the_tables(library):
     with library.database.engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_the_newest_schema_is_that_of_a_new_library(library):
+    assert schema_version(library.database) == newest_schema()
 
 
 def test_opening_again_changes_nothing(library, database_url, new_account):

@@ -7,12 +7,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from alembic import command
-from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
-from alembic.util.exc import CommandError
 from filelock import FileLock, Timeout
+from sqlalchemy import Connection, inspect
 
 from webapp.errors import DatabaseUnavailable, StorageError
 from webapp.store.database import THREADS, Database
@@ -33,6 +29,10 @@ SERVER = "database-server"
 
 MOVING = "moving.lock"
 """Is held by who moves the records to another database."""
+
+_MIGRATIONS = Path(__file__).parent / "migrations"
+_VERSIONS = "alembic_version"
+"""The table in which Alembic keeps the version of the others."""
 
 _WAIT_S = 120
 
@@ -238,9 +238,9 @@ def has_tables(database: Database) -> bool:
     return schema_version(database) is not None
 
 
-def newest_schema() -> str | None:
+def newest_schema() -> str:
     """Return the version of the tables that this program makes."""
-    return ScriptDirectory.from_config(_migrations()).get_current_head()
+    return max(path.name for path in (_MIGRATIONS / "versions").glob("*.py")).partition("_")[0]
 
 
 def schema_version(database: Database) -> str | None:
@@ -256,13 +256,15 @@ def schema_version(database: Database) -> str | None:
         database.engine.connect() as connection,
         database.backend.migration(connection),
     ):
-        return MigrationContext.configure(connection).get_current_revision()
+        return _version(connection)
 
 
-def _migrations() -> Config:
-    config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
-    return config
+def _version(connection: Connection) -> str | None:
+    """Read what Alembic keeps, without Alembic: loading it takes longer than opening a library."""
+    if not inspect(connection).has_table(_VERSIONS):
+        return None
+    version: str | None = connection.exec_driver_sql(f"SELECT version_num FROM {_VERSIONS}").scalar()
+    return version
 
 
 def migrate(database: Database) -> None:
@@ -273,24 +275,36 @@ def migrate(database: Database) -> None:
     StorageError
         An older version has made it, which 0.7.0 converts; or a newer one than this.
     """
-    config = _migrations()
     with (
         database.translated_errors(),
         database.engine.connect() as connection,
         database.backend.migration(connection),
     ):
-        there = MigrationContext.configure(connection).get_current_revision()
+        there = _version(connection)
         connection.rollback()
+        if there == newest_schema():
+            return
         if there in _BEFORE_0_7:
             raise StorageError(
                 "this library was made by a version before 0.7.0",
                 hint="make a backup, open the library once with version 0.7.0 (expmap serve), which converts "
                 "it, and then with this version",
             )
-        config.attributes["connection"] = connection
-        try:
-            command.upgrade(config, "head")
-        except CommandError as error:
-            raise StorageError(
-                "a newer version of the program has made this library", hint="update the program"
-            ) from error
+        _upgrade(connection)
+
+
+def _upgrade(connection: Connection) -> None:
+    """Run the migrations that are missing; errors as `migrate`."""
+    from alembic import command  # only where there is something to do: it takes long to load
+    from alembic.config import Config
+    from alembic.util.exc import CommandError
+
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS))
+    config.attributes["connection"] = connection
+    try:
+        command.upgrade(config, "head")
+    except CommandError as error:
+        raise StorageError(
+            "a newer version of the program has made this library", hint="update the program"
+        ) from error
