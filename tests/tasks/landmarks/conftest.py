@@ -1,16 +1,38 @@
 """What the tests of landmarks share."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from filelock import FileLock
 
-from tests.tasks.landmarks.rendered import make_court
+from tests.tasks.landmarks.rendered import make_court, truth
 from webapp.progress import Progress
 from webapp.settings import Settings
+from webapp.tasks.landmarks import reconstruct
 from webapp.tasks.landmarks.place_rest import suggest_rest
+
+KEYPOINTS = 1000
+"""A photo: enough for small photos, in half the time."""
+
+
+@contextmanager
+def few_keypoints() -> Iterator[None]:
+    """Join photos by fewer keypoints than the program does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reconstruct, "_EXTRACT", replace(reconstruct._EXTRACT, keypoints=KEYPOINTS))
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quicker() -> Iterator[None]:
+    """Join photos by few keypoints in all tests of this folder."""
+    with few_keypoints():
+        yield
 
 
 class Court(NamedTuple):
@@ -25,12 +47,19 @@ PHOTOS, PLACED = 9, (0, 4, 8)
 
 
 @pytest.fixture(scope="session")
-def joined_court(tmp_path_factory: pytest.TempPathFactory) -> Court:
-    """A map of nine photos, three of them placed, and one from elsewhere, joined: nobody may change it."""
-    folder = tmp_path_factory.mktemp("court")
-    court = Court(*make_court(folder, photos=PHOTOS, placed=PLACED, alien=True))
-    suggest_rest(court.cfg, settings=Settings(), progress=Progress())
-    return court
+def joined_court(common_folder: Path) -> Court:
+    """A map of nine photos, three of them placed, and one from elsewhere, joined: nobody may change it.
+
+    All test processes of a run share it.
+    """
+    folder, part = common_folder / "court", common_folder / "court.part"
+    with FileLock(common_folder / "court.lock"):
+        if not folder.exists():
+            cfg, _, _ = make_court(part, photos=PHOTOS, placed=PLACED, alien=True)
+            with few_keypoints():
+                suggest_rest(cfg, settings=Settings(), progress=Progress())
+            part.rename(folder)
+    return Court(folder / "map.cfg", *truth(PHOTOS))
 
 
 @pytest.fixture

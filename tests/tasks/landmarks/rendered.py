@@ -98,4 +98,10 @@ def make_court(folder, *, photos, placed, alien=False):
             next_id=len(names),
         ),
     )
-    return cfg, PIXELS_PER_METRE * at, np.degrees(headings) % 360.0
+    return cfg, *truth(photos)
+
+
+def truth(photos):
+    """Positions (n, 2) of photos of a walk, map pixels, and their headings, degrees."""
+    at, headings = walk(photos)
+    return PIXELS_PER_METRE * at, np.degrees(headings) % 360.0

@@ -1,5 +1,6 @@
 """Pieces of the court are adjusted by the photos that are placed."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +37,24 @@ def place_all(court, *, moved=()):
         for e in by_hand
     ]
     write_map(court.cfg, replace(the_map, experiences=tuple(wrong)))
+
+
+@pytest.fixture(scope="module")
+def adjusted_court(joined_court, tmp_path_factory):
+    """The court with all its photos placed and adjusted: nobody may change it."""
+    folder = tmp_path_factory.mktemp("adjusted") / "court"
+    shutil.copytree(joined_court.cfg.parent, folder)
+    court = joined_court._replace(cfg=folder / "map.cfg")
+    place_all(court)
+    adjusted(court.cfg)
+    return court
+
+
+@pytest.fixture
+def cfg(adjusted_court, tmp_path):
+    """Its map, in a copy that a test may change."""
+    shutil.copytree(adjusted_court.cfg.parent, tmp_path / "adjusted")
+    return tmp_path / "adjusted" / "map.cfg"
 
 
 def test_the_adjusted_world_is_the_map_and_a_wrong_position_stands_out(court):
@@ -97,27 +116,24 @@ def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, 
     np.testing.assert_array_equal(found.pieces[0].centre, before)
 
 
-def test_a_photo_that_was_removed_takes_no_part_any_more(court):
-    place_all(court)
-    adjusted(court.cfg)
-    the_map = read_map(court.cfg)
-    write_map(court.cfg, replace(the_map, experiences=the_map.experiences[:-1]))
-    found, (piece,) = adjusted(court.cfg)
+def test_a_photo_that_was_removed_takes_no_part_any_more(cfg):
+    the_map = read_map(cfg)
+    write_map(cfg, replace(the_map, experiences=the_map.experiences[:-1]))
+    found, (piece,) = adjusted(cfg)
     assert piece.problem == ""
     assert {found.photos[n].id for n in piece.photos} <= {e.id for e in the_map.experiences[:-1]}
 
 
-def test_the_model_of_earlier_positions_is_removed_when_there_is_another(court):
-    place_all(court)
-    found, _ = adjusted(court.cfg)
+def test_the_model_of_earlier_positions_is_removed_when_there_is_another(cfg):
+    found, _ = adjusted(cfg)
     (first,) = (found.folder / "adjusted").iterdir()
-    the_map = read_map(court.cfg)
+    the_map = read_map(cfg)
     one, *others = the_map.experiences
     moved = replace(one, position=MapPixel(one.position.x + 2.0, one.position.y))
-    write_map(court.cfg, replace(the_map, experiences=(moved, *others)))
-    adjusted(court.cfg)
+    write_map(cfg, replace(the_map, experiences=(moved, *others)))
+    adjusted(cfg)
     (second,) = (found.folder / "adjusted").iterdir()
     assert first.name != second.name
-    write_map(court.cfg, the_map)
-    adjusted(court.cfg)
+    write_map(cfg, the_map)
+    adjusted(cfg)
     assert first.joinpath("images.bin").exists()

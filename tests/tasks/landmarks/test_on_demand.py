@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.tasks.landmarks.conftest import KEYPOINTS
 from tests.tasks.landmarks.rendered import PIXELS_PER_METRE, SIDE, render
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
@@ -112,15 +113,18 @@ def test_too_little_time_leaves_the_usual_answer_and_says_so(bare, query):
 
 KILLED = """
 import os, signal, sys
+from dataclasses import replace
 from pathlib import Path
 from webapp.files.landmarks.match_database import MatchDatabase
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import LandmarkSettings, Settings
+from webapp.tasks.landmarks import reconstruct
 from webapp.tasks.landmarks.surroundings import reconstruct_part
 
+reconstruct._EXTRACT = replace(reconstruct._EXTRACT, keypoints=int(sys.argv[4]))
 cfg, pairs, written = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-keep, replace = MatchDatabase.keep, Path.replace
+keep, replace_file = MatchDatabase.keep, Path.replace
 
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
@@ -131,7 +135,7 @@ def keep_or_die(self, *pair, **geometry):
     return die() if pairs < 0 else keep(self, *pair, **geometry)
 
 def replace_or_die(self, target):
-    return die() if Path(target).name == written else replace(self, target)
+    return die() if Path(target).name == written else replace_file(self, target)
 
 MatchDatabase.keep, Path.replace = keep_or_die, replace_or_die
 the_map, settings = read_map(cfg), Settings(landmarks=LandmarkSettings(around_s=3600.0))
@@ -145,7 +149,8 @@ def test_killed_work_goes_on_where_it_stopped_and_leaves_nothing_behind(bare, co
     for file in folder.glob(f"{MATCHES_FILE}*"):
         file.unlink()
     for pairs, written in ((5, "nothing"), (1000, CLOUD_FILE), (0, "photos.json")):
-        ended = subprocess.run([sys.executable, "-c", KILLED, bare, str(pairs), written], check=False)
+        command = [sys.executable, "-c", KILLED, bare, str(pairs), written, str(KEYPOINTS)]
+        ended = subprocess.run(command, check=False)
         assert ended.returncode == -signal.SIGKILL, written
         assert surroundings.part_around(bare, the_map.experiences) is None
         if written == "nothing":
