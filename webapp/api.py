@@ -19,6 +19,8 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Hypothesis
 from webapp.errors import ExpMapError
+from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import settings_at
 from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import Settings
@@ -219,11 +221,16 @@ def open_map(
         The features do not fit the method.
     NotReady
         Model weights or an optional package are missing.
+    StorageError
+        The map lies in a library whose photos are in another object storage than the settings name.
     """
+    chosen = settings_at(Path(cfg), settings or load_settings())
+    if chosen.storage is not None:
+        connect(chosen)
     pipeline = open_pipeline(
         Path(cfg),
         options or OpenOptions(),
-        settings=settings or load_settings(),
+        settings=chosen,
         progress=progress or Progress(),
         fov_deg=fov_deg,
     )

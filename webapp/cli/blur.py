@@ -35,7 +35,7 @@ def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_jso
     --accept, and original files never are. It can be interrupted at any moment; the next time only photos
     are searched that have not been.
     """
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     networks = blur_networks(settings.models)
     for model in networks.missing:
         click.echo(f"{model} are not looked for: expmap models fetch {model}", err=True)

@@ -34,7 +34,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     started = time.perf_counter()
     with terminal_progress("photos") as progress:
         report = build_map.build_map(
-            map_file, open_options(chosen), settings=chosen_settings(chosen), progress=progress
+            map_file, open_options(chosen), settings=chosen_settings(map_file, chosen), progress=progress
         )
     index = report.index
     second = report.second

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from webapp.configuration import load_settings
 from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import settings_at
 from webapp.settings import Settings
 
 if TYPE_CHECKING:
@@ -37,14 +39,16 @@ class Composition:
     library_parts: Callable[[], Sequence[LibraryPart]]
 
 
-def settings_in_use() -> Settings:
-    """Load the settings, and read photos from the object storage that they name.
+def settings_in_use(cfg: Path) -> Settings:
+    """Load the settings, and read photos from the object storage of the library that a map lies in, if any.
 
     Raises
     ------
     UsageError, MissingPart
         A setting is wrong, or something that it needs is not installed.
+    StorageError
+        The library has another storage than the settings name.
     """
-    settings = load_settings()
+    settings = settings_at(cfg, load_settings())
     connect(settings)
     return settings

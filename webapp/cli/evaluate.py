@@ -11,7 +11,6 @@ import click
 
 from webapp.cli import exitcodes
 from webapp.cli.build import tell_failed
-from webapp.cli.composition import settings_in_use
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -27,7 +26,7 @@ from webapp.errors import UsageError
 from webapp.files.localize import queries_csv
 from webapp.render import evaluation_folder
 from webapp.render.report import figures
-from webapp.settings import keep_freed_memory
+from webapp.settings import PhotoLimits, keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
@@ -117,7 +116,7 @@ def evaluate(
         raise UsageError("goes with QUERIES.csv only", where="--sequence")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth})
     keep_freed_memory()
-    settings = chosen_settings(chosen)
+    settings = chosen_settings(map_file, chosen)
     options = EvaluateOptions(limit=limit, seed=seed, hide_within_px=hide_within, sequence=sequence)
     folder = map_file.parent
     with terminal_progress("queries") as progress:
@@ -148,7 +147,7 @@ def evaluate(
                 )
             ]
     for evaluation in done:
-        _report(evaluation, output, several=len(done) > 1)
+        _report(evaluation, output, several=len(done) > 1, limits=settings.photo)
     forms = [task.to_json(evaluation) for evaluation in done]
     if as_json:
         click.echo(json.dumps(forms if of_itself else forms[0]))
@@ -158,12 +157,12 @@ def evaluate(
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 
-def _report(evaluation: Evaluation, output: Path | None, *, several: bool) -> None:
+def _report(evaluation: Evaluation, output: Path | None, *, several: bool, limits: PhotoLimits) -> None:
     for result in evaluation.results:
         if result.error:
             click.echo(f"expmap: {result.error}", err=True)
     if output is None:
         return
     folder = output / evaluation.scheme if several else output
-    evaluation_folder.write(evaluation, folder, limits=settings_in_use().photo)
+    evaluation_folder.write(evaluation, folder, limits=limits)
     click.echo(f"report: {folder / 'report.html'}", err=True)

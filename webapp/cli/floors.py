@@ -58,7 +58,7 @@ def floors(
         raise click.UsageError("--add and --level go together")
     if add is None and (height is not None or image is not None):
         raise click.UsageError("--height and --image belong to --add")
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     base = Floor(BASE_FLOOR, "Ground floor", 0.0)
     new = None
     if add is not None and level is not None:

@@ -102,7 +102,7 @@ def localize(
             pipeline = open_pipeline(
                 map_file,
                 open_options(chosen),
-                settings=chosen_settings(chosen),
+                settings=chosen_settings(map_file, chosen),
                 progress=progress,
                 fov_deg=chosen["fov"],
             )

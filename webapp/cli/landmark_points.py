@@ -43,7 +43,7 @@ def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | N
     The landmarks are laid on the map by control points and placed photos together. A table has a row for each
     click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px, photo_y_px.
     """
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     with library_of(cfg, settings=settings) as there:
         the_map = read_map(cfg)
         size = photo_sizes(cfg, settings.photo)

@@ -38,7 +38,7 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
     started = time.perf_counter()
     with terminal_progress("photos") as progress:
         the_map = read_map(cfg)
-        settings = settings_in_use()
+        settings = settings_in_use(cfg)
         found = reconstruct(cfg, the_map, settings=settings, progress=progress)
         found, adjusted = adjust_pieces(found, the_map, progress=progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=progress)

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import click
 
-from webapp.cli.composition import settings_in_use
+from webapp.configuration import load_settings
 from webapp.errors import NotFound
 from webapp.settings import Settings
 from webapp.store.library import Library, has_library, open_library
@@ -29,7 +29,7 @@ def library_option(command: Command) -> Command:
 
 def library_settings(folder: Path | None) -> Settings:
     """Load the settings, with the library that was chosen."""
-    settings = settings_in_use()
+    settings = load_settings()
     return settings if folder is None else replace(settings, library=folder)
 
 

@@ -169,7 +169,7 @@ def localize(
         raise UsageError("is also that of --matches", where="--picture", hint="name another file")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth, "--by-time": by_time})
     keep_freed_memory()
-    settings = chosen_settings(chosen)
+    settings = chosen_settings(map_file, chosen)
     steps: dict[Path, float] = {}
     if by_time:
         photos, steps = by_time_of_capture(photos, limits=settings.photo)

@@ -44,7 +44,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
     Looks at the .cfg, the map.json and placements next to it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
     """
-    report = check_map.check_map(cfg, settings=settings_in_use(), progress=Progress())
+    report = check_map.check_map(cfg, settings=settings_in_use(cfg), progress=Progress())
     if as_json:
         click.echo(json.dumps(_as_json(report), indent=1))
     else:
@@ -120,7 +120,7 @@ def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, 
     """
     if (out is None) != in_place:
         raise click.UsageError("give either --out FOLDER or --in-place")
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     with terminal_progress("photos") as progress:
         copies = list(copy_photos(of_folder(cfg), out, limits=settings.photo, progress=progress))
     written = sum(one.position is not None for one in copies)
@@ -253,7 +253,7 @@ def from_photos(
     )
     with terminal_progress("photos") as progress:
         report = map_from_photos.map_from_photos(
-            folder, options=options, settings=settings_in_use(), progress=progress
+            folder, options=options, settings=settings_in_use(cfg), progress=progress
         )
     _show_warnings(report)
     click.echo(

@@ -190,9 +190,9 @@ _SEQUENCE_OPTIONS = [
 ]
 
 
-def chosen_settings(chosen: dict[str, Any]) -> Settings:
-    """Read the settings, with those that the shared options of a command line choose."""
-    settings = settings_in_use()
+def chosen_settings(cfg: Path, chosen: dict[str, Any]) -> Settings:
+    """Read the settings for a map, with those that the shared options of a command line choose."""
+    settings = settings_in_use(cfg)
     given = {name: chosen[option] for option, name in _EXTRACT.items() if chosen[option] is not None}
     retrieval = settings.retrieval
     if chosen["shortlist"] is not None:

@@ -53,7 +53,7 @@ def place_rest(
     if within is not None and not accept:
         raise click.UsageError("--within goes with --accept only")
     keep_freed_memory()
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     with library_of(cfg, settings=settings) as there:
         with terminal_progress("photos") as progress:
             report = suggest_rest(cfg, settings=settings, progress=progress, check=check)

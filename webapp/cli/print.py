@@ -125,7 +125,7 @@ def print_command(
         form=form,
         options=options,
         words=english(date.today().isoformat()),
-        settings=settings_in_use(),
+        settings=settings_in_use(cfg),
         answers=() if answers is None else _answers(answers),
     )
     write_bytes(out, data)

@@ -67,7 +67,7 @@ def street_photos(
     """
     if bbox is not None and within is not None:
         raise click.UsageError("give either --bbox or --within")
-    settings = settings_in_use()
+    settings = settings_in_use(cfg)
     with library_of(cfg, settings=settings) as there:
         target: StreetTarget = (
             FolderTarget(cfg, settings=settings)

@@ -18,6 +18,7 @@ from PIL import Image
 from sqlalchemy import select
 
 from tests.web.conftest import Browser
+from webapp.app import main as program
 from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
 from webapp.cli.library import existing_library, opened_library
@@ -131,7 +132,7 @@ def row(library, make_map, owner, settings):
 @pytest.fixture
 def moved(library, settings, row):
     """The same after it was moved."""
-    connect(settings)
+    open_storage.open_storage(library, settings)
     assert objects.move_photos(library) == 4
     folder = library.map_folder("row") / "photos"
     assert (folder / "0.jpg").exists(), "somebody may have its path"
@@ -396,6 +397,67 @@ def test_commands_refuse_a_library_without_its_storage(machine, library, setting
     for opening in (existing_library(another), opened_library(another), library_of(cfg, settings=another)):
         with pytest.raises(StorageError, match="are in an object storage"), opening:
             pass
+
+
+@pytest.fixture
+def expmap(capsys):
+    """Run a command in this process; gives exit code and standard error."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            program.main([str(one) for one in arguments])
+        return ended.value.code, capsys.readouterr().err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["map", "check"],
+        ["build"],
+        ["evaluate", "--self"],
+        ["localize"],
+        ["map", "blur"],
+        ["map", "write-exif"],
+    ],
+    ids=lambda command: command[-1],
+)
+def test_commands_on_a_map_use_the_storage_of_its_library(
+    machine, moved, library, expmap, save_photo, tmp_path, monkeypatch, command
+):
+    machine("b")
+    cfg, more = library.cfg("row"), {"localize": [question(save_photo, tmp_path)]}.get(command[0], [])
+    more = ["-o", tmp_path / "out"] if command[-1] == "write-exif" else more
+    for address in ("s3://another/lib", None):
+        if address is None:
+            monkeypatch.delenv("EXPMAP_STORAGE")
+        else:
+            monkeypatch.setenv("EXPMAP_STORAGE", address)
+        code, said = expmap(*command, cfg, *more)
+        assert code != 0 and "are in an object storage" in said and "EXPMAP_STORAGE: s3://" in said
+
+
+def test_a_map_in_a_library_is_built_and_localized_from_its_storage(
+    machine, moved, library, expmap, save_photo, tmp_path, s3, bucket
+):
+    cfg, linked = library.cfg("row"), tmp_path / "linked"
+    linked.symlink_to(library.folder, target_is_directory=True)
+    storage.use(None)
+    assert expmap("build", linked / "row" / "map.cfg")[0] == 0
+    assert {p.suffix for p in map(pointed_path, cfg.parent.glob("derived/map/*/.*.object"))} >= {".features"}
+    before = objects_in(s3, bucket)
+    index = tmp_path / "index"
+    assert expmap("localize", cfg, question(save_photo, tmp_path), "--index", index)[0] == 0
+    assert [*index.rglob("*.features")] and not [*index.rglob("*.object")], "nobody would sweep them"
+    assert objects_in(s3, bucket) == before
+
+
+def test_a_map_in_no_library_needs_no_storage(settings, make_map, expmap, tmp_path, s3):
+    cfg = make_map(tmp_path / "alone", 4)
+    assert expmap("build", cfg)[0] == 0
+    assert s3.requests == [] and [*cfg.parent.glob("derived/map/*/*.features")]
+    assert storage.in_use() is None
 
 
 def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(

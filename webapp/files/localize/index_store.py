@@ -33,6 +33,7 @@ from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
 from webapp.files.localize.arrays import REPAIR, present
 from webapp.files.objects import storage
+from webapp.files.objects.marker import is_kept_in_objects
 from webapp.files.objects.pointer import SUFFIX, pointed_path
 from webapp.settings import ExtractSettings
 
@@ -226,11 +227,14 @@ class IndexFolder:
     def publish(self, manifest: Manifest) -> None:
         """Make objects of the files that a manifest names, before it names them; see `storage.publish`.
 
+        An index that lies in no library stays files: nobody knows there which objects it needs.
+
         Raises
         ------
         StorageError
         """
-        for path in sorted(self._named(manifest)):
+        named = sorted(self._named(manifest)) if is_kept_in_objects(self.folder) else ()
+        for path in named:
             storage.publish(path)
 
     def bytes_on_disk(self) -> int:

@@ -16,6 +16,7 @@ from sqlalchemy import select
 
 from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
+from webapp.files.objects.marker import MARKER
 from webapp.files.objects.pointer import SUFFIX, pointed_path, pointer_path, read_pointer, write_pointer
 from webapp.files.objects.storage import ObjectStorage, in_use, is_there
 from webapp.files.part_file import discard
@@ -23,7 +24,7 @@ from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
-from webapp.tasks.operate.open_storage import MARKER, check_owner
+from webapp.tasks.operate.open_storage import check_owner
 
 _log = logging.getLogger(__name__)
 

@@ -11,12 +11,10 @@ from filelock import FileLock
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import write_text
 from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import MARKER, check_marker, read_marker
 from webapp.files.objects.storage import ObjectStorage
 from webapp.settings import Settings
 from webapp.store.library import Library
-
-MARKER = "object-storage"
-"""File of the library: the address of its storage, and the name by which the storage knows the library."""
 
 _OWNER = "library"
 """Object with the name of the library that the storage belongs to."""
@@ -36,10 +34,10 @@ def refuse_objects(inner: Path, *, doing: str) -> None:
     ------
     UsageError
     """
-    marker = inner / MARKER
-    if marker.is_file():
+    address = read_marker(inner)[0]
+    if address is not None:
         raise UsageError(
-            f"{doing} would lack the photos, which are in {marker.read_text('utf-8').split()[0]}",
+            f"{doing} would lack the photos, which are in {address}",
             where=str(inner.parent),
             hint="see Backup in docs/cluster.md",
         )
@@ -55,16 +53,9 @@ def open_storage(library: Library, settings: Settings) -> None:
     UsageError, MissingPart
         As for `connect`.
     """
-    marker = library.inner / MARKER
-    before = _marked(library)[0]
-    if before is not None and before != settings.storage:
-        raise StorageError(
-            "the photos of this library are in an object storage",
-            where=str(library.folder),
-            hint=f"set EXPMAP_STORAGE: {before}",
-        )
+    is_marked, marker = check_marker(library.inner, settings), library.inner / MARKER
     storage = connect(settings)
-    if storage is None or settings.storage is None or before is not None:
+    if storage is None or settings.storage is None or is_marked:
         return
     with FileLock(library.inner / "storage.lock", timeout=_WAIT_S):
         if not marker.is_file():
@@ -79,16 +70,8 @@ def check_owner(library: Library, storage: ObjectStorage) -> None:
     StorageError
     """
     owner = _owner(storage)
-    if owner is None or owner != _marked(library)[1]:
+    if owner is None or owner != read_marker(library.inner)[1]:
         raise _not_ours(storage)
-
-
-def _marked(library: Library) -> tuple[str | None, str | None]:
-    """Read the address of a library's storage, and the name by which the storage knows the library."""
-    marker = library.inner / MARKER
-    lines = marker.read_text("utf-8").split() if marker.is_file() else []
-    address, owner = [*lines, None, None][:2]
-    return address, owner
 
 
 def _claim(storage: ObjectStorage) -> str:
