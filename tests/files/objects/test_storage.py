@@ -206,6 +206,25 @@ def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatc
     assert path.exists()
 
 
+def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplog):
+    assert storage.reachable(), "where there is no storage, none is missing"
+    monkeypatch.setattr(storage, "_LOOK_S", 0.0)
+    with storage.using(node(timeout_s=0.4)):
+        assert storage.reachable()
+        s3.refuse = (403, "AccessDenied")
+        assert not storage.reachable() and not storage.reachable()
+        assert caplog.text.count("the object storage refuses access") == 1
+        s3.reset()
+        s3.silent.set()
+        assert not storage.reachable()
+        assert len(s3.requests) == 1, "it is not tried again"
+        monkeypatch.setattr(storage, "_LOOK_S", 60.0)
+        s3.silent.clear()
+        assert not storage.reachable()
+        monkeypatch.setattr(storage, "_LOOK_S", 0.0)
+        assert storage.reachable()
+
+
 def test_an_answer_that_is_cut_off_leaves_nothing(node, s3, tmp_path):
     path = file_of(tmp_path, os.urandom(300_000))
     with storage.using(node()):

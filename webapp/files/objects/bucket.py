@@ -30,6 +30,9 @@ _AT_ONCE = 8
 TIMEOUT_S = 10.0
 """Seconds for which the server may be silent; after a second try it counts as away."""
 
+PROBE_TIMEOUT_S = 2.0
+"""The same for whoever only wants to know whether it is there, and does not try again."""
+
 _WAIT_S = 5
 
 _REFUSED = frozenset({"AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "403"})
@@ -84,6 +87,7 @@ class Bucket:
         self._bucket = parts.netloc
         self._prefix = f"{prefix}/" if prefix else ""
         self._client, self._transfer = _connect(timeout_s)
+        self._probe = _connect(min(timeout_s, PROBE_TIMEOUT_S), attempts=1)[0]
 
     def put(self, key: str, file: Path) -> None:
         """Store a file; when this returns, the server has all of it.
@@ -105,6 +109,17 @@ class Bucket:
         """
         with self._translated(key):
             self._client.download_file(self._bucket, self._prefix + key, str(target), Config=self._transfer)
+
+    def probe(self) -> None:
+        """Ask for nearly nothing, to see whether the server answers.
+
+        Raises
+        ------
+        StorageUnavailable, StorageError
+            It does not within `PROBE_TIMEOUT_S`, or refuses.
+        """
+        with self._translated(self.url):
+            self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
 
     def delete(self, key: str) -> None:
         """Delete an object, if it is there."""
@@ -172,7 +187,7 @@ class Bucket:
             raise storage_error(error, where=str(error.filename or key)) from error
 
 
-def _connect(timeout_s: float) -> tuple[Any, Any]:
+def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
     """Make a client of boto3, which threads may share, and how it moves files."""
     with extra("cluster"):
         import boto3
@@ -182,7 +197,7 @@ def _connect(timeout_s: float) -> tuple[Any, Any]:
     how = Config(
         connect_timeout=timeout_s,
         read_timeout=timeout_s,
-        retries={"total_max_attempts": 2, "mode": "standard"},
+        retries={"total_max_attempts": attempts, "mode": "standard"},
         max_pool_connections=4 * _AT_ONCE,
         request_checksum_calculation="when_required",  # which other servers than Amazon's do not all know
         response_checksum_validation="when_required",

@@ -6,7 +6,11 @@ was done before there were objects.
 
 from __future__ import annotations
 
+import logging
+import math
 import secrets
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +21,10 @@ from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
 from webapp.files.part_file import discard, sha256_of
 
+_log = logging.getLogger(__name__)
+
+_LOOK_S = 5.0
+
 
 class ObjectStorage:
     """Objects in a bucket, and copies of some in a cache."""
@@ -24,6 +32,7 @@ class ObjectStorage:
     def __init__(self, bucket: Bucket, cache: ObjectCache) -> None:
         self.bucket = bucket
         self.cache = cache
+        self._answers, self._looked_at, self._looking = True, -math.inf, threading.Lock()
 
     def store(self, file: Path) -> Pointer:
         """Store the content of a file under a key of its own, which nothing names yet.
@@ -57,6 +66,20 @@ class ObjectStorage:
             )
         return pointer
 
+    def reachable(self) -> bool:
+        """Return whether the server answers and lets us in; asks it once in `_LOOK_S` seconds at most."""
+        with self._looking:
+            if time.monotonic() >= self._looked_at + _LOOK_S:
+                try:
+                    self.bucket.probe()
+                    self._answers = True
+                except StorageError as error:
+                    if self._answers:
+                        _log.warning("%s: %s", self.bucket.url, error.message)
+                    self._answers = False
+                self._looked_at = time.monotonic()
+            return self._answers
+
     def fetch(self, path: Path, pointer: Pointer) -> Path:
         """Give a readable copy of an object; errors as `ObjectCache.path` and `Bucket.get`."""
         return self.cache.path(
@@ -76,6 +99,15 @@ def use(storage: ObjectStorage | None) -> None:
 def in_use() -> ObjectStorage | None:
     """Return the storage of this process; None where files are where their paths lead."""
     return _used[0] if _used else None
+
+
+def reachable() -> bool:
+    """Return whether the storage of this process answers, for a check of health; True where it has none.
+
+    The server has `PROBE_TIMEOUT_S` to answer, and the log says why it counts as away.
+    """
+    storage = in_use()
+    return storage is None or storage.reachable()
 
 
 @contextmanager
