@@ -206,6 +206,36 @@ def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatc
     assert path.exists()
 
 
+def test_files_are_fetched_together(node, s3, tmp_path):
+    paths = [file_of(tmp_path, os.urandom(1000), f"{i}.jpg") for i in range(5)]
+    with storage.using(node()):
+        for path in paths[:4]:
+            storage.publish(path)
+    lost = read_pointer(paths[3])
+    one = node("two")
+    one.bucket.delete(lost.key)
+    at_once, most, original = [], [], one.bucket.get
+
+    def get(key, target):
+        at_once.append(key)
+        time.sleep(0.2)
+        most.append(len(at_once))
+        original(key, target)
+        at_once.remove(key)
+
+    one.bucket.get = get
+    with storage.using(one):
+        storage.fetch_together(paths)
+        s3.requests.clear()
+        assert all(storage.local(path).stat().st_size == 1000 for path in [*paths[:3], paths[4]])
+        assert s3.requests == [] and max(most) > 1
+        with pytest.raises(ObjectLost):
+            storage.local(paths[3])
+        s3.refuse = (503, "SlowDown")
+        with pytest.raises(StorageUnavailable):
+            storage.fetch_together(paths)
+
+
 def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplog):
     assert storage.reachable(), "where there is no storage, none is missing"
     monkeypatch.setattr(storage, "_LOOK_S", 0.0)

@@ -237,6 +237,15 @@ class IndexFolder:
         for path in named:
             storage.publish(path)
 
+    def fetch(self, manifest: Manifest) -> None:
+        """Fetch segments and codes that are objects together, as an index is read one file after the other.
+
+        Raises
+        ------
+        StorageError
+        """
+        storage.fetch_together(sorted(self._named(manifest) - {self.codebook_path(manifest.codebook)}))
+
     def bytes_on_disk(self) -> int:
         """Sum the sizes of all files of the index; what a build removes meanwhile does not count."""
         total = 0

@@ -11,11 +11,12 @@ import math
 import secrets
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from webapp.errors import StorageError
+from webapp.errors import ObjectLost, StorageError
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
@@ -24,6 +25,9 @@ from webapp.files.part_file import discard, sha256_of
 _log = logging.getLogger(__name__)
 
 _LOOK_S = 5.0
+
+_TOGETHER = 4
+"""Objects that are fetched at the same time, each of them in pieces; as many connections are kept open."""
 
 
 class ObjectStorage:
@@ -132,6 +136,25 @@ def local(path: Path) -> Path:
     storage = in_use()
     pointer = read_pointer(path) if storage else None
     return path if storage is None or pointer is None else storage.fetch(path, pointer)
+
+
+def fetch_together(paths: Sequence[Path]) -> None:
+    """Fetch several files that are about to be read, some at a time; one that is lost is left to its reader.
+
+    Raises
+    ------
+    StorageError
+        As `local`.
+    """
+    if in_use() is not None:
+        with ThreadPoolExecutor(_TOGETHER) as pool:
+            for _ in pool.map(_fetch, paths):
+                pass
+
+
+def _fetch(path: Path) -> None:
+    with suppress(ObjectLost):
+        local(path)
 
 
 def pointer_of(path: Path) -> Pointer | None:

@@ -238,8 +238,7 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(opened.cfg), hint="place photos on it first")
     old = opened.indexed
-    loaded = _Loaded(old.segments, old.search)
-    indexed = _indexed(the_map, loaded, manifest=opened.manifest, options=options)
+    indexed = _indexed(the_map, _Loaded(old.segments, old.search), manifest=opened.manifest, options=options)
     indexed = replace(
         indexed,
         pair_matcher=old.pair_matcher,
@@ -341,6 +340,7 @@ class _Loaded:
 def _load(
     the_map: Map, folder: IndexFolder, *, manifest: Manifest, choice: FeatureChoice, options: OpenOptions
 ) -> IndexedMap:
+    folder.fetch(manifest)
     choice = _as_built(choice, manifest)
     in_file = choice.matcher == "vlad"
     segments = [read_segment(folder.segment_path(s.name), in_file=in_file) for s in manifest.segments]

@@ -1,0 +1,290 @@
+"""Compares answers on a machine that has the map in S3 with those beside a local folder.
+
+    python -m benchmarks.s3_cold MAP.cfg [--photos 300] [--queries 20] [--rounds 3] [--mb-s 100] [--ms 20]
+
+An S3 server of `moto` runs in a process of its own, and gives so many MB/s to all connections together, each
+answer so many milliseconds after it was asked for. A copy of the first photos of the map is built once, with
+its calibration, by method `verified`, and then moved to S3. Queries are photos of the map, cut at the edges.
+Each line of the table is the median of the rounds, which take turns, each in a new process that has loaded
+the program:
+
+- local: photos and index are files
+- cold: they are objects, and nothing of them is on this machine
+- warm: the same, in another process of that machine
+- first: until the first answer, opening the map included; next: an answer after it
+- fetched: MB in the cache after the last answer
+
+What answers say is compared, too. The folder itself, with map.cfg, pointers and manifests, is on this
+machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from benchmarks.dask_build import first_photos
+from webapp.errors import PhotoError
+from webapp.files.localize.index_store import IndexFolder
+from webapp.files.maps.folder import read_map
+from webapp.files.objects import storage
+from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import MARKER
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.tasks.localize.build_map import build_map
+from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.pipeline import open_pipeline
+
+_BUCKET = "maps"
+_BLOCK = 1 << 18
+_CREDENTIALS = {
+    "AWS_ACCESS_KEY_ID": "test",
+    "AWS_SECRET_ACCESS_KEY": "test",
+    "AWS_DEFAULT_REGION": "us-east-1",
+    "AWS_EC2_METADATA_DISABLED": "true",
+}
+_OPTIONS = OpenOptions(method="verified", features="sift")
+_EDGE = 0.04
+"""Of a photo, which queries lack on each side."""
+
+
+def main() -> int:
+    """Measure; 1 where answers differ."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("cfg", type=Path)
+    parser.add_argument("--photos", type=int, default=300)
+    parser.add_argument("--queries", type=int, default=20)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--mb-s", type=float, default=100.0)
+    parser.add_argument("--ms", type=float, default=20.0)
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name, _server(asked.mb_s, asked.ms) as address:
+        os.environ.update(_CREDENTIALS, AWS_ENDPOINT_URL=address)
+        places = _prepare(asked.cfg, Path(name), photos=asked.photos, queries=asked.queries)
+        measured = _measure(places, rounds=asked.rounds)
+    result = _result(measured)
+    print(_table(result))
+    if asked.json:
+        asked.json.write_text(json.dumps(result, indent=1))
+    return 0 if result["equal"] else 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Where everything is: the same map as files and as objects, and photos to ask about."""
+
+    local: Path
+    stored: Path
+    queries: tuple[Path, ...]
+    caches: Path
+
+    def settings(self, cache: str) -> Settings:
+        """Return the settings of a machine; the database is named, and nobody connects to it."""
+        return Settings(
+            database="postgresql+psycopg://nobody@localhost/none",
+            storage=f"s3://{_BUCKET}/library",
+            cache_folder=self.caches / cache,
+        )
+
+
+def _prepare(cfg: Path, folder: Path, *, photos: int, queries: int) -> _Places:
+    """Build a map of copies, and move a copy of it to S3."""
+    local = first_photos(cfg, folder / "local", photos=photos)
+    report = build_map(local, _OPTIONS, settings=Settings(), progress=Progress())
+    asked = tuple(_cut_photos(local, folder / "queries", queries))
+    library = folder / "library"
+    shutil.copytree(local.parent, library / "map")
+    places = _Places(local, library / "map" / local.name, asked, folder / "caches")
+    (library / ".library").mkdir()
+    (library / ".library" / MARKER).write_text(f"s3://{_BUCKET}/library benchmark\n", "utf-8")
+    connect(places.settings("builder"))
+    for experience in read_map(places.stored).experiences:
+        storage.publish(places.stored.parent / experience.photo)
+    index = IndexFolder(places.stored.parent / report.index.folder.relative_to(local.parent))
+    manifest = index.read_manifest()
+    if manifest is None:
+        raise SystemExit("the map has no index")
+    index.publish(manifest)
+    return places
+
+
+def _cut_photos(cfg: Path, folder: Path, count: int) -> Iterator[Path]:
+    folder.mkdir()
+    experiences = read_map(cfg).experiences
+    for number in range(min(count, len(experiences))):
+        source = cfg.parent / experiences[number * len(experiences) // count].photo
+        target = folder / f"{number}.jpg"
+        with Image.open(source) as photo:
+            x, y = int(photo.width * _EDGE), int(photo.height * _EDGE)
+            photo.convert("RGB").crop((x, y, photo.width - x, photo.height - y)).save(target, quality=90)
+        yield target
+
+
+@dataclass(frozen=True, slots=True)
+class _Answers:
+    """What a process was told, and how long it took."""
+
+    first_s: float
+    next_s: tuple[float, ...]
+    said: str
+    cached_mb: float
+
+
+def _ask(cfg: Path, queries: Iterable[Path], settings: Settings) -> _Answers:
+    """Open a map and ask about photos, in a process that does nothing else."""
+    connect(settings)
+    begun = time.perf_counter()
+    pipeline = open_pipeline(cfg, _OPTIONS, settings=settings, progress=Progress(), fov_deg=None)
+    times: list[float] = []
+    said: list[str] = []
+    for query in queries:
+        try:
+            said.append(repr(pipeline.localize(query, top=3).hypotheses))
+        except PhotoError as error:
+            said.append(str(error))
+        times.append(time.perf_counter() - begun)
+        begun = time.perf_counter()
+    there = storage.in_use()
+    cached = there.cache.size() / 1e6 if there else 0.0
+    return _Answers(times[0], tuple(times[1:]), json.dumps(said), cached)
+
+
+def _measure(places: _Places, *, rounds: int) -> dict[str, list[_Answers]]:
+    measured: dict[str, list[_Answers]] = {"local": [], "cold": [], "warm": []}
+    for turn in range(rounds):
+        there = places.settings(f"machine-{turn}")
+        ways = (
+            ("local", places.local, Settings()),
+            ("cold", places.stored, there),
+            ("warm", places.stored, there),
+        )
+        for name, cfg, settings in ways:
+            with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+                pool.submit(_loaded).result()
+                measured[name].append(pool.submit(_ask, cfg, places.queries, settings).result())
+    return measured
+
+
+def _loaded() -> None:
+    """Load what a server has loaded before the first request, but for the map."""
+    import boto3
+
+    boto3.client("s3")
+
+
+def _result(measured: dict[str, list[_Answers]]) -> dict[str, Any]:
+    first = {way: statistics.median(one.first_s for one in runs) for way, runs in measured.items()}
+    later = {way: statistics.median(s for one in runs for s in one.next_s) for way, runs in measured.items()}
+    return {
+        way: {
+            "first_s": round(first[way], 3),
+            "first_runs_s": [round(one.first_s, 3) for one in runs],
+            "first_ratio": round(first[way] / first["local"], 2),
+            "next_s": round(later[way], 4),
+            "next_ratio": round(later[way] / later["local"], 3),
+            "fetched_mb": round(runs[-1].cached_mb, 1),
+        }
+        for way, runs in measured.items()
+    } | {
+        "equal": len({one.said for runs in measured.values() for one in runs}) == 1,
+        "load": os.getloadavg()[0],
+    }
+
+
+def _table(result: dict[str, Any]) -> str:
+    lines = [
+        f"{'':6}{'first s':>9}{'ratio':>8}{'next ms':>9}{'ratio':>8}{'fetched MB':>12}  first of each round"
+    ]
+    for way in ("local", "cold", "warm"):
+        one = result[way]
+        runs = ", ".join(f"{s:.2f}" for s in one["first_runs_s"])
+        lines.append(
+            f"{way:6}{one['first_s']:9.2f}{one['first_ratio']:8.2f}{one['next_s'] * 1e3:9.0f}"
+            f"{one['next_ratio']:8.2f}{one['fetched_mb']:12.1f}  {runs}"
+        )
+    lines.append("answers are equal" if result["equal"] else "ANSWERS DIFFER")
+    return "\n".join([*lines, f"load of this machine at the end: {result['load']:.1f}"])
+
+
+@contextmanager
+def _server(mb_s: float, ms: float) -> Iterator[str]:
+    """Start the server in a process of its own."""
+    code = f"from benchmarks.s3_cold import serve; serve({mb_s}, {ms})"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert process.stdout is not None
+    try:
+        yield process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.wait()
+
+
+def serve(mb_s: float, ms: float) -> None:
+    """Serve one bucket, and print the address; never ends."""
+    import boto3
+    from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+    from werkzeug.serving import make_server
+
+    whole = DomainDispatcherApplication(create_backend_app)
+    server = make_server("127.0.0.1", 0, _Throttled(whole, mb_s * 1e6, ms / 1e3), threaded=True)
+    address = f"http://127.0.0.1:{server.server_port}"
+    serving = threading.Thread(target=server.serve_forever)
+    serving.start()
+    boto3.client(
+        "s3",
+        endpoint_url=address,
+        aws_access_key_id="test",
+        aws_secret_access_key="test",
+        region_name="us-east-1",
+    ).create_bucket(Bucket=_BUCKET)
+    print(address, flush=True)
+    serving.join()
+
+
+class _Throttled:
+    """Gives answers of an application late, and no more bytes a second than it may."""
+
+    def __init__(self, application: Any, bytes_per_s: float, wait_s: float) -> None:
+        self._application, self._bytes_per_s, self._wait_s = application, bytes_per_s, wait_s
+        self._lock, self._free_at = threading.Lock(), 0.0
+
+    def __call__(self, environ: dict[str, Any], start: Callable[..., Any]) -> Iterator[bytes]:
+        """Answer as WSGI has it."""
+        time.sleep(self._wait_s)
+        return self._slowly(self._application(environ, start))
+
+    def _slowly(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
+        for piece in pieces:
+            for begin in range(0, len(piece), _BLOCK):
+                block = piece[begin : begin + _BLOCK]
+                with self._lock:
+                    now = time.monotonic()
+                    self._free_at = max(now, self._free_at) + len(block) / self._bytes_per_s
+                    wait = self._free_at - now
+                time.sleep(wait)
+                yield block
+
+
+if __name__ == "__main__":
+    sys.exit(main())
