@@ -15,6 +15,7 @@ from webapp.core.evaluation.rows import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.exchange import tum
+from webapp.files.objects.storage import local
 from webapp.files.photos.photo import read_upright
 from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map
@@ -80,7 +81,7 @@ def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) ->
     """Draw the map picture and the match picture of each row that has a hypothesis."""
     subject = evaluation.subject
     photos = {e.id: e.photo for e in subject.map.experiences}
-    satellite = read_upright(subject.map_folder / subject.map.satellite.path, limits=limits)
+    satellite = read_upright(local(subject.map_folder / subject.map.satellite.path), limits=limits)
     shown = []
     for row in rows:
         answer = row.result.answer
@@ -90,7 +91,7 @@ def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) ->
         for evidence in answer.evidence[:1]:
             match = draw_matches(
                 read_upright(evaluation.query_folder / row.result.path, limits=limits),
-                read_upright(subject.map_folder / photos[evidence.experience], limits=limits),
+                read_upright(local(subject.map_folder / photos[evidence.experience]), limits=limits),
                 evidence=evidence,
                 query_name=row.result.path,
                 photo_name=photos[evidence.experience],

@@ -23,7 +23,10 @@ from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
 from webapp.cli.library import existing_library, opened_library
 from webapp.core.features.table import choose
+from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.errors import StorageError, StorageUnavailable, UsageError
+from webapp.files.landmarks import cloud
+from webapp.files.localize import orientations
 from webapp.files.maps.folder import read_map
 from webapp.files.objects import bucket as bucket_module
 from webapp.files.objects import storage
@@ -39,11 +42,14 @@ from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.exchange.duplicate_map import duplicate_map
 from webapp.tasks.landmarks.accept import library_of
 from webapp.tasks.localize.build_index import BuildRequest, update_index
+from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
 from webapp.tasks.operate import objects, open_storage
 from webapp.tasks.operate.backup import back_up
 from webapp.tasks.operate.move import move_to_file
+from webapp.tasks.satellite import display
 
 ROOT = Path(__file__).resolve().parents[3]
 ADDER = """
@@ -133,13 +139,13 @@ def row(library, make_map, owner, settings):
 def moved(library, settings, row):
     """The same after it was moved."""
     open_storage.open_storage(library, settings)
-    assert objects.move_photos(library) == 4
+    assert objects.move_photos(library) == 4 + 1, "the photos and the image"
     folder = library.map_folder("row") / "photos"
     assert (folder / "0.jpg").exists(), "somebody may have its path"
-    for pointer in folder.glob(".*.object"):
+    for pointer in folder.parent.rglob(".*.object"):
         os.utime(pointer, (0, 0))
     assert objects.move_photos(library) == 0
-    assert list(folder.glob("[!.]*")) == []
+    assert list(folder.glob("[!.]*")) == [] and not (folder.parent / "plan.png").exists()
     return row
 
 
@@ -368,6 +374,55 @@ def wait_until(holds):
 def last_job(library):
     with library.database.read() as session:
         return session.scalars(select(Job).order_by(Job.id.desc())).first()
+
+
+def test_an_image_and_what_is_made_of_it_come_from_its_storage(machine, moved, library, s3, bucket, owner):
+    client, plan = machine("b"), library.map_folder("row") / "plan.png"
+    assert read_pointer(plan) is not None and not plan.exists()
+    shown = client.get("/api/v1/maps/row/satellite", buffered=True)
+    assert (shown.status_code, shown.mimetype) == (200, "image/png")
+    assert shown.data == storage.local(plan).read_bytes()
+    assert client.get("/api/v1/maps/row/thumbnail", buffered=True).status_code == 200
+    assert client.get("/api/v1/maps/row/export.zip", buffered=True).data.count(b"plan.png") >= 1
+    copy = duplicate_map(library, moved, account_id=owner.id, name="Copy")
+    stored = objects_in(s3, bucket)
+    assert machine("c").get(f"/api/v1/maps/{copy}/satellite", buffered=True).data == shown.data
+    display.forget(library.map_folder("row"), "plan.png")
+    assert read_pointer(plan) is None
+    assert machine("d").get(f"/api/v1/maps/{copy}/satellite", buffered=True).data == shown.data
+    assert objects_in(s3, bucket) == stored, "the copy names it"
+
+
+def test_what_is_computed_of_an_index_is_in_its_storage(moved, library, settings, tmp_path, s3):
+    (file,) = library.map_folder("row").glob("derived/map/*/orientations-*.arrays")
+    there = orientations.read(file)
+    orientations.write(file, there)
+    assert not file.exists()
+    connect(replace(settings, cache_folder=tmp_path / "b"))
+    s3.requests.clear()
+    assert orientations.read(file).key == there.key and len(s3.requests) == 1
+    outside = tmp_path / "outside" / file.name
+    orientations.write(outside, there)
+    assert outside.exists(), "in no library"
+
+
+def test_landmarks_are_found_in_their_storage(moved, library, tmp_path, settings):
+    cfg = library.cfg("row")
+    file = landmarks_folder(cfg) / cloud.CLOUD_FILE
+    file.parent.mkdir(parents=True)
+    none = np.zeros((0, 3))
+    described = np.zeros((0, 128), np.uint8)
+    empty = LandmarkCloud(
+        ("a",), none, np.zeros(0, np.int32), np.zeros(2, np.int64), np.zeros(0, np.int64),
+        np.zeros((0, 2), np.float32), described, np.ones(1), np.zeros(1),
+    )  # fmt: skip
+    cloud.write_cloud(file, cloud.StoredCloud(empty, "key"))
+    assert not file.exists() and has_landmarks(cfg)
+    before = storage.facts_of(file)
+    connect(replace(settings, cache_folder=tmp_path / "b"))
+    assert cloud.read_cloud(file).key == "key"
+    cloud.write_cloud(file, cloud.StoredCloud(empty, "another"))
+    assert cloud.read_cloud(file).key == "another" and storage.facts_of(file) != before
 
 
 def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
@@ -605,7 +660,7 @@ def test_a_build_that_is_killed_between_objects_loses_nothing(
     monkeypatch.undo()
     assert manifest.read_bytes() == before
     report = rebuild(library, settings, manifest.parent)
-    assert (report.extracted, len(objects_in(s3, bucket))) == (0, 4 + 3)
+    assert (report.extracted, len(objects_in(s3, bucket))) == (0, 4 + 1 + 3)
 
 
 def rebuild(library, settings, folder):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from webapp.core.landmarks.cloud import LandmarkCloud, observed_twice
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.colmap import StoredPieces, as_model, pycolmap
-from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.localize.arrays import read_arrays, write_settled
 
 CLOUD_FILE = "cloud.arrays"
 _FORMAT = 1
@@ -160,7 +160,7 @@ def write_cloud(path: Path, stored: StoredCloud) -> None:
         "distortion": cloud.distortion,
     }
     meta = {"format": _FORMAT, "key": stored.key, "contents": list(cloud.contents)}
-    write_arrays(path, arrays, meta=meta)
+    write_settled(path, arrays, meta=meta)
 
 
 def read_cloud(path: Path) -> StoredCloud | None:

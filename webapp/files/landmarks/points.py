@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged
-from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.localize.arrays import read_arrays, write_settled
 
 COLOURS_FILE = "colours.arrays"
 POINTS_FILE = "points.arrays"
@@ -34,7 +34,7 @@ def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
     ------
     StorageError
     """
-    write_arrays(path, {"rgb": rgb}, meta={"format": _FORMAT, "key": key})
+    write_settled(path, {"rgb": rgb}, meta={"format": _FORMAT, "key": key})
 
 
 def read_colours(path: Path, *, key: str) -> Colours | None:
@@ -77,7 +77,7 @@ def write_points(path: Path, points: MapPoints) -> None:
     StorageError
     """
     arrays: dict[str, NDArray[Any]] = {"xyz": points.xyz, "rgb": points.rgb, "times_seen": points.times_seen}
-    write_arrays(path, arrays, meta={"format": _FORMAT, "key": points.key, "about": dict(points.about)})
+    write_settled(path, arrays, meta={"format": _FORMAT, "key": points.key, "about": dict(points.about)})
 
 
 def read_points(path: Path) -> MapPoints | None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, ObjectLost
 from webapp.files import atomic
-from webapp.files.objects.storage import local, replaced
+from webapp.files.objects.storage import local, replaced, settle
 
 _GAP_BYTES = 16_384
 """Rows that are nearer to each other in the file are read together."""
@@ -144,6 +144,18 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
     atomic.write_bytes(target, *parts)
     replaced(target)
     return digest
+
+
+def write_settled(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> None:
+    """Write a file that is complete, as `write_arrays`; an object where the library has a storage.
+
+    Raises
+    ------
+    StorageError
+        The disk or the storage refused; in the latter case the file is there.
+    """
+    write_arrays(path, arrays, meta=meta)
+    settle(path)
 
 
 def read_arrays(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.objects.storage import facts_of
 
 FORMAT = 1
 """Another one where the vectors mean something else."""
@@ -63,11 +64,8 @@ def read(path: Path, *, weights: str) -> StoredVectors | None:
 
     A file that has not changed is read once: the looks at a map share it.
     """
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return _read(path, weights, (found.st_mtime_ns, found.st_size))
+    seen = facts_of(path)
+    return None if seen is None else _read(path, weights, seen)
 
 
 @lru_cache(maxsize=4)

@@ -33,7 +33,6 @@ from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
 from webapp.files.localize.arrays import REPAIR, present
 from webapp.files.objects import storage
-from webapp.files.objects.marker import is_kept_in_objects
 from webapp.files.objects.pointer import SUFFIX, pointed_path
 from webapp.settings import ExtractSettings
 
@@ -225,17 +224,14 @@ class IndexFolder:
         return named
 
     def publish(self, manifest: Manifest) -> None:
-        """Make objects of the files that a manifest names, before it names them; see `storage.publish`.
-
-        An index that lies in no library stays files: nobody knows there which objects it needs.
+        """Make objects of the files that a manifest names, before it names them; see `storage.settle`.
 
         Raises
         ------
         StorageError
         """
-        named = sorted(self._named(manifest)) if is_kept_in_objects(self.folder) else ()
-        for path in named:
-            storage.publish(path)
+        for path in sorted(self._named(manifest)):
+            storage.settle(path)
 
     def fetch(self, manifest: Manifest) -> None:
         """Fetch segments and codes that are objects together, as an index is read one file after the other.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from webapp.core.geometry.extrinsics import KeypointDepths, MapExtrinsics
 from webapp.core.reconstruction.pairs import PhotoPairs
 from webapp.errors import IndexDamaged, StorageError
-from webapp.files.localize.arrays import read_arrays, write_arrays
+from webapp.files.localize.arrays import read_arrays, write_arrays, write_settled
 
 FORMAT = 4
 """Another one where the arrays mean something else."""
@@ -117,7 +117,7 @@ def write(path: Path, stored: StoredOrientations) -> None:
         **{f"depth_{name}": getattr(found.depths, name) for name in _DEPTHS},
     }
     _make_folder(path)
-    write_arrays(path, arrays, meta={"format": FORMAT, "key": stored.key, "contents": stored.contents})
+    write_settled(path, arrays, meta={"format": FORMAT, "key": stored.key, "contents": stored.contents})
 
 
 def read(path: Path) -> StoredOrientations | None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.marker import is_kept_in_objects
 from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
 from webapp.files.part_file import discard, sha256_of
 
@@ -167,6 +168,18 @@ def is_there(path: Path) -> bool:
     return path.is_file() or pointer_of(path) is not None
 
 
+def facts_of(path: Path) -> tuple[int, int] | None:
+    """Return when a file was changed, in nanoseconds, and its bytes, without fetching it; None: no file."""
+    pointer = pointer_of(path)
+    if pointer is not None:
+        return pointer.mtime_ns, pointer.bytes
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
 def hash_of(path: Path) -> str:
     """Return the SHA-256 of a file, without fetching it."""
     pointer = pointer_of(path)
@@ -217,6 +230,20 @@ def publish(path: Path) -> None:
     pointer = store(path) if path.is_file() else None
     if pointer is not None:
         put_in_place(path, path, pointer=pointer)
+
+
+def settle(path: Path) -> None:
+    """Make an object of a computed file that is complete, where the library that it lies in has a storage.
+
+    Elsewhere it stays a file: nobody knows there which objects are needed.
+
+    Raises
+    ------
+    StorageUnavailable, DiskFull, StorageError
+        The file is still there.
+    """
+    if in_use() is not None and is_kept_in_objects(path):
+        publish(path)
 
 
 def replaced(path: Path) -> None:

@@ -155,8 +155,7 @@ def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator
         yield from (folder / photo.path, pointer_path(folder / photo.path))
     for image in (record.satellite_path, *(floor.image.path for floor in floors(record) if floor.image)):
         if image is not None:
-            yield folder / image
-            yield (folder / image).with_suffix(".json")
+            yield from (folder / image, pointer_path(folder / image), (folder / image).with_suffix(".json"))
     previews = {
         preview_path(folder, photo.id, kind=kind, blurred=boxes_of(photo))
         for photo in photos

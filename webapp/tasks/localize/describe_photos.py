@@ -25,6 +25,7 @@ from webapp.files.localize import global_vectors
 from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
 from webapp.files.maps.folder import photo_path
+from webapp.files.objects.storage import settle
 from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_file, read_upright
 from webapp.progress import Progress
@@ -102,6 +103,7 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
     finally:
         if known:
             _store(opened, network, known)
+    settle(paths(opened, network)[-1])
 
 
 def _describe(

@@ -17,6 +17,7 @@ from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.files.objects import storage
 from webapp.progress import Progress
 from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
 from webapp.tasks.localize import orient_map
@@ -71,7 +72,7 @@ def with_stored_geometry(opened: OpenMap) -> OpenMap:
 
 def has_landmarks(cfg: Path) -> bool:
     """Return whether a map has a cloud that method `landmarks` can ask."""
-    return (landmarks_folder(cfg) / CLOUD_FILE).exists()
+    return storage.is_there(landmarks_folder(cfg) / CLOUD_FILE)
 
 
 def paths(opened: OpenMap) -> list[Path]:
@@ -90,7 +91,7 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
     folder = landmarks_folder(opened.cfg)
     laid = lay_landmarks(opened, folder)
     if laid is None:
-        is_there = (folder / CLOUD_FILE).exists()
+        is_there = storage.is_there(folder / CLOUD_FILE)
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
             where=str(opened.cfg),

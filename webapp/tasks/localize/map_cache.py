@@ -19,6 +19,7 @@ from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady, UsageError
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.global_model import model_paths, usable_global_descriptor
+from webapp.files.objects.storage import facts_of
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -251,7 +252,7 @@ class MapCache:
         network = usable_global_descriptor(self._settings.models)
         if network is not None:
             files += (*calibrate.paths_with(opened, network), *describe_photos.paths(opened, network))
-        return tuple(_look(path) for path in files)
+        return tuple(facts_of(path) for path in files)
 
 
 def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
@@ -263,7 +264,7 @@ def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
     if pipeline.calibration is None or further.calibration is None or not cascade.share_areas(*opened):
         return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
     path = cascade.path(*opened)
-    both = _stored_looks(path, _look(path))
+    both = _stored_looks(path, facts_of(path))
     if both is None or not cascade.is_within_budget(both, pipeline.settings):
         to_calibrate = to_calibrate or both is None
         return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
@@ -280,11 +281,3 @@ def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
 def _stored_looks(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
     """Read the calibration of two looks, again only when the file has changed."""
     return cascade.stored_looks(path) if seen is not None else None
-
-
-def _look(path: Path) -> tuple[int, int] | None:
-    try:
-        found = path.stat()
-    except FileNotFoundError:
-        return None
-    return found.st_mtime_ns, found.st_size

@@ -1,4 +1,4 @@
-"""Moves photos of a library into its object storage, and deletes objects that nothing names."""
+"""Moves photos and images of a library into its object storage, and deletes objects that nothing names."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.operate.open_storage import check_owner
+from webapp.tasks.satellite.files import images_in_use
 
 _log = logging.getLogger(__name__)
 
@@ -42,17 +43,19 @@ _SOME = 500
 
 
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Make objects of photos that came as files: by an import, or before the library had a storage.
+    """Make objects of photos and images that came as files: by an import, or before there was a storage.
+
+    Images are files in any case until this moves them: who places one waits for no upload.
 
     Parameters
     ----------
     stops : callable
-        Asked before each photo whether to end.
+        Asked before each file whether to end.
 
     Returns
     -------
     int
-        Photos stored.
+        Files stored.
 
     Raises
     ------
@@ -65,7 +68,7 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
     stored = 0
     try:
         with FileLock(library.inner / "objects.lock", timeout=0):
-            for path in _photo_paths(library):
+            for path in _paths(library):
                 if stops():
                     break
                 try:
@@ -79,17 +82,19 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
     return stored
 
 
-def _photo_paths(library: Library) -> Iterator[Path]:
+def _paths(library: Library) -> Iterator[Path]:
+    """Name the images and photos of all maps, whether or not they are files."""
     with library.database.read() as session:
-        records = [(record.id, record.slug) for record in session.scalars(select(MapRecord))]
-    for id, slug in records:
+        records = [(one.id, one.slug, images_in_use(one)) for one in session.scalars(select(MapRecord))]
+    for id, slug, images in records:
+        yield from (library.map_folder(slug) / name for name in sorted(images))
         with library.database.read() as session:
             names = session.scalars(select(Photo.path).where(Photo.map_id == id).order_by(Photo.id)).all()
         yield from (library.map_folder(slug) / name for name in names)
 
 
 def _move(storage: ObjectStorage, path: Path) -> bool:
-    """Store a photo that is a file, or was replaced by one; delete the file of one stored a while ago."""
+    """Store what is a file, or was replaced by one; delete the file of one stored a while ago."""
     if not path.is_file() or path.is_symlink():
         return False
     pointer, facts = read_pointer(path), path.stat()

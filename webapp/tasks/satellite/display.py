@@ -21,6 +21,7 @@ from webapp.errors import NotFound
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
+from webapp.files.objects.storage import facts_of, remove
 from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
@@ -68,8 +69,7 @@ def key_of(library: Library, record: MapRecord) -> str | None:
     """Return the key of a map's image file; None where there is none."""
     if record.satellite_path is None:
         return None
-    path = photo_path(library.cfg(record.slug), record.satellite_path)
-    return _key(path, record.satellite_path) if path.is_file() else None
+    return _key(library.map_folder(record.slug), record.satellite_path)
 
 
 def has_tiles(library: Library, record: MapRecord) -> bool:
@@ -142,8 +142,9 @@ def floor_picture(library: Library, record: MapRecord, *, floor: Floor, settings
 def _floor_original(library: Library, record: MapRecord, *, floor: Floor) -> DisplayFile | None:
     if floor.image is None:
         return None
+    key = _key(library.map_folder(record.slug), floor.image.path)
     path = photo_path(library.cfg(record.slug), floor.image.path)
-    return DisplayFile(path, "", _key(path, floor.image.path)) if path.is_file() else None
+    return None if key is None else DisplayFile(path, "", key)
 
 
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
@@ -177,8 +178,17 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
         Red, green, blue; at least as large as a preview where the image is.
     large : bool
         Whether a preview is needed besides the thumbnail.
+
+    Raises
+    ------
+    NotFound
+        The image has been deleted since.
+    StorageError
     """
-    derived = _derived(folder, _key(folder / name, name))
+    key = _key(folder, name)
+    if key is None:
+        raise NotFound("the image of the map has gone", where=name)
+    derived = _derived(folder, key)
     if large:
         _write(derived / "preview.jpg", small, PREVIEW_PX)
     _write(derived / "thumbnail.jpg", small, THUMBNAIL_PX)
@@ -216,11 +226,11 @@ def forget(folder: Path, name: str) -> None:
     name : str
         Of the image.
     """
-    path = folder / name
-    if path.is_file():
-        shutil.rmtree(_derived(folder, _key(path, name)), ignore_errors=True)  # can be made again
+    path, key = folder / name, _key(folder, name)
+    if key is not None:
+        shutil.rmtree(_derived(folder, key), ignore_errors=True)  # can be made again
         path.with_suffix(".json").unlink(missing_ok=True)
-        path.unlink()
+        remove(path)
 
 
 def _small(
@@ -263,9 +273,13 @@ def _original(library: Library, record: MapRecord) -> DisplayFile:
     return DisplayFile(photo_path(library.cfg(record.slug), record.satellite_path), "", key)
 
 
-def _key(path: Path, name: str) -> str:
-    facts = path.stat()
-    return hashlib.sha256(f"{name}|{facts.st_size}|{facts.st_mtime_ns}".encode()).hexdigest()[:16]
+def _key(folder: Path, name: str) -> str | None:
+    """Name what is made of an image in a map's folder; None where there is no such file."""
+    facts = facts_of(folder / name)
+    if facts is None:
+        return None
+    changed_ns, size = facts
+    return hashlib.sha256(f"{name}|{size}|{changed_ns}".encode()).hexdigest()[:16]
 
 
 def _derived(folder: Path, key: str) -> Path:

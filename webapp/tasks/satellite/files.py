@@ -194,11 +194,17 @@ def _writing(folder: Path) -> Iterator[None]:
         raise storage_error(error, where=folder.name) from error
 
 
+def images_in_use(record: MapRecord) -> set[str]:
+    """Name the images that the map and its floors have."""
+    names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
+    return {name for name in names if name}
+
+
 def images_of(session: Session, record: MapRecord) -> set[str]:
     """Name the images that the map and its floors have, and have had: undo brings them back."""
     kinds = ("satellite", FLOORS_KIND, OUTSIDE_KIND)
     found = select(Edit).where(Edit.map_id == record.id, Edit.kind.in_(kinds))
-    names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
+    names: set[str | None] = {*images_in_use(record)}
     for edit in session.scalars(found):
         for change in edit.changes:
             for side in (change["before"], change["after"]):
