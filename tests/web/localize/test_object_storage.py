@@ -242,6 +242,28 @@ def test_a_photo_that_comes_twice_is_kept_once(machine, library, park):
     assert len(list(library.map_folder(park).glob("photos/.*.object"))) == 2
 
 
+def test_a_download_that_was_cut_off_goes_on_at_another_machine(machine, park, s3):
+    data = jpeg(side=60)
+    send(machine("a"), data, "b.jpg")
+    base = "/api/v1/maps/park/photos/0/original"
+    whole = machine("a").get(base, buffered=True)
+    assert whole.headers["Accept-Ranges"] == "bytes"
+    rest = {"Range": "bytes=1000-", "If-Range": whole.headers["ETag"]}
+    s3.requests.clear()
+    part = machine("b").get(base, headers=rest, buffered=True)
+    assert (part.status_code, part.data) == (206, data[1000:])
+    assert part.headers["Content-Range"] == f"bytes 1000-{len(data) - 1}/{len(data)}"
+    assert "filename=b.jpg" in part.headers["Content-Disposition"]
+    fetched = len(s3.requests)
+    changed = machine("b").get(base, headers={**rest, "If-Range": '"another"'}, buffered=True)
+    assert (changed.status_code, changed.data) == (200, data), "the client's beginning is of another file"
+    last = machine("b").get(base, headers={"Range": "bytes=-10"}, buffered=True)
+    assert (last.status_code, last.data) == (206, data[-10:])
+    beyond = machine("b").get(base, headers={"Range": f"bytes={len(data)}-"}, buffered=True)
+    assert beyond.status_code == 416
+    assert len(s3.requests) == fetched, "ranges are cut from the copy that is here"
+
+
 def test_an_upload_in_pieces_goes_on_at_another_machine(machine, library, park):
     data, here = jpeg(), machine("a")
     url = f"/api/v1/maps/{park}/uploads"

@@ -8,7 +8,7 @@ starts over with the same fingerprint and finds what has arrived.
 from __future__ import annotations
 
 import secrets
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -145,7 +145,9 @@ def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""
     record, photo = _find(slug, id)
     path = show_photo.original(library(), record.slug, photo=photo)
-    return as_attachment(send_immutable(path, etag=photo.sha256), photo.name, default=path.name)
+    return as_attachment(
+        send_immutable(path, etag=photo.sha256), photo.name, default=PurePosixPath(photo.path).name
+    )
 
 
 def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
