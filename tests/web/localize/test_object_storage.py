@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -49,6 +50,7 @@ from webapp.tasks.maps.delete_map import delete_map
 from webapp.tasks.operate import objects, open_storage
 from webapp.tasks.operate.backup import back_up
 from webapp.tasks.operate.move import move_to_file
+from webapp.tasks.operate.restore import restore
 from webapp.tasks.satellite import display
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -616,6 +618,61 @@ def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
         objects.sweep_objects(library, settings)
 
 
+def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
+    machine, moved, library, settings, tmp_path, s3, bucket, postgresql, request
+):
+    machine("a")
+    send(machine("a"), jpeg(side=40), slug="row")
+    photos = {path: storage.local(path).read_bytes() for path in stored_files(library.map_folder("row"))}
+    assert len(photos) == 6
+    machine("cold")
+    warm = next(iter(photos))
+    storage.local(warm)
+    cached = storage.in_use().cache.size()
+    report = back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
+    assert (report.photos, report.missing) == (5, ())
+    assert storage.in_use().cache.size() == cached and not [*storage.in_use().cache.folder.glob("once/.*")]
+    with zipfile.ZipFile(tmp_path / "backup.zip") as zipped:
+        assert not [name for name in zipped.namelist() if name.endswith(".object")]
+        for path, data in photos.items():
+            assert zipped.read(f"maps/{path.relative_to(library.folder).as_posix()}") == data
+
+    storage.use(None)
+    plain = tmp_path / "plain"
+    restore(tmp_path / "backup.zip", plain, parts=(), progress=Progress())
+    assert all((plain / path.relative_to(library.folder)).read_bytes() == photos[path] for path in photos)
+    url = postgresql.new_database(empty=True)
+    request.addfinalizer(lambda: postgresql.drop(url))
+    again = tmp_path / "again"
+    restore(tmp_path / "backup.zip", again, parts=(), url=url, progress=Progress())
+    other = replace(settings, library=again, database=url, storage=f"s3://{bucket}/again")
+    with opened_library(other) as restored:
+        assert objects.move_photos(restored) == 6
+        connect(replace(other, cache_folder=tmp_path / "again-cold"))
+        for path, data in photos.items():
+            there = again / path.relative_to(library.folder)
+            assert read_pointer(there) is not None and storage.local(there).read_bytes() == data
+
+
+def test_a_backup_names_what_s3_has_lost_or_damaged(machine, moved, library, s3, bucket, tmp_path):
+    machine("cold")
+    pointers = [read_pointer(library.map_folder("row") / f"photos/{number}.jpg") for number in (0, 1)]
+    s3.client.delete_object(Bucket=bucket, Key=f"lib/{pointers[0].key}")
+    s3.client.put_object(Bucket=bucket, Key=f"lib/{pointers[1].key}", Body=b"damaged")
+    report = back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
+    assert report.missing == ("maps/row/photos/0.jpg", "maps/row/photos/1.jpg")
+    before = (tmp_path / "backup.zip").read_bytes()
+    s3.refuse = (503, "SlowDown")
+    with pytest.raises(StorageUnavailable, match="overloaded or disturbed"):
+        back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
+    assert (tmp_path / "backup.zip").read_bytes() == before
+
+
+def stored_files(folder):
+    """The files of a map that are objects, without those of its index."""
+    return sorted(pointed_path(path) for path in folder.rglob(".*.object") if "derived" not in path.parts)
+
+
 def adder(map_id, *files):
     return subprocess.Popen(
         [sys.executable, "-c", ADDER, str(map_id), *map(str, files)],
@@ -700,7 +757,7 @@ def test_what_does_not_fit_together_is_refused(machine, library, settings, tmp_p
     assert settings.storage in unset.value.hint
     with pytest.raises(StorageError, match="are in an object storage"):
         open_storage.open_storage(library, replace(settings, storage="s3://another"))
-    with pytest.raises(UsageError, match="would lack the photos"):
+    with storage.using(None), pytest.raises(UsageError, match="would lack the photos"):
         back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
     with pytest.raises(UsageError, match="would lack the photos"):
         move_to_file(library.folder, settings.database, progress=Progress())

@@ -16,12 +16,12 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from webapp.errors import StorageError
+from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.objects.pointer import Pointer
 from webapp.files.part_file import sha256_of
@@ -77,7 +77,9 @@ class ObjectCache:
         Raises
         ------
         StorageError
-            The disk refused, or what was fetched is not what was stored. What `fetch` raises, too.
+            The disk refused. What `fetch` raises, too.
+        ObjectLost
+            What was fetched is not what was stored.
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
@@ -86,6 +88,27 @@ class ObjectCache:
             if not self._touch(place, pointer):
                 self._keep(place, pointer, make=fetch)
         return place
+
+    @contextmanager
+    def once(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Iterator[Path]:
+        """Give an object for the block: the copy that is here, or one that is deleted after it.
+
+        Whoever reads everything once takes no room from what others ask for again and again. Parameters and
+        errors are those of `path`.
+        """
+        place = self._place(pointer, name)
+        if self._touch(place, pointer):
+            yield place
+            return
+        temporary = self.folder / "once" / f".{secrets.token_hex(6)}.tmp"
+        try:
+            try:
+                _make(temporary, pointer, name=place.name, make=fetch)
+            except OSError as error:
+                raise storage_error(error, where=str(self.folder)) from error
+            yield temporary
+        finally:
+            temporary.unlink(missing_ok=True)
 
     def adopt(self, file: Path, pointer: Pointer, *, name: str) -> None:
         """Copy a file that was stored just now; where the disk refuses, it is fetched when it is needed."""
@@ -124,15 +147,7 @@ class ObjectCache:
         temporary = place.with_name(f".{secrets.token_hex(6)}.tmp")
         try:
             try:
-                place.parent.mkdir(parents=True, exist_ok=True)
-                make(temporary)
-                if temporary.stat().st_size != pointer.bytes or sha256_of(temporary) != pointer.sha256:
-                    raise StorageError(
-                        "the object storage gave another content than was stored",
-                        where=place.name,
-                        hint="restore the object from a backup",
-                    )
-                os.utime(temporary, ns=(time.time_ns(), pointer.mtime_ns))
+                _make(temporary, pointer, name=place.name, make=make)
                 temporary.replace(place)
             finally:
                 temporary.unlink(missing_ok=True)
@@ -180,6 +195,19 @@ class ObjectCache:
                 path.unlink(missing_ok=True)
                 continue
             yield found.st_atime_ns, found.st_size, path
+
+
+def _make(file: Path, pointer: Pointer, *, name: str, make: Callable[[Path], None]) -> None:
+    """Write an object to a file, and refuse what is not what was stored."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    make(file)
+    if file.stat().st_size != pointer.bytes or sha256_of(file) != pointer.sha256:
+        raise ObjectLost(
+            "the object storage gave another content than was stored",
+            where=name,
+            hint="restore the object from a backup",
+        )
+    os.utime(file, ns=(time.time_ns(), pointer.mtime_ns))
 
 
 def _copy(source: Path, target: Path) -> None:

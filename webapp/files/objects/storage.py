@@ -20,7 +20,14 @@ from webapp.errors import ObjectLost, StorageError
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.marker import is_kept_in_objects
-from webapp.files.objects.pointer import Pointer, pointer_path, read_pointer, write_pointer
+from webapp.files.objects.pointer import (
+    SUFFIX,
+    Pointer,
+    pointed_path,
+    pointer_path,
+    read_pointer,
+    write_pointer,
+)
 from webapp.files.part_file import discard, sha256_of
 
 _log = logging.getLogger(__name__)
@@ -158,9 +165,36 @@ def _fetch(path: Path) -> None:
         local(path)
 
 
+@contextmanager
+def read_once(path: Path) -> Iterator[Path]:
+    """Give what `local` gives, for the block only: what was not in the cache is not kept in it.
+
+    Raises
+    ------
+    StorageError
+        As `local`.
+    """
+    storage = in_use()
+    pointer = read_pointer(path) if storage else None
+    if storage is None or pointer is None:
+        yield path
+        return
+    with storage.cache.once(
+        pointer, name=path.name, fetch=lambda target: storage.bucket.get(pointer.key, target)
+    ) as copy:
+        yield copy
+
+
 def pointer_of(path: Path) -> Pointer | None:
     """Return what is known of a file that is an object; None of any other."""
     return read_pointer(path) if in_use() else None
+
+
+def named_by(path: Path) -> Path | None:
+    """Return which file a file in a folder is, or stands for; None for hidden files that are no pointers."""
+    if not path.name.startswith("."):
+        return path
+    return pointed_path(path) if path.suffix == SUFFIX and in_use() is not None else None
 
 
 def is_there(path: Path) -> bool:

@@ -18,8 +18,9 @@ from typing import Protocol
 from filelock import FileLock, Timeout
 
 from webapp import __version__
-from webapp.errors import StorageError, UsageError
+from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.backup import Archive, new_backup
+from webapp.files.objects.storage import in_use, named_by, read_once
 from webapp.progress import Progress
 from webapp.store import queries
 from webapp.store.clock import now
@@ -113,12 +114,14 @@ def back_up(
     Raises
     ------
     UsageError
-        The file would be in the library itself, or photos of the library are in S3.
+        The file would be in the library itself, or photos of the library are in S3 and this process has not
+        opened its storage.
     StorageError, DiskFull
-        The disk refused; an older backup of that name is as it was.
+        The disk or the object storage refused; an older backup of that name is as it was.
     Cancelled
     """
-    refuse_objects(library.inner, doing="this backup")
+    if in_use() is None:
+        refuse_objects(library.inner, doing="this backup")
     target = target.absolute()
     if target.resolve().is_relative_to(library.folder):
         raise UsageError(
@@ -200,9 +203,10 @@ class _Copying:
         for name, path in found.items():
             progress.check()
             try:
-                self._archive.add(name, path)
-            except FileNotFoundError:
-                continue  # deleted since it was listed
+                with read_once(path) as copy:
+                    self._archive.add(name, copy)
+            except (FileNotFoundError, ObjectLost):
+                continue  # deleted since it was listed, or lost
             progress.advance()
         return {name for name in needed if name not in self._archive.files}
 
@@ -210,10 +214,10 @@ class _Copying:
         library = self._library
         for slug in contents.maps.values():
             folder = library.map_folder(slug)
-            for path in sorted(folder.rglob("*")):
-                inside = path.relative_to(folder)
-                if path.is_file() and inside.parts[0] != _DERIVED and not path.name.startswith("."):
-                    yield f"{MAPS}/{slug}/{inside.as_posix()}", path
+            for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+                inside, named = path.relative_to(folder), named_by(path)
+                if named is not None and inside.parts[0] != _DERIVED:
+                    yield f"{MAPS}/{slug}/{named.relative_to(folder).as_posix()}", named
         for map_id in contents.maps:
             folder = queries.folder(library, map_id)
             for file in sorted(file for id, file in contents.queries if id == map_id):
