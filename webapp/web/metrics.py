@@ -18,6 +18,8 @@ from flask.sansio.app import App
 
 from webapp.errors import NotFound, StorageError
 from webapp.extras import extra
+from webapp.files.objects.storage import in_use
+from webapp.files.objects.watch import Operation, watch
 from webapp.settings import shares_metrics
 from webapp.store.library import Library
 from webapp.store.operate import job_views
@@ -41,7 +43,8 @@ def init_app(app: Flask) -> None:
         The client library is not installed.
     """
     if app.extensions[KEY].settings.serve.metrics_token is not None:
-        app.extensions[_EXTENSION] = _Metrics()
+        app.extensions[_EXTENSION] = counted = _Metrics()
+        watch(counted)
         app.after_request(_count_request)
 
 
@@ -113,6 +116,35 @@ class _Metrics:
             buckets=_SECONDS,
         )
 
+        self.storage_requests = prometheus_client.Counter(
+            "expmap_storage_requests",
+            "Requests to the object storage; objects count once, also in pieces.",
+            ["operation", "result"],
+            registry=registry,
+        )
+        self.storage_seconds = prometheus_client.Histogram(
+            "expmap_storage_seconds",
+            "Requests to the object storage.",
+            ["operation"],
+            registry=registry,
+            buckets=_SECONDS,
+        )
+        self.storage_looks = prometheus_client.Counter(
+            "expmap_storage_cache",
+            "Looks for an object in the cache of this machine, by what was found.",
+            ["result"],
+            registry=registry,
+        )
+
+    def asked(self, operation: Operation, seconds: float, *, failed: bool) -> None:
+        """Count a request to the object storage."""
+        self.storage_requests.labels(operation, "failed" if failed else "done").inc()
+        self.storage_seconds.labels(operation).observe(seconds)
+
+    def looked(self, *, found: bool) -> None:
+        """Count a look for an object in the cache."""
+        self.storage_looks.labels("hit" if found else "miss").inc()
+
     def text(self, place: Library) -> bytes:
         """Write all figures."""
         counted = self._registry
@@ -147,6 +179,10 @@ class _Now:
             )
             oldest = "How long the first job of the queue waits."
             yield self._gauge("expmap_jobs_oldest_seconds", oldest, queue.oldest_s)
+        storage = in_use()
+        if storage is not None:
+            cached = "Objects in the cache of this machine, as of the last minute."
+            yield self._gauge("expmap_storage_cache_bytes", cached, storage.cache.recent_size())
         try:
             disk = shutil.disk_usage(self._library.folder)
         except OSError:

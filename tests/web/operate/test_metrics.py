@@ -12,6 +12,11 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from webapp.errors import MissingPart, StorageError
+from webapp.files.objects import storage
+from webapp.files.objects.bucket import Bucket
+from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.storage import ObjectStorage
+from webapp.files.objects.watch import watch
 from webapp.settings import METRICS_FOLDER
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits
@@ -53,6 +58,17 @@ def figures(stranger):
         return {(sample.name, *sample.labels.values()): sample.value for sample in samples}
 
     return ask
+
+
+@pytest.fixture
+def stored(app, s3, tmp_path):
+    """A file that is an object, and a machine that has nothing of it."""
+    bucket, path = Bucket(f"s3://{s3.new_bucket()}"), tmp_path / "photo.jpg"
+    path.write_bytes(b"photo")
+    with storage.using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):
+        storage.publish(path)
+    yield path, ObjectStorage(bucket, ObjectCache(tmp_path / "cold", limit=10**6))
+    watch(None)
 
 
 def test_only_with_the_token(stranger, client):
@@ -110,12 +126,15 @@ def test_what_processes_count_is_added_up(tmp_path):
         assert f'expmap_map_cache_total{{result="open"}} {total}.0' in done.stdout, done.stderr
 
 
-def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park):
+def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park, stored):
     client.get(f"/api/v1/maps/{park}")
     with app.app_context():
         metrics.count_answer({"extract": 0.02, "total": 0.2})
     metrics.look_counter(app)(True)
-    families = text_string_to_metric_families(stranger.get("/metrics", headers=TOKEN).text)
+    path, cold = stored
+    with storage.using(cold):
+        storage.local(path)
+        families = text_string_to_metric_families(stranger.get("/metrics", headers=TOKEN).text)
     labels = {}
     for sample in (sample for family in families for sample in family.samples):
         labels.setdefault(sample.name, {"instance"}).update(sample.labels)
@@ -137,6 +156,26 @@ def test_the_board_asks_for_figures_that_there_are(app, stranger, client, park):
         for names in (known, labels)
     )
     assert shown == given, "figures that it does not show"
+
+
+def test_the_object_storage_and_its_cache(app, figures, stored, s3):
+    path, cold = stored
+    with storage.using(cold):
+        storage.local(path)
+        storage.local(path)
+        s3.refuse = (503, "SlowDown")
+        assert not storage.reachable()
+        found = figures()
+        assert found["expmap_storage_cache_bytes",] == 5
+    counted = {
+        (operation, result): found["expmap_storage_requests_total", operation, result]
+        for operation, result in (("put", "done"), ("get", "done"), ("probe", "failed"))
+    }
+    assert set(counted.values()) == {1}
+    assert ("expmap_storage_requests_total", "get", "failed") not in found
+    assert found["expmap_storage_seconds_count", "probe"] == 1
+    assert (found["expmap_storage_cache_total", "miss"], found["expmap_storage_cache_total", "hit"]) == (1, 1)
+    assert ("expmap_storage_cache_bytes",) not in figures()
 
 
 @pytest.mark.usefixtures("sqlite_only")

@@ -21,6 +21,7 @@ from webapp.errors import (
 )
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
+from webapp.files.objects.watch import Operation, asking
 
 _PIECE = 8 << 20
 """Bytes of a piece: larger files come and go in several at once."""
@@ -97,7 +98,7 @@ class Bucket:
         StorageUnavailable, DiskFull, StorageError
             Nothing of it can be read.
         """
-        with self._translated(key), file.open("rb") as source:
+        with self._asking("put", key), file.open("rb") as source:
             self._client.upload_fileobj(source, self._bucket, self._prefix + key, Config=self._transfer)
 
     def get(self, key: str, target: Path) -> None:
@@ -107,7 +108,7 @@ class Bucket:
         ------
         ObjectLost, StorageUnavailable, DiskFull, StorageError
         """
-        with self._translated(key):
+        with self._asking("get", key):
             self._client.download_file(self._bucket, self._prefix + key, str(target), Config=self._transfer)
 
     def probe(self) -> None:
@@ -118,12 +119,12 @@ class Bucket:
         StorageUnavailable, StorageError
             It does not within `PROBE_TIMEOUT_S`, or refuses.
         """
-        with self._translated(self.url):
+        with self._asking("probe", self.url):
             self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
 
     def delete(self, key: str) -> None:
         """Delete an object, if it is there."""
-        with self._translated(key):
+        with self._asking("delete", key):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
 
     def objects(self) -> Iterator[StoredObject]:
@@ -133,12 +134,10 @@ class Bucket:
         ------
         StorageUnavailable, StorageError
         """
-        with self._translated(self.url):
-            pages = self._client.get_paginator("list_objects_v2")
-            for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
-                for one in page.get("Contents", ()):
-                    key = one["Key"].removeprefix(self._prefix)
-                    yield StoredObject(key, one["Size"], one["LastModified"])
+        for page in self._pages("list_objects_v2"):
+            for one in page.get("Contents", ()):
+                key = one["Key"].removeprefix(self._prefix)
+                yield StoredObject(key, one["Size"], one["LastModified"])
 
     def drop_unfinished(self, *, begun_before: datetime) -> int:
         """Delete the pieces of uploads that were interrupted; returns of how many.
@@ -148,16 +147,31 @@ class Bucket:
         StorageUnavailable, StorageError
         """
         dropped = 0
-        with self._translated(self.url):
-            pages = self._client.get_paginator("list_multipart_uploads")
-            for page in pages.paginate(Bucket=self._bucket, Prefix=self._prefix):
-                for one in page.get("Uploads", ()):
-                    if one["Initiated"] < begun_before:
+        for page in self._pages("list_multipart_uploads"):
+            for one in page.get("Uploads", ()):
+                if one["Initiated"] < begun_before:
+                    with self._asking("delete", self.url):
                         self._client.abort_multipart_upload(
                             Bucket=self._bucket, Key=one["Key"], UploadId=one["UploadId"]
                         )
-                        dropped += 1
+                    dropped += 1
         return dropped
+
+    def _pages(self, operation: str) -> Iterator[dict[str, Any]]:
+        """Yield the pages of a list below the prefix."""
+        pages = iter(self._client.get_paginator(operation).paginate(Bucket=self._bucket, Prefix=self._prefix))
+        is_more = True
+        while is_more:
+            with self._asking("list", self.url):
+                page: dict[str, Any] = next(pages, {})
+            yield page
+            is_more = page.get("IsTruncated", False)
+
+    @contextmanager
+    def _asking(self, operation: Operation, key: str) -> Iterator[None]:
+        """Count a request, and raise its errors as those of the program."""
+        with asking(operation), self._translated(key):
+            yield
 
     @contextmanager
     def _translated(self, key: str) -> Iterator[None]:

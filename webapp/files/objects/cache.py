@@ -10,6 +10,7 @@ can be read to its end also when it is deleted. When that was is the time of its
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 import shutil
@@ -24,6 +25,7 @@ from filelock import FileLock, Timeout
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.objects.pointer import Pointer
+from webapp.files.objects.watch import tell_look
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0
@@ -36,6 +38,7 @@ _LOOK_EVERY = 0.02
 """Share of the size that a process adds before it looks how much there is: others add, too."""
 
 _UNFINISHED_S = 3600.0
+_COUNT_EVERY_S = 60.0
 _LOCKS = 64
 _NAME_BYTES = 120
 
@@ -57,6 +60,7 @@ class ObjectCache:
         self._stays_s = stays_s
         self._added = limit  # looks at once
         self._counting = threading.Lock()
+        self._counted = -math.inf, 0
         self._locks = [threading.Lock() for _ in range(_LOCKS)]
 
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
@@ -83,9 +87,12 @@ class ObjectCache:
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
+            tell_look(found=True)
             return place
         with self._locks[hash(pointer.key) % _LOCKS]:
-            if not self._touch(place, pointer):
+            found = self._touch(place, pointer)  # by a thread that came before
+            tell_look(found=found)
+            if not found:
                 self._keep(place, pointer, make=fetch)
         return place
 
@@ -124,6 +131,16 @@ class ObjectCache:
     def size(self) -> int:
         """Sum the bytes of all copies."""
         return sum(size for _, size, _ in self._files())
+
+    def recent_size(self) -> int:
+        """Return `size` as it was within the last minute: looking at all copies takes a while."""
+        with self._counting:
+            counted_at, size = self._counted
+        if time.monotonic() >= counted_at + _COUNT_EVERY_S:
+            size = self.size()
+            with self._counting:
+                self._counted = time.monotonic(), size
+        return size
 
     def _place(self, pointer: Pointer, name: str) -> Path:
         flat = pointer.key.rpartition("/")[2]
