@@ -21,6 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),
+        "telemetry": ("opentelemetry",),
         "cluster": ("psycopg", "prometheus_client", "boto3", "botocore", "distributed"),
     }
 )
@@ -32,6 +33,7 @@ _PURPOSE = {
     "geotiff": "TIFF images",
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
+    "telemetry": "traces for OpenTelemetry",
     "cluster": "libraries in PostgreSQL or S3, metrics and computing by Dask",
 }
 

@@ -315,13 +315,10 @@ class Settings:
 
     database: str | None = None
     """Address of a PostgreSQL database for the records, instead of a SQLite file in the library's folder."""
-
     storage: str | None = None
     """Where photos and indexes are kept, `s3://bucket/prefix`, instead of in the library's folder."""
-
     orphans_h: Annotated[float, AtLeast(1)] = 24.0
     """Hours after which objects that nothing names are deleted."""
-
     cache_gb: Annotated[float, AtLeast(0.1)] = 20.0
     """GB of objects kept on the disk of this machine."""
 
@@ -330,6 +327,9 @@ class Settings:
 
     dask: str | None = None
     """Address of a scheduler of Dask, `tcp://HOST:8786`, whose workers compute, instead of this machine."""
+
+    traces: str | None = None
+    """Address of a collector of OpenTelemetry, `http://HOST:4318`, that spans are sent to."""
 
     models: Path | None = None
     """Folder with the weights of learned features, instead of one in the user's cache."""

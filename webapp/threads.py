@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from threading import Semaphore
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from webapp.errors import Busy
 
 In = TypeVar("In")
 Out = TypeVar("Out")
+
+
+class ContextThreads(ThreadPoolExecutor):
+    """Threads that work for the same request or job as whoever gives them work, for logs and traces."""
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Begin a call in the context of this one."""
+        return super().submit(copy_context().run, function, *args, **kwargs)
 
 
 def cores() -> int:
@@ -39,7 +48,7 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
     workers = min(cores(), len(listed))
     if workers < 2:
         return [function(item) for item in listed]
-    with ThreadPoolExecutor(workers) as pool:
+    with ContextThreads(workers) as pool:
         return list(pool.map(function, listed))
 
 

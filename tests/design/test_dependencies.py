@@ -24,7 +24,10 @@ PYTHONS = [{"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.9
 COMPLETED_BY = {"psycopg": {"psycopg-binary"}, "moto": {"py-partiql-parser"}}
 """What extras of other distributions bring."""
 
-IN_ALL = {*EXTRAS} - {"cluster"}
+SHARED = {"opentelemetry": {"opentelemetry-sdk", "opentelemetry-exporter-otlp-proto-http"}}
+"""Packages that several distributions fill: those of them that are imported, which bring the others."""
+
+IN_ALL = {*EXTRAS} - {"cluster", "telemetry"}
 
 
 def everywhere(requirement):
@@ -55,7 +58,8 @@ def packages_of(imported):
     """Canonical names of the distributions of imported modules."""
     providers = packages_distributions()
     tops = {name.split(".")[0] for name in imported} - {*sys.stdlib_module_names, "webapp"}
-    return {canonicalize_name(d) for name in tops for d in set(providers[name])}
+    shared = {name: SHARED[name] for name in tops & {*SHARED}}
+    return {canonicalize_name(d) for name in tops for d in shared.get(name, set(providers[name]))}
 
 
 def guard_of(block):

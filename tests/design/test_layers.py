@@ -24,7 +24,7 @@ WINGS = {"missions", "sample"}
 SAMPLE = {"scene": "core", "content": "tasks", "make": "tasks", "job": "jobs", "cli": "cli", "": "tasks"}
 """Layers of the modules of the sample, which is too small for folders."""
 
-COMMON = {"", "errors", "extras", "importing", "progress", "settings", "threads"}
+COMMON = {"", "errors", "extras", "importing", "logs", "progress", "settings", "telemetry", "threads"}
 """For everyone ("" is the version)."""
 
 ALONE = {
@@ -35,6 +35,8 @@ ALONE = {
     "progress": {"errors"},
     "settings": {"errors"},
     "importing": set(),
+    "logs": {"telemetry"},
+    "telemetry": {"", "extras"},
     "threads": {"errors"},
     "resources": {"errors"},
     "api": {"core", "files", "tasks", "render", "configuration", "errors", "progress", "settings"},

@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from webapp.jobs.logs import REQUESTS, log_to_stderr, without_secrets
+from webapp.logs import REQUESTS, log_to_stderr, without_secrets
 from webapp.store.accounts import accounts, sign_in
 
 

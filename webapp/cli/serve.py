@@ -9,10 +9,11 @@ from typing import Any
 
 import click
 
+from webapp import telemetry
 from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
 from webapp.jobs import serving
-from webapp.jobs.logs import FORMS, Form, log_to_stderr
+from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
 from webapp.tasks.operate.open_storage import open_storage
 
@@ -54,6 +55,7 @@ def serve(
     """
     log_to_stderr(log)
     settings = library_settings(library)
+    telemetry.start(settings.traces)
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, echo=click.echo)
 
@@ -74,6 +76,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
 
     log_to_stderr(log)
     settings = library_settings(library)
+    telemetry.start(settings.traces)
     if parent is not None and hasattr(os, "nice"):
         os.nice(_POLITENESS)
     opened = open_library(settings.library, url=settings.database)

@@ -22,8 +22,8 @@ from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
-from webapp.jobs.logs import Form
 from webapp.jobs.webserver import native_threads
+from webapp.logs import Form
 from webapp.settings import METRICS_FOLDER, Settings, environment_for
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.library import Library, open_library

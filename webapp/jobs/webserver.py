@@ -18,10 +18,11 @@ from gunicorn.app.base import BaseApplication  # type: ignore[import-untyped]
 from gunicorn.arbiter import Arbiter  # type: ignore[import-untyped]
 from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 
+from webapp import telemetry
 from webapp.configuration import load_settings
 from webapp.importing import import_name
-from webapp.jobs.logs import FORMS, log_to_stderr
 from webapp.jobs.slow_clients import ClientSocket, PatientWorker
+from webapp.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
 
@@ -61,6 +62,7 @@ class Server(BaseApplication):  # type: ignore[misc]
         ClientSocket.patience_s = self._settings.serve.patience_s
 
         cv2.setNumThreads(native_threads(self.cfg.workers))
+        telemetry.start(self._settings.traces)  # its threads would not survive the fork
         create: Callable[[Settings], Any] = import_name(self._app)
         return create(self._settings)
 

@@ -14,7 +14,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, wait
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -36,6 +36,7 @@ from webapp.errors import (
 from webapp.files.atomic import is_full, storage_error
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import Duties, Sweep
+from webapp.logs import at_work
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
@@ -46,6 +47,8 @@ from webapp.tasks.maps.delete_map import delete_orphans
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import objects, sweep_uploads
 from webapp.tasks.satellite import files
+from webapp.telemetry import span
+from webapp.threads import ContextThreads
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.25
@@ -213,8 +216,9 @@ class Worker:
             account_id=job.account_id,
             arguments=job.arguments,
         )
-        pool = ThreadPoolExecutor(1, thread_name_prefix=f"job-{job.id}")
-        work: Work = pool.submit(lambda: self._duties.function(job.kind)(context))
+        pool = ContextThreads(1, thread_name_prefix=f"job-{job.id}")
+        with at_work(job=job.id):
+            work: Work = pool.submit(self._work, job, context)
         heart = _Heartbeat(context, self._settings.jobs.lease_s)
         while not wait([work], timeout=_TICK_S).done:
             heart.beat()
@@ -228,6 +232,10 @@ class Worker:
         if context.progress.cancelled():
             _sweep([partial(delete_orphans, self._library)])
         return work.exception()
+
+    def _work(self, job: Job, context: Context) -> Mapping[str, Any] | None:
+        with span(f"job {job.kind}", job=job.id, attempt=job.attempts):
+            return self._duties.function(job.kind)(context)
 
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""

@@ -6,7 +6,7 @@ import hashlib
 import secrets
 import time
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 
 import requests
@@ -20,6 +20,7 @@ from webapp.net.polite import RateLimit
 from webapp.net.services import TileService
 from webapp.progress import Progress
 from webapp.settings import TileSettings
+from webapp.threads import ContextThreads
 
 _USER_AGENT = f"experience-map/{__version__} (map tiles for one satellite image)"
 _MAX_BYTES = 4_000_000
@@ -81,7 +82,7 @@ class TileFetcher:
         Cancelled
         """
         todo = iter(tiles)
-        pool = ThreadPoolExecutor(self._settings.parallel)
+        pool = ContextThreads(self._settings.parallel)
         running: dict[Future[bytes | None], Tile] = {}
         try:
             while True:

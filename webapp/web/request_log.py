@@ -1,4 +1,7 @@
-"""A line of the log for each request: what was asked for, by which account, and how it ended.
+"""Each request has an id, a line of the log and a span: what was asked for, by whom, and how it ended.
+
+The id is that of the header `X-Request-ID`, which a proxy may have set, or a new one. It is in the answer,
+and in all lines of the log that are written for the request.
 
 Addresses are logged as the routes have them, without what varies but the map: a link that lets somebody in is
 never part of it, nor is anything that a client wrote.
@@ -7,26 +10,53 @@ never part of it, nor is anything that a client wrote.
 from __future__ import annotations
 
 import logging
+import re
+import secrets
 import time
+from contextlib import ExitStack
 
 from flask import Flask, Response, g, request
 
-from webapp.jobs.logs import REQUESTS
+from webapp.logs import REQUESTS, at_work
+from webapp.telemetry import span
 
 _log = logging.getLogger(REQUESTS)
+
+_HEADER = "X-Request-ID"
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def init_app(app: Flask) -> None:
     """Log every request."""
     app.before_request(_begin)
     app.after_request(_end)
+    app.teardown_request(_leave)
 
 
 def _begin() -> None:
     g.expmap_begun = time.perf_counter()
+    given = request.headers.get(_HEADER, "")
+    g.expmap_request_id = given if _ID.fullmatch(given) else secrets.token_hex(8)
+    g.expmap_at_work = stack = ExitStack()
+    stack.enter_context(at_work(request=g.expmap_request_id))
+    route = None if request.url_rule is None else request.url_rule.rule
+    name = f"{request.method} {route or 'nowhere'}"
+    g.expmap_span = stack.enter_context(
+        span(name, headers=dict(request.headers), request=g.expmap_request_id)
+    )
+
+
+def _leave(_error: BaseException | None) -> None:
+    stack = g.pop("expmap_at_work", None)
+    if stack is not None:
+        stack.close()
 
 
 def _end(response: Response) -> Response:
+    if "expmap_request_id" in g:
+        response.headers[_HEADER] = g.expmap_request_id
+    if g.get("expmap_span") is not None:
+        g.expmap_span.set_attribute("http.response.status_code", response.status_code)
     if not _log.isEnabledFor(logging.INFO):
         return response
     route = None if request.url_rule is None else request.url_rule.rule

@@ -12,7 +12,6 @@ import secrets
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from webapp.files.objects.pointer import (
     write_pointer,
 )
 from webapp.files.part_file import discard, sha256_of
+from webapp.threads import ContextThreads
 
 _log = logging.getLogger(__name__)
 
@@ -155,7 +155,7 @@ def fetch_together(paths: Sequence[Path]) -> None:
         As `local`.
     """
     if in_use() is not None:
-        with ThreadPoolExecutor(_TOGETHER) as pool:
+        with ContextThreads(_TOGETHER) as pool:
             for _ in pool.map(_fetch, paths):
                 pass
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from webapp.errors import ClusterUnavailable, ProcessLost, StorageError, UsageError
 from webapp.extras import extra
+from webapp.logs import carried
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing import on_worker
@@ -55,7 +56,7 @@ class DaskPool:
             raise StorageError(
                 f"the folder cannot be written: {error.strerror}", where=str(folder)
             ) from error
-        terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings)
+        terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings, carried())
         self._terms = pickle.dumps(terms)
         # A task and not scattered data: when the workers that have it are lost, it is made again.
         self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -18,8 +18,10 @@ from typing import Any
 import cv2
 
 from webapp.errors import ProcessLost
+from webapp.logs import Carried, carried, take_over
 from webapp.settings import keep_freed_memory
 from webapp.tasks.computing.pool import LOOK_EVERY_S, Part
+from webapp.threads import ContextThreads
 
 
 class Inline:
@@ -80,14 +82,16 @@ class LocalPool:
 
 def threads(function: Part, shared: Any, *, workers: int) -> LocalPool:
     """Make a pool of threads, for libraries that let go of the interpreter."""
-    return LocalPool(ThreadPoolExecutor(workers), partial(function, shared), at_once=4 * workers)
+    return LocalPool(ContextThreads(workers), partial(function, shared), at_once=4 * workers)
 
 
 def processes(function: Part, shared: Any, *, workers: int) -> LocalPool:
     """Make a pool of processes."""
     # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker)
+    executor = ProcessPoolExecutor(
+        workers, mp_context=context, initializer=start_worker, initargs=(carried(),)
+    )
     return LocalPool(executor, partial(function, shared), at_once=4 * workers)
 
 
@@ -104,8 +108,9 @@ def _interrupts_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def start_worker() -> None:
+def start_worker(log: Carried) -> None:
     """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
+    take_over(log)
     cv2.setNumThreads(1)
     keep_freed_memory()
     # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.

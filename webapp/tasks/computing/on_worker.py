@@ -19,7 +19,9 @@ from typing import Any
 from webapp import __version__
 from webapp.errors import UsageError
 from webapp.extras import extra
+from webapp.logs import Carried, Form, at_work, log_to_stderr
 from webapp.settings import Settings, keep_freed_memory
+from webapp.telemetry import start as start_telemetry
 
 _DECIDE = (
     "numpy",
@@ -59,11 +61,14 @@ class Terms:
         Of the process that asks.
     marker : Path
         A file that is there as long as the result is wanted, in the folder that the parts need.
+    log : Carried
+        What lines of the log carry, as in the process that asks.
     """
 
     versions: Mapping[str, str]
     marker: Path
     settings: Settings
+    log: Carried
 
     def check(self, worker: str) -> None:
         """Refuse work that would come out differently here.
@@ -149,22 +154,27 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes) -> Any:
             where="EXPMAP_DASK",
             hint="install the same versions on all machines; see docs/cluster.md",
         ) from error
-    _prepare(agreed.settings)
-    return function(value, item)
+    _prepare(agreed)
+    with at_work(**agreed.log.at_work):
+        return function(value, item)
 
 
-def _prepare(settings: Settings) -> None:
+def _prepare(terms: Terms) -> None:
     """Make this process one of one native thread, with the storage that the work needs."""
     from webapp.files.objects.connect import connect
 
     with _LOCK:
-        _once()
-    connect(settings)
+        _once(terms.log.form, terms.settings.traces)
+    connect(terms.settings)
 
 
 @cache
-def _once() -> None:
+def _once(form: Form | None, traces: str | None) -> None:
     import cv2
+
+    if form is not None:
+        log_to_stderr(form)
+    start_telemetry(traces)
 
     cv2.setNumThreads(1)
     keep_freed_memory()

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from webapp.errors import ProcessLost
 from webapp.files.landmarks.adjust import AdjustJob, adjust
 from webapp.files.landmarks.colmap import Model, StoredPieces, as_model, pycolmap
+from webapp.logs import Carried, carried
 from webapp.progress import Progress
 from webapp.tasks.computing.local import start_worker
 
@@ -80,7 +81,7 @@ def _run_apart(run: Callable[[Job], Found], job: Job, *, progress: Progress) -> 
     # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_run, args=(run, job, sender), daemon=True)
+    process = context.Process(target=_run, args=(run, job, sender), kwargs={"log": carried()}, daemon=True)
     process.start()
     sender.close()
     try:
@@ -110,8 +111,8 @@ def adjusted_folders(folder: Path, pieces: StoredPieces) -> list[Path]:
     return [joined] if pieces.adjusted and not pieces.problem else []
 
 
-def _run(run: Callable[[Job], Found], job: Job, sender: Connection) -> None:
-    start_worker()
+def _run(run: Callable[[Job], Found], job: Job, sender: Connection, *, log: Carried) -> None:
+    start_worker(log)
     sender.send(run(job))
     sender.close()
 

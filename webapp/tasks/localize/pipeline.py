@@ -58,6 +58,7 @@ from webapp.tasks.localize import (
 )
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_query, to_experiences
+from webapp.telemetry import span
 
 _ALL = 100
 """More hypotheses than a look has."""
@@ -73,7 +74,8 @@ class _Stopwatch:
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         before = time.perf_counter()
-        yield
+        with span(f"localize: {name}"):
+            yield
         self.seconds[name] = time.perf_counter() - before
 
     def total(self) -> dict[str, float]:

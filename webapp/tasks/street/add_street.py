@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from webapp.tasks.street.survey import (
     part_ids,
 )
 from webapp.tasks.street.targets import ArrivedPhoto, StreetTarget
+from webapp.threads import ContextThreads
 
 _LISTEN_S = 0.5
 """So often somebody who waits for a photo is asked whether to stop."""
@@ -146,7 +147,7 @@ class _Fetch:
     ) -> Iterator[tuple[PlacedStreetPhoto, Path | InputError]]:
         """Give each photo as its file, or why there is none, in the order in which they arrive."""
         todo = iter(photos)
-        pool = ThreadPoolExecutor(self._settings.street.parallel)
+        pool = ContextThreads(self._settings.street.parallel)
         running: dict[Future[Path], PlacedStreetPhoto] = {}
         try:
             while True:
