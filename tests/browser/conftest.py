@@ -69,7 +69,13 @@ def app(
     library = tmp_path_factory.mktemp("served") / "maps"
     shutil.copytree(ready_sample, library / "sample")
     services = library.with_name("services.json")
-    one = {"name": "Local imagery", "url": tiles.url, "attribution": "© these tests", "max_zoom": 19}
+    one = {
+        "name": "Local imagery",
+        "url": tiles.url,
+        "attribution": "© these tests",
+        "max_zoom": 19,
+        "public": True,
+    }
     services.write_text(json.dumps([one]), encoding="utf-8")
     environ = {
         "EXPMAP_TILES": str(services),

@@ -167,6 +167,38 @@ def test_visitors_of_a_shared_map_choose_too_and_nothing_is_kept(turned_map, api
     choose(page, SERVICE)
     expect(page.locator(".map-background img").first).to_be_attached()
     assert share["url"].rsplit("/", 1)[-1] not in page.evaluate("JSON.stringify({...localStorage})")
+    assert page.evaluate("Object.keys(localStorage).filter((key) => key.startsWith('expmap.layers'))") == []
     page.reload()
     expect(page.locator("img.leaflet-image-layer")).to_be_visible()
-    expect(page.locator(".map-background")).to_have_count(0)
+    asked.clear()
+    page.wait_for_load_state("networkidle")
+    assert asked == [] and page.locator(".map-background").count() == 0
+
+
+def test_tiles_that_failed_are_asked_for_again_when_the_network_is_back(turned_map, addresses, page):  # noqa: F811
+    page.route(addresses, lambda route: route.fulfill(status=404))
+    page.context.watch.expect(404)
+    EditPage(page, turned_map()).open()
+    choose(page, SERVICE)
+    expect(page.locator("#layers-status")).to_contain_text("No tiles came from")
+    page.unroute(addresses)
+    page.route(addresses, lambda route: route.fulfill(body=tile_of(1, 0, 0), content_type="image/png"))
+    page.evaluate("dispatchEvent(new Event('online'))")
+    expect(page.locator("#layers-status")).to_have_text("")
+    expect(page.locator(".map-background img:not([hidden])").first).to_be_visible()
+
+
+def test_keys_on_the_slider_and_escape_from_the_menu_leave_the_photos_alone(turned_map, api, asked, page):  # noqa: F811
+    slug = turned_map(photos=2)
+    place(api, slug, [(300, 200), (320, 210)])
+    edit = EditPage(page, slug).open()
+    edit.canvas.focus()
+    page.keyboard.press("Control+a")
+    page.get_by_test_id("layers").click()
+    page.get_by_test_id("layer-below").select_option(SERVICE)
+    page.get_by_test_id("image-opacity").focus()
+    page.keyboard.press("Delete")
+    page.keyboard.press("Backspace")
+    page.keyboard.press("Escape")
+    expect(page.get_by_test_id("layer-below")).to_be_hidden()
+    assert asked and len(api.positions(slug)) == 2

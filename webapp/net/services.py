@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -11,7 +11,7 @@ from webapp.core.geo.tilegrid import MAX_ZOOM
 from webapp.errors import NotFound, UsageError
 
 _HINT = "see docs/satellite.md for how such a file is written"
-_FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles")
+_FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles", "public")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +28,8 @@ class TileService:
         Highest zoom that it has.
     max_tiles : int or None
         Most tiles for one image, where the service wants fewer than the settings allow.
+    public : bool
+        Whether visitors of shared maps may see its address, which can have a key in it.
     """
 
     name: str
@@ -35,6 +37,7 @@ class TileService:
     attribution: str
     max_zoom: int
     max_tiles: int | None = None
+    public: bool = False
 
     @property
     def origin(self) -> str:
@@ -47,7 +50,7 @@ class TileService:
         return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
 
 
-USUAL = (
+_WITHOUT_A_KEY = (
     TileService(
         "OpenStreetMap",
         "https://tile.openstreetmap.org/{z}/{x}/{y}.png",
@@ -101,6 +104,8 @@ USUAL = (
         14,
     ),
 )
+
+USUAL = tuple(replace(service, public=True) for service in _WITHOUT_A_KEY)
 """Services that can be used without a key; who uses one keeps to its terms."""
 
 
@@ -110,8 +115,8 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
     Parameters
     ----------
     file : Path or None
-        JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles`. None
-        for the usual ones.
+        JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles` and
+        `public`. None for the usual ones.
 
     Raises
     ------
@@ -150,16 +155,17 @@ def _service(item: object, *, where: str) -> TileService:
     if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
         raise UsageError(f"its fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
     name, url, attribution = (item.get(field) for field in _FIELDS[:3])
-    max_zoom, max_tiles = item.get("max_zoom"), item.get("max_tiles")
+    max_zoom, max_tiles, public = item.get("max_zoom"), item.get("max_tiles"), item.get("public", False)
     texts = all(isinstance(text, str) and text.strip() for text in (name, url, attribution))
-    if not texts or not _is_whole(max_zoom, MAX_ZOOM) or not (max_tiles is None or _is_whole(max_tiles)):
+    whole = _is_whole(max_zoom, MAX_ZOOM) and (max_tiles is None or _is_whole(max_tiles))
+    if not texts or not whole or not isinstance(public, bool):
         raise UsageError("a field is missing or has an invalid value", where=where, hint=_HINT)
     parts = urlsplit(str(url))
-    if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{};, \"'"):
+    if parts.scheme not in ("http", "https") or not parts.hostname or set(parts.netloc) & set("{}@;, \"'"):
         raise UsageError("its url is not a web address", where=where, hint=_HINT)
     if any(str(url).count(place) != 1 for place in ("{z}", "{x}", "{y}")):
         raise UsageError("its url needs {z}, {x} and {y} once each", where=where, hint=_HINT)
-    return TileService(str(name), str(url), str(attribution), int(str(max_zoom)), max_tiles)
+    return TileService(str(name), str(url), str(attribution), int(str(max_zoom)), max_tiles, public)
 
 
 def _is_whole(value: object, largest: int = 1_000_000) -> bool:

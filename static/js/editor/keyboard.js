@@ -57,6 +57,7 @@ function onImage(event, { crosshair, commands, view, dots }) {
 
 function anywhere(event, { commands, dots, gestures, measure }) {
   const { store } = commands;
+  if (event.target.closest?.("details.menu, input[type=range]") && event.key !== "Escape") return null;
   if (event.key === "Delete" && store.canEdit) return () => commands.remove(commands.chosen());
   if (event.key === "Backspace" && store.canEdit) return () => commands.toTray(commands.chosen());
   if (event.key !== "Escape") return null;

@@ -105,13 +105,15 @@ export function closeMenus(page) {
   page.addEventListener("click", (event) => {
     for (const menu of open()) if (!menu.contains(targetOf(event))) menu.open = false;
   });
-  page.addEventListener("keydown", (event) => {
+  const escape = (event) => {
     if (event.key !== "Escape") return;
     for (const menu of open()) {
+      event.preventDefault(); // it is not for what lies below
       menu.open = false;
       menu.querySelector("summary").focus();
     }
-  });
+  };
+  page.addEventListener("keydown", escape, { capture: true });
 }
 
 /** Whether keys that are pressed there write text. */

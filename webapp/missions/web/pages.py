@@ -16,12 +16,12 @@ from webapp.missions.web import api_exports
 from webapp.missions.web import state as mission_state
 from webapp.missions.web.api_exports import ExportQuery, LinkQuery
 from webapp.missions.web.context import open_mission
-from webapp.net.services import TileService, tile_services
 from webapp.store.maps import maps
 from webapp.web import errors
-from webapp.web.accounts.security import allow_framing, allow_images
-from webapp.web.context import account, library, public, settings
+from webapp.web.accounts.security import allow_framing
+from webapp.web.context import account, library, public
 from webapp.web.satellite.api_satellite import service_json
+from webapp.web.satellite.layers import configured_layers
 
 mission_pages = Blueprint("mission_pages", __name__, url_prefix="/missions")
 public_pages = APIBlueprint("public_mission_pages", __name__, url_prefix="/m/<token>", enable_openapi=False)
@@ -61,9 +61,7 @@ def show(mission_id: int) -> str:
     with library().database.read() as session:
         role = missions.role_of(session, mission, account=who)
         below = [{"slug": one.slug, "name": one.name} for one in covering_maps(session, mission, account=who)]
-    services = _services()
-    allow_images(*sorted({service.origin for service in services}))
-    page = {"id": mission.id, "services": [*map(service_json, services)], "maps": below, **_SIGNS}
+    page = {"id": mission.id, "services": [*map(service_json, configured_layers())], "maps": below, **_SIGNS}
     return render_template("missions/show.html", mission=mission, role=role, page=page)
 
 
@@ -76,12 +74,6 @@ def _list(*, binned: bool) -> str:
         ]
         in_bin = missions.count_binned(session, who)
     return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
-
-
-def _services() -> tuple[TileService, ...]:
-    """Return the configured tile services; without them, no page asks other hosts for tiles."""
-    file = settings().tile_services
-    return () if file is None else tile_services(file)
 
 
 @public_pages.get("")

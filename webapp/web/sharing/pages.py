@@ -71,7 +71,7 @@ def _page(token: str, *, framed: bool) -> _Page:
         "sharing/shared_map.html",
         opened=opened,
         state=state,
-        services=offered_layers(),
+        services=offered_layers(to_visitors=True) if state["georeference"] else (),
         in_3d=opened.share.landmarks and has_landmarks(library().cfg(opened.map.slug)),
         colours=answer_colours(),
         framed=framed,

@@ -7,6 +7,9 @@ import { KeptChoice } from "./kept-choice.js";
 /** Of the image in percent, where tiles are to be seen through it. */
 const OVER_TILES = 60;
 
+/** Who chooses by keys passes others, which are not asked for tiles. */
+const KEY_PAUSE_MS = 600;
+
 /** Connects the menu; nothing is fetched from a service before it is chosen. */
 export class MapLayers {
   /** @param {import("./map-view.js").MapView} view */
@@ -18,7 +21,16 @@ export class MapLayers {
     this.select = byId("layer-below", HTMLSelectElement);
     this.opacity = byId("image-opacity", HTMLInputElement);
     this.status = byId("layers-status");
-    this.select.addEventListener("change", () => this._choose());
+    this.counts = new Map();
+    let pause = 0;
+    let later;
+    this.select.addEventListener("pointerdown", () => (pause = 0));
+    this.select.addEventListener("keydown", () => (pause = KEY_PAUSE_MS));
+    this.select.addEventListener("change", () => {
+      clearTimeout(later);
+      if (pause) later = setTimeout(() => this._choose(), pause);
+      else this._choose();
+    });
     this.opacity.addEventListener("input", () => this._show());
     this.opacity.addEventListener("change", () => this._keep());
     view.element.addEventListener("pointerdown", () => (this.menu.open = false));
@@ -40,6 +52,8 @@ export class MapLayers {
   }
 
   _choose() {
+    this.counts.clear();
+    this._say();
     if (this.opacity.disabled) this.opacity.valueAsNumber = OVER_TILES;
     this._show();
     this._keep();
@@ -47,16 +61,23 @@ export class MapLayers {
 
   /** Only an image that knows where it is can be laid over others. */
   _show() {
-    this.menu.hidden = !this.store.georeference.grid;
+    this.menu.hidden = !this.store.georeference.grid || this.select.options.length < 2;
     const service = this.menu.hidden ? null : this.service;
-    this.status.textContent = "";
     this.opacity.disabled = !service;
     const opacity = service ? this.opacity.valueAsNumber / 100 : 1;
-    for (const view of this.views) view.showBackground(service, opacity, (counts) => this._arrived(service, counts));
+    for (const view of this.views) view.showBackground(service, opacity, (counts) => this._arrived(service, view, counts));
   }
 
-  _arrived(service, { shown, failed }) {
+  _arrived(service, view, counts) {
     if (service.name !== this.service?.name) return;
+    this.counts.set(view, counts);
+    this._say();
+  }
+
+  _say() {
+    const { service } = this;
+    const sum = (name) => [...this.counts.values()].reduce((all, counts) => all + counts[name], 0);
+    const [shown, failed] = [sum("shown"), sum("failed")];
     this.status.textContent = failed && !shown ? t("No tiles came from {host} for this place.", { host: new URL(service.url.replaceAll(/[{}]/g, "")).host }) : "";
   }
 

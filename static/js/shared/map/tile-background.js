@@ -13,6 +13,9 @@ const LARGEST_LAT = 85.05;
 /** Service tiles are never asked for in larger numbers than a screen shows. */
 const MOST_TILES = 400;
 
+/** A tile that failed is asked for again when the view moves, but not sooner than this. */
+const AGAIN_MS = 10_000;
+
 /** A position in the grid of web Mercator: the world is the unit square, x to the east and y to the south. @param {[number, number]} place lat, lon */
 export function mercator([lat, lon]) {
   const sine = Math.sin((Math.min(Math.max(lat, -LARGEST_LAT), LARGEST_LAT) * Math.PI) / 180);
@@ -82,7 +85,7 @@ function turned(x) {
 export function tilesInView(toView, corners, size) {
   const [xs, ys] = [0, 1].map((axis) => corners.map((corner) => corner[axis]));
   const [west, east, north, south] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)].map(Math.floor);
-  if ((east - west + 1) * (south - north + 1) > 2 * MOST_TILES) return [];
+  if ((east - west + 1) * (south - north + 1) > 8 * MOST_TILES) return []; // the box around a turned view is larger than that
   const found = [];
   for (let column = west; column <= east; column += 1) {
     for (let row = north; row <= south; row += 1) {
@@ -114,12 +117,18 @@ export class TileBackground extends L.Layer {
   onAdd(map) {
     this._map = map;
     this._box = L.DomUtil.create("div", "leaflet-layer map-background", map.getPane("tilePane"));
+    this._online = () => {
+      for (const level of this.levels) level.forgetFailed(0);
+      this._update();
+    };
+    addEventListener("online", this._online);
     this._update();
     return this;
   }
 
   /** @override */
   onRemove() {
+    removeEventListener("online", this._online);
     for (const level of this.levels) level.drop();
     this.levels = [];
     this._box.remove();
@@ -171,7 +180,10 @@ export class TileBackground extends L.Layer {
       this.levels.push(level);
       this._box.append(level.element);
     }
-    for (const one of this.levels) one.element.style.zIndex = one === level ? "1" : "0";
+    for (const one of this.levels) {
+      one.element.style.zIndex = one === level ? "1" : "0";
+      if (one !== level) one.stop();
+    }
     if (!level) this._only(null);
   }
 
@@ -182,8 +194,9 @@ export class TileBackground extends L.Layer {
 
   _arrived(level) {
     if (level.element.style.zIndex !== "1") return; // another zoom is shown by now
-    this._only(level);
-    this.arrived(level.counts());
+    const counts = level.counts();
+    if (counts.shown) this._only(level);
+    this.arrived(counts);
   }
 }
 
@@ -195,7 +208,7 @@ class Level {
     this.service = service;
     this.arrived = arrived;
     this.across = 2 ** zoom;
-    /** @type {Map<string, {image: HTMLImageElement, state: string}>} */
+    /** @type {Map<string, {image: HTMLImageElement, state: string, at: number}>} */
     this.tiles = new Map();
     this.element = L.DomUtil.create("div", "map-background__level leaflet-zoom-animated");
     this.first = null;
@@ -230,6 +243,7 @@ class Level {
   show(wanted) {
     const shown = wanted.slice(0, MOST_TILES).filter(([, row]) => row >= 0 && row < this.across);
     const keys = new Set(shown.map(String));
+    this.forgetFailed(AGAIN_MS);
     for (const [key, { image }] of this.tiles) if (!keys.has(key)) this._forget(key, image);
     for (const tile of shown) if (!this.tiles.has(String(tile))) this._load(tile);
     this._check();
@@ -237,9 +251,10 @@ class Level {
 
   _load([column, row]) {
     const image = new Image();
-    const tile = { image, state: "loading" };
+    const tile = { image, state: "loading", at: 0 };
     const done = (state) => {
       tile.state = state;
+      tile.at = performance.now();
       image.hidden = state === "failed";
       this._check();
     };
@@ -254,6 +269,17 @@ class Level {
     const values = { z: this.zoom, x: east, y: row };
     image.src = this.service.url.replaceAll(/\{([zxy])\}/g, (_, name) => String(values[name]));
     this.element.append(image);
+  }
+
+  /** Ask for failed tiles again where they are wanted. @param {number} age milliseconds since they failed, at least */
+  forgetFailed(age) {
+    const before = performance.now() - age;
+    for (const [key, { image, state, at }] of this.tiles) if (state === "failed" && at <= before) this._forget(key, image);
+  }
+
+  /** Fetch no more; what has come is still shown. */
+  stop() {
+    for (const [key, { image, state }] of this.tiles) if (state === "loading") this._forget(key, image);
   }
 
   _forget(key, image) {
