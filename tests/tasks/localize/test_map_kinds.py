@@ -49,15 +49,18 @@ OF_POSITIONS = shutil.ignore_patterns("calibration-*", "orientations-*", "pairs-
 
 @pytest.fixture(scope="module")
 def opened(sample_folder, tmp_path_factory):
-    """Open a derived map by a method, each once; all share what is computed from the photos alone."""
+    """Open a derived map by a method, each once; all share what is computed from the photos alone.
+
+    The kind of the map may be given, as a user gives it.
+    """
     folder = tmp_path_factory.mktemp("kinds")
     tables = {kind: derive(derived_maps.read(sample_folder)) for kind, derive in DERIVED.items()}
     for kind, table in tables.items():
         derived_maps.write(table, folder / kind)
 
     @functools.cache
-    def get(kind, method):
-        options = OpenOptions(method=method, jobs=1)
+    def get(kind, method, given=None):
+        options = OpenOptions(method=method, jobs=1, map_kind=given)
         cfg = folder / kind / "map.cfg"
         described = next(folder.glob("*/derived"), None)
         if described and not (cfg.parent / "derived").exists():
@@ -127,7 +130,7 @@ def of_every(table, every, *, queries):
 
 @pytest.mark.parametrize(
     ("name", "every", "kind", "within_px"),
-    [("floors", 8, "areas", 400.0), ("lanes", 1, "schematic", 20.0), ("corridor", 2, "metric", 50.0)],
+    [("floors", 12, "areas", 400.0), ("lanes", 2, "schematic", 20.0), ("corridor", 2, "metric", 50.0)],
 )
 def test_geometry_only_helps_on_real_maps(shared_data, tmp_path, name, every, kind, within_px):
     table = of_every(derived_maps.read(shared_data / name), every, queries=12)
@@ -146,10 +149,7 @@ def test_geometry_only_helps_on_real_maps(shared_data, tmp_path, name, every, ki
     assert right["verified"] >= max(right["vote"] - 1, 6), right
 
 
-def test_what_the_user_says_counts(sample_folder, opened, tmp_path):
-    derived_maps.write(quadrants(derived_maps.read(sample_folder)), tmp_path / "map")
-    options = OpenOptions(jobs=1, map_kind="schematic")
-    pipeline = open_pipeline(tmp_path / "map" / "map.cfg", options, settings=FEW, progress=Progress())
+def test_what_the_user_says_counts(opened):
+    pipeline, ((query, _), *_) = opened("areas", "verified", "schematic")
     assert pipeline.map_kind == "schematic"
-    query = derived_maps.read(tmp_path / "map").queries[0]
     assert {h.kind for h in pipeline.localize(query, top=5).hypotheses} == {"photo"}
