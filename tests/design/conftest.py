@@ -1,13 +1,16 @@
 """The program as text and syntax trees, and its commands as a table."""
 
 import ast
+import os
 import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
 import pytest
+from filelock import FileLock
 
 from webapp.app.main import root as command_root
 
@@ -90,3 +93,26 @@ def _commands(command: click.Command, words: str) -> Iterator[tuple[str, click.C
         found = command.get_command(context, name)
         assert found is not None
         yield from _commands(found, f"{words} {name}")
+
+
+def run(*command: object, cwd: Path) -> str:
+    """Run a program without the environment that would let it find the source tree; gives its output."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "EXPMAP", "PIP"))}
+    words = [str(word) for word in command]
+    done = subprocess.run(words, cwd=cwd, env=kept, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="session")
+def wheel(project: Path, common_folder: Path) -> Path:
+    """The wheel, built from the source tree with what is installed here, once for all test processes."""
+    folder, part = common_folder / "wheel", common_folder / "wheel.part"
+    with FileLock(common_folder / "wheel.lock"):
+        if not folder.exists():
+            part.mkdir()
+            options = ["--wheel", "--no-isolation", "--outdir", part]
+            run(sys.executable, "-m", "build", *options, project, cwd=part)
+            part.rename(folder)
+    (built,) = folder.glob("*.whl")
+    return built

@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -13,7 +14,7 @@ import venv
 import pytest
 from PIL import Image
 
-from tests.design.test_wheel import run
+from tests.design.conftest import run
 from tests.standin_models import brightest
 from webapp.extras import EXTRAS, install_line
 
@@ -29,15 +30,14 @@ $GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47
 
 
 @pytest.fixture(scope="module")
-def plain(project, tmp_path_factory):
+def plain(project, wheel, tmp_path_factory):
     """The scripts of an environment with the wheel and what it requires."""
     folder = tmp_path_factory.mktemp("plain")
-    run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", folder, project, cwd=folder)
-    (wheel,) = folder.glob("*.whl")
     venv.create(folder / "env", with_pip=False)
     scripts = folder / "env" / "bin"
     command = [sys.executable, "-m", "pip", "--python", scripts / "python", "install", "--quiet"]
-    command += ["--disable-pip-version-check", "-c", project / "constraints.txt", wheel]
+    # What is used is compiled then; compiling the rest would take longest of all.
+    command += ["--no-compile", "--disable-pip-version-check", "-c", project / "constraints.txt", wheel]
     # `make` sets constraints relative to the project's folder.
     environ = {name: value for name, value in os.environ.items() if "CONSTRAINT" not in name}
     done = subprocess.run(
@@ -50,10 +50,10 @@ def plain(project, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def library(plain, tmp_path_factory):
-    """A library with the sample map."""
+def library(sample_folder, tmp_path_factory):
+    """A library with the sample map, as it is made anywhere."""
     folder = tmp_path_factory.mktemp("library")
-    run(plain / "expmap", "sample", folder / "sample", cwd=folder)
+    shutil.copytree(sample_folder, folder / "sample", ignore=shutil.ignore_patterns("derived"))
     return folder
 
 
@@ -77,12 +77,32 @@ def test_its_size(plain):
     assert size_mb < 600
 
 
+SMALL = """
+import sys
+from pathlib import Path
+from webapp.progress import Progress
+from webapp.sample import make
+from webapp.settings import Settings
+
+size = make.SampleSize(photos=2, queries=1, width=160, metres_per_pixel=0.5)
+make.make_sample(Path(sys.argv[1]), size=size, settings=Settings(), progress=Progress())
+"""
+
+
+def test_it_makes_the_sample(plain, library, tmp_path):
+    run(plain / "python", "-c", SMALL, tmp_path / "small", cwd=tmp_path)
+    assert (tmp_path / "small" / "map.cfg").read_text().count("photos/") == 2
+    there = run(plain / "expmap", "sample", library / "sample", cwd=tmp_path)
+    assert there.strip() == str(library / "sample" / "map.cfg")
+
+
 def test_it_builds_and_localizes(plain, library):
     sample = library / "sample"
-    report = json.loads(run(plain / "expmap", "build", sample / "map.cfg", "--json", cwd=library))
+    fewer = ["--keypoints", 500, "--json"]  # in half the time
+    report = json.loads(run(plain / "expmap", "build", sample / "map.cfg", *fewer, cwd=library))
     assert report["descriptors"] > 10_000
     query = sample / "queries" / "query_02.jpg"
-    found = run(plain / "expmap", "localize", sample / "map.cfg", query, "--json", cwd=library)
+    found = run(plain / "expmap", "localize", sample / "map.cfg", query, *fewer, cwd=library)
     assert json.loads(found)[0]["hypotheses"][0]["probability"] > 0.5
 
 

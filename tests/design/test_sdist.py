@@ -6,7 +6,7 @@ import tarfile
 
 import pytest
 
-from tests.design.test_wheel import run
+from tests.design.conftest import run
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("hatchling") is None,
