@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import click
 
@@ -35,36 +35,50 @@ def _library_parts() -> Sequence[LibraryPart]:
 COMPOSITION = Composition(web_app="webapp.app.web:create_app", duties=_duties, library_parts=_library_parts)
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported when they are asked for, so that help and errors come at once.
+class LazyCommand(NamedTuple):
+    """A command that may not have been imported.
 
-    Parameters
+    Attributes
     ----------
-    where : dict of str to str
-        Command name to "module:object".
+    where : str
+        "module:object".
+    summary : str
+        First sentence of its help.
     """
 
-    def __init__(self, *, where: dict[str, str], **options: object) -> None:
+    where: str
+    summary: str
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are asked for, so that help and errors come at once."""
+
+    def __init__(self, *, commands: dict[str, LazyCommand], **options: object) -> None:
         super().__init__(**options)  # type: ignore[arg-type]
-        self._where = where
+        self._lazy = commands
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Name the commands, in the order of the work."""
-        return list(self._where)
+        return list(self._lazy)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; None when there is none of that name."""
-        if cmd_name not in self._where:
+        if cmd_name not in self._lazy:
             return None
-        command: click.Command = import_name(self._where[cmd_name])
+        command: click.Command = import_name(self._lazy[cmd_name].where)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands by their summaries, without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.summary) for name, command in self._lazy.items()])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that is meant; for a name that is nearly one of them that is suggested."""
-        near = difflib.get_close_matches(args[0], self._where, n=1)
-        if near and args[0] not in self._where and not ctx.resilient_parsing:
+        near = difflib.get_close_matches(args[0], self._lazy, n=1)
+        if near and args[0] not in self._lazy and not ctx.resilient_parsing:
             ctx.fail(f"there is no command {args[0]!r}; did you mean {near[0]!r}?")
         return super().resolve_command(ctx, args)
 
@@ -83,107 +97,191 @@ def _use_config(_ctx: click.Context, _option: click.Parameter, path: Path | None
 map_group = LazyGroup(
     name="map",
     help="Make and check map files.",
-    where={
-        "check": "webapp.cli.map:check",
-        "from-photos": "webapp.cli.map:from_photos",
-        "write-exif": "webapp.cli.map:write_exif",
-        "print": "webapp.cli.print:print_command",
-        "floors": "webapp.cli.floors:floors",
-        "plan": "webapp.cli.plan:plan",
-        "place-rest": "webapp.cli.place_rest:place_rest",
-        "blur": "webapp.cli.blur:blur",
-        "street-photos": "webapp.cli.street:street_photos",
-        "cut-panoramas": "webapp.cli.panoramas:cut_panoramas",
-        "join-panoramas": "webapp.cli.panoramas:join_panoramas",
+    commands={
+        "check": LazyCommand("webapp.cli.map:check", "Check a map file, and say how to fix it."),
+        "from-photos": LazyCommand("webapp.cli.map:from_photos", "Make a map from the photos in a folder."),
+        "write-exif": LazyCommand(
+            "webapp.cli.map:write_exif", "Write positions into the EXIF of photos, or of copies."
+        ),
+        "print": LazyCommand("webapp.cli.print:print_command", "Print a map as PDF or PNG."),
+        "floors": LazyCommand("webapp.cli.floors:floors", "List, add or remove the floors of a map."),
+        "plan": LazyCommand("webapp.cli.plan:plan", "Plan where to take the next photos."),
+        "place-rest": LazyCommand(
+            "webapp.cli.place_rest:place_rest", "Place the photos in the tray by those that are placed."
+        ),
+        "blur": LazyCommand(
+            "webapp.cli.blur:blur", "Find faces and number plates in the photos, and blur them."
+        ),
+        "street-photos": LazyCommand(
+            "webapp.cli.street:street_photos", "Add street-level photos from Panoramax or Mapillary."
+        ),
+        "cut-panoramas": LazyCommand(
+            "webapp.cli.panoramas:cut_panoramas", "Cut panoramas into level views, which are photos."
+        ),
+        "join-panoramas": LazyCommand(
+            "webapp.cli.panoramas:join_panoramas", "Join the photos of several cameras to panoramas."
+        ),
     },
 )
 
 landmarks_group = LazyGroup(
     name="landmarks",
     help="Join the photos of a map, for other programs.",
-    where={"build": "webapp.cli.landmarks:build", "points": "webapp.cli.landmark_points:points"},
+    commands={
+        "build": LazyCommand(
+            "webapp.cli.landmarks:build", "Join the photos of a map by structure from motion."
+        ),
+        "points": LazyCommand(
+            "webapp.cli.landmark_points:points", "List, read or write the control points of a map."
+        ),
+    },
 )
 
 mission_group = LazyGroup(
     name="mission",
     help="What robots and people did: tracks, and objects that they saw.",
-    where={
-        "list": "webapp.missions.cli.mission:list_missions",
-        "new": "webapp.missions.cli.mission:new",
-        "inspect": "webapp.missions.cli.inspect:inspect",
-        "import": "webapp.missions.cli.mission:import_files",
-        "export": "webapp.missions.cli.mission:export",
-        "thin": "webapp.missions.cli.thinning:thin",
-        "prune": "webapp.missions.cli.thinning:prune",
-        "keep": "webapp.missions.cli.thinning:keep",
+    commands={
+        "list": LazyCommand(
+            "webapp.missions.cli.mission:list_missions",
+            "Print all missions: number, name, poses, objects, and when they last changed.",
+        ),
+        "new": LazyCommand("webapp.missions.cli.mission:new", "Make a mission and print its number."),
+        "inspect": LazyCommand(
+            "webapp.missions.cli.inspect:inspect",
+            "Print what is in FILES: each source with its poses, times and extent, and what is odd.",
+        ),
+        "import": LazyCommand(
+            "webapp.missions.cli.mission:import_files",
+            "Import FILES with tracks and objects into MISSION, a number.",
+        ),
+        "export": LazyCommand(
+            "webapp.missions.cli.mission:export", "Write MISSION, a number, to FILE; `-` is standard output."
+        ),
+        "thin": LazyCommand(
+            "webapp.missions.cli.thinning:thin",
+            "Leave poses out of tracks of missions, so that at no time they are farther off than an error.",
+        ),
+        "prune": LazyCommand(
+            "webapp.missions.cli.thinning:prune",
+            "Remove all poses of the tracks of missions but the first and the last.",
+        ),
+        "keep": LazyCommand(
+            "webapp.missions.cli.thinning:keep",
+            "Mark missions to be kept as they are, whatever the settings say of old ones.",
+        ),
     },
 )
 
 foxglove_group = LazyGroup(
     name="foxglove",
     help="Show answers and missions in Foxglove, live or as MCAP files.",
-    where={
-        "localize": "webapp.cli.foxglove:localize",
-        "mission": "webapp.missions.cli.foxglove:mission",
+    commands={
+        "localize": LazyCommand("webapp.cli.foxglove:localize", "Show answers with their pictures."),
+        "mission": LazyCommand("webapp.missions.cli.foxglove:mission", "Show a mission."),
     },
 )
 
 account_group = LazyGroup(
     name="account",
     help="Who may sign in, and with what.",
-    where={
-        "link": "webapp.cli.account:link",
-        "token": "webapp.cli.account:token",
-        "add": "webapp.cli.account:add",
-        "list": "webapp.cli.account:list_accounts",
+    commands={
+        "link": LazyCommand("webapp.cli.account:link", "Print a link that signs in once."),
+        "token": LazyCommand(
+            "webapp.cli.account:token", "Print a token for a program: `Authorization: Bearer TOKEN`."
+        ),
+        "add": LazyCommand(
+            "webapp.cli.account:add", "Make an account, and print a link that signs in to it once."
+        ),
+        "list": LazyCommand(
+            "webapp.cli.account:list_accounts",
+            "Print all accounts: name, whether the owner of the library, and since when.",
+        ),
     },
 )
 
 robot_group = LazyGroup(
     name="robot",
     help="Send poses and objects from a robot, through outages.",
-    where={
-        "send": "webapp.missions.cli.robot:send",
-        "replay": "webapp.missions.cli.robot_replay:replay",
-        "recover": "webapp.missions.cli.robot:recover",
-        "status": "webapp.missions.cli.robot:status",
+    commands={
+        "send": LazyCommand(
+            "webapp.missions.cli.robot:send",
+            "Send what another program prints: a JSON object a line, as batches have them.",
+        ),
+        "replay": LazyCommand(
+            "webapp.missions.cli.robot_replay:replay",
+            "Send a recorded mission, BAG, to a server as if it were happening.",
+        ),
+        "recover": LazyCommand(
+            "webapp.missions.cli.robot:recover", "Upload what a robot has left in the folder SPOOL."
+        ),
+        "status": LazyCommand(
+            "webapp.missions.cli.robot:status",
+            "Show what is in the folder SPOOL; the robot may be writing to it.",
+        ),
     },
 )
 
 models_group = LazyGroup(
     name="models",
     help="The weights that learned features need.",
-    where={"list": "webapp.cli.models:list_models", "fetch": "webapp.cli.models:fetch"},
+    commands={
+        "list": LazyCommand("webapp.cli.models:list_models", "List the models, and whether they are here."),
+        "fetch": LazyCommand(
+            "webapp.cli.models:fetch",
+            "Fetch models, all that there are or those named, into EXPMAP_MODELS or the user's cache.",
+        ),
+    },
 )
 
 library_group = LazyGroup(
     name="library",
     help="Where the records of a library are.",
-    where={"move": "webapp.cli.operate.move:move"},
+    commands={
+        "move": LazyCommand(
+            "webapp.cli.operate.move:move",
+            "Move the records of a library from SQLite to PostgreSQL, or back.",
+        )
+    },
 )
 
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
-    where={
-        "sample": "webapp.sample.cli:sample",
-        "map": "webapp.app.main:map_group",
-        "build": "webapp.cli.build:build",
-        "localize": "webapp.cli.localize:localize",
-        "find": "webapp.cli.find:find",
-        "evaluate": "webapp.cli.evaluate:evaluate",
-        "landmarks": "webapp.app.main:landmarks_group",
-        "models": "webapp.app.main:models_group",
-        "serve": "webapp.cli.serve:serve",
-        "worker": "webapp.cli.serve:worker",
-        "mission": "webapp.app.main:mission_group",
-        "robot": "webapp.app.main:robot_group",
-        "foxglove": "webapp.app.main:foxglove_group",
-        "account": "webapp.app.main:account_group",
-        "settings": "webapp.cli.settings:settings",
-        "backup": "webapp.cli.operate.backup:backup",
-        "restore": "webapp.cli.operate.backup:restore",
-        "library": "webapp.app.main:library_group",
+    commands={
+        "sample": LazyCommand(
+            "webapp.sample.cli:sample", "Make a small map of an invented park, with photos to localize."
+        ),
+        "map": LazyCommand("webapp.app.main:map_group", "Make and check map files."),
+        "build": LazyCommand("webapp.cli.build:build", "Build the index of a map, or bring it up to date."),
+        "localize": LazyCommand("webapp.cli.localize:localize", "Say where photos were taken."),
+        "find": LazyCommand("webapp.cli.find:find", "Say on which map photos were taken."),
+        "evaluate": LazyCommand(
+            "webapp.cli.evaluate:evaluate", "Measure the answers on photos whose places are known."
+        ),
+        "landmarks": LazyCommand(
+            "webapp.app.main:landmarks_group", "Join the photos of a map, for other programs."
+        ),
+        "models": LazyCommand("webapp.app.main:models_group", "The weights that learned features need."),
+        "serve": LazyCommand("webapp.cli.serve:serve", "Serve the maps of a library as pages, until Ctrl-C."),
+        "worker": LazyCommand(
+            "webapp.cli.serve:worker", "Do the long work of a library in the background, until Ctrl-C."
+        ),
+        "mission": LazyCommand(
+            "webapp.app.main:mission_group", "What robots and people did: tracks, and objects that they saw."
+        ),
+        "robot": LazyCommand(
+            "webapp.app.main:robot_group", "Send poses and objects from a robot, through outages."
+        ),
+        "foxglove": LazyCommand(
+            "webapp.app.main:foxglove_group", "Show answers and missions in Foxglove, live or as MCAP files."
+        ),
+        "account": LazyCommand("webapp.app.main:account_group", "Who may sign in, and with what."),
+        "settings": LazyCommand(
+            "webapp.cli.settings:settings", "Print the value of each setting and where it comes from."
+        ),
+        "backup": LazyCommand("webapp.cli.operate.backup:backup", "Put a whole library into FILE, a zip."),
+        "restore": LazyCommand("webapp.cli.operate.backup:restore", "Make a library of the backup FILE."),
+        "library": LazyCommand("webapp.app.main:library_group", "Where the records of a library are."),
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

@@ -8,12 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-
-from markdown_it import MarkdownIt
-from markdown_it.token import Token
+from typing import TYPE_CHECKING
 
 from webapp.errors import NotFound
 from webapp.resources import resource_folder
+
+if TYPE_CHECKING:
+    from markdown_it import MarkdownIt
+    from markdown_it.token import Token
 
 CHAPTERS: Mapping[str, Sequence[str]] = {
     "Maps": (
@@ -72,7 +74,8 @@ def chapter(name: str) -> Chapter:
     """
     if not any(name in names for names in CHAPTERS.values()):
         raise NotFound("the manual has no such chapter", hint="choose one from the list")
-    tokens = _PARSER.parse((folder() / f"{name}.md").read_text("utf-8"))
+    parser = _parser()
+    tokens = parser.parse((folder() / f"{name}.md").read_text("utf-8"))
     title = ""
     for heading, content in pairwise(tokens):
         if heading.type == "heading_open":
@@ -82,7 +85,7 @@ def chapter(name: str) -> Chapter:
         _follow(token.children or [])
         if token.type == "table_open":
             token.attrSet("tabindex", "0")  # on a narrow screen it scrolls, by the keyboard too
-    return Chapter(name, title, _PARSER.renderer.render(tokens, _PARSER.options, {}))
+    return Chapter(name, title, parser.renderer.render(tokens, parser.options, {}))
 
 
 def titles() -> dict[str, list[tuple[str, str]]]:
@@ -120,4 +123,8 @@ def _anchor(title: str) -> str:
     return _NOT_IN_ANCHOR.sub("", title.lower()).replace(" ", "-")
 
 
-_PARSER = MarkdownIt("commonmark", {"html": False}).enable("table")
+@functools.cache
+def _parser() -> MarkdownIt:
+    from markdown_it import MarkdownIt  # takes a tenth of the start of a server that is rarely asked for it
+
+    return MarkdownIt("commonmark", {"html": False}).enable("table")

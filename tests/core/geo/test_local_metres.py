@@ -108,7 +108,7 @@ def test_what_is_no_plane_is_refused(name):
 )
 def test_what_could_name_a_file_never_reaches_proj(name, monkeypatch):
     """PROJ would open the file: any of the machine, or a pipe of the server."""
-    monkeypatch.setattr("webapp.core.geo.crs.CRS", None)
+    monkeypatch.setattr("pyproj.CRS", None)
     with pytest.raises(GeoreferenceError, match="unknown coordinate system"):
         parse_crs(name)
 

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError, ProjError
 
 from webapp.errors import GeoreferenceError
+
+if TYPE_CHECKING:
+    from pyproj import CRS, Transformer
 
 WGS84 = "EPSG:4326"
 
@@ -55,6 +57,9 @@ def parse_crs(plane: str) -> CRS:
     GeoreferenceError
         PROJ does not know it, it is not a plane (a height, a geocentric system), or it names a file.
     """
+    from pyproj import CRS  # only where something is on the Earth: each process would load it
+    from pyproj.exceptions import CRSError
+
     hint = "name it like EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
     if not _is_plain(plane):
         raise GeoreferenceError(f"unknown coordinate system {plane[:80]!r}", hint=hint)
@@ -93,6 +98,9 @@ def crs_name(text: str) -> str:
 
 @lru_cache(maxsize=64)
 def _transformer(plane: str) -> Transformer:
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
     try:
         return Transformer.from_crs(parse_crs(plane), WGS84, always_xy=True)
     except ProjError as error:

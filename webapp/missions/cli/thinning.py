@@ -46,7 +46,7 @@ def _common(command: Callable[..., Any]) -> Callable[..., Any]:
 def thin(
     numbers: tuple[int, ...], metres: float | None, days: float | None, dry_run: bool, library: Path | None
 ) -> int:
-    """Leave poses out of the tracks of missions, so that at no time they are farther off than an error.
+    """Leave poses out of tracks of missions, so that at no time they are farther off than an error.
 
     Without MISSION: of all missions that are old. Those that are under way, in the bin, or marked to be
     kept are left as they are; objects, photos, and both ends of each track stay.
