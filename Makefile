@@ -18,9 +18,10 @@ RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py
            tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find
 REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/cluster tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
+# In a process of their own, with the tests of ROS beside them, which wait most of the time.
 # Clients of Dask that lose their scheduler leave coroutines behind, which pytest would count against any later test.
 CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/cluster
-# Half of the time of a browser and of a node is waiting: more of them than processors, and both parts side by side.
+# Half of the time of a browser is waiting: more of them than processors.
 BROWSERS = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
@@ -31,7 +32,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 # Many tests start a server or a command: without compiled modules each takes a second of computing more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint style types scripts quick postgresql test browser ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts quick postgresql test cluster ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -81,11 +82,11 @@ test: lint       ## run everything that must pass; installs chromium through apt
 	$(PYTEST) -q --database postgresql $(RECORDS)
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
-	$(BIN)/pytest -q $(CLUSTER)
-	@$(MAKE) --no-print-directory -j 2 browser ros-test
-
-browser: $(VENV)/.tested ## run the tests of pages in a browser
+	@$(MAKE) --no-print-directory -j 2 cluster ros-test
 	$(PYTEST) -n $(BROWSERS) -q tests/browser
+
+cluster: $(VENV)/.tested ## run the tests of computing on other machines
+	$(BIN)/pytest -q $(CLUSTER)
 
 ros-test: $(VENV)/.tested ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
 	$(BIN)/python ros/run_tests.py

@@ -27,6 +27,12 @@ PYTHON = FOLDER / "bin" / "python"
 BUILDER = ROOT / "ros" / "build_messages.py"
 _STAND_INS = ROOT / "ros" / "expmap_ros" / "test" / "interfaces"
 MESSAGES = (ROOT / "ros" / "expmap_msgs", _STAND_INS / "tf2_msgs", _STAND_INS / "vision_msgs")
+PROCESSES = 3
+"""That test at once, each in a domain of its own: most of the time nodes wait for each other."""
+
+DOMAINS = 33
+"""That runs choose from; further processes of a run have those that are so many higher each."""
+
 PYTHONS = ((3, 11), (3, 12), (3, 13))
 """That the wheels are made for, on Linux with glibc and x86-64."""
 
@@ -44,14 +50,15 @@ def main() -> int:
     tests = sys.argv[1:] or ["ros/expmap_ros/test"]
     with _own_domain() as number:
         paths = {"PYTHONPATH": str(ROOT / "ros" / "expmap_ros"), "ROS_DOMAIN_ID": str(number)}
-        command = [PYTHON, "-m", "pytest", "-q", *tests]
+        parallel = ["-n", str(PROCESSES), "--dist", "loadfile"]
+        command = [PYTHON, "-m", "pytest", "-q", *parallel, *tests]
         return subprocess.run(command, cwd=ROOT, env={**os.environ, **paths}).returncode
 
 
 @contextmanager
 def _own_domain() -> Iterator[int]:
     """Choose a domain that no other run on this machine has: its nodes would answer."""
-    for number in range(1, 101):
+    for number in range(1, DOMAINS + 1):
         lock = FileLock(Path(tempfile.gettempdir()) / f"expmap-ros-domain-{number}.lock")
         try:
             lock.acquire(blocking=False)

@@ -107,11 +107,16 @@ def test_each_part_of_the_suite_is_run_once(project):
     pages = re.search(r"^PAGES\s*:= (.+)$", text, re.M)[1].split()
     for folder in (*named, *pages):
         assert (project / folder).is_dir(), folder
-    recipe = re.search(r"^test:.*\n((?:\t.*\n)+)", text, re.M)[1]
-    for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "$(CLUSTER)", " browser ros-test"):
-        assert recipe.count(part) == 1, part
-    for target, part in (("browser", "tests/browser"), ("ros-test", "ros/run_tests.py")):
-        assert re.search(rf"^{target}:.*\n\t.*{part}$", text, re.M), target
+
+    def recipe_of(target):
+        return re.search(rf"^{target}:.*\n((?:\t.*\n)+)", text, re.M)[1]
+
+    recipe = recipe_of("test")
+    assert recipe.count("-j 2 cluster ros-test\n") == 1
+    recipe += recipe_of("cluster") + recipe_of("ros-test")
+    for part in ("$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser", "$(CLUSTER)"):
+        assert recipe.count(part) == (2 if part == "tests/browser" else 1), part
+    assert recipe.count("ros/run_tests.py") == 1
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")

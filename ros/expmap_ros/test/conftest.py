@@ -7,7 +7,13 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+from ros.run_tests import DOMAINS
+
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+if worker := os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw"):
+    # Nodes of one test process would answer those of another.
+    domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) + DOMAINS * int(worker)
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
 # A shell starts what runs in the background without the interrupt, and the nodes would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
