@@ -17,6 +17,7 @@ from webapp.web import (
     compression,
     concurrency,
     errors,
+    ids,
     language,
     metrics,
     openapi,
@@ -40,6 +41,7 @@ _PARTS = (
     pages,
     errors,
     openapi,
+    ids,
 )
 """In this order before a request, and the other way round after it."""
 

@@ -15,6 +15,7 @@ from apispec.ext.marshmallow.common import make_schema_key, resolve_schema_insta
 from flask import Flask
 from werkzeug.routing import Rule
 
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.render.export_file import FORMATS
 from webapp.render.sheet.options import SHEET_FORMATS
 from webapp.web import pieces
@@ -138,7 +139,7 @@ _ERROR = {
 }
 
 _PART = re.compile(r"<(?:(?P<kind>\w+)(?:\((?P<limits>[^)]*)\))?:)?(?P<name>\w+)>")
-"""A part of a path that varies, as Flask writes it: `<slug>`, `<int(max=9):id>`."""
+"""A part of a path that varies, as Flask writes it: `<slug>`, `<id:map_id>`, `<int(max=9):number>`."""
 
 
 class Application(APIFlask):
@@ -236,6 +237,8 @@ def _describe(parameter: dict[str, Any], rule: Rule) -> None:
     schema: dict[str, Any] = {"type": "string", "minLength": 1}
     if part["kind"] == "int":
         schema = {"type": "integer", "minimum": 0}
+    if part["kind"] == "id":
+        schema = {"type": "integer", "minimum": 0, "maximum": MAX_NUMBER}
     schema.update({bound: int(value) for key, value in limits.items() for bound in _LIMITS[key]})
     parameter.update(
         {"required": True, "schema": schema, **(_PARAMETERS | dict(parts().path_parameters))[name]}

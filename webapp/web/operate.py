@@ -68,7 +68,7 @@ def listed(query: dict[str, str | None]) -> dict[str, Any]:
         return {"jobs": [_job_json(session, job) for job in found]}
 
 
-@jobs_api.get("/<int(max=2147483647):job_id>")
+@jobs_api.get("/<id:job_id>")
 @jobs_api.output(ListedJob)
 def one(job_id: int) -> dict[str, Any]:
     """Get the progress of a job."""
@@ -76,7 +76,7 @@ def one(job_id: int) -> dict[str, Any]:
         return _job_json(session, _job(session, job_id, role="viewer"))
 
 
-@jobs_api.post("/<int(max=2147483647):job_id>/cancel")
+@jobs_api.post("/<id:job_id>/cancel")
 @jobs_api.output(ListedJob)
 def cancel(job_id: int) -> dict[str, Any]:
     """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
@@ -86,7 +86,7 @@ def cancel(job_id: int) -> dict[str, Any]:
         return _job_json(session, job)
 
 
-@jobs_api.post("/<int(max=2147483647):job_id>/retry")
+@jobs_api.post("/<id:job_id>/retry")
 @jobs_api.output(ListedJob)
 def retry(job_id: int) -> dict[str, Any]:
     """Queue a job again that failed or was cancelled."""

@@ -84,7 +84,7 @@ def answer_out_of_order(error: OutOfOrder) -> Response:
     return response
 
 
-@blueprint.post("/<int(max=2147483647):mission_id>/batches")
+@blueprint.post("/<id:mission_id>/batches")
 @blueprint.input(BatchIn, arg_name="given")
 @blueprint.input(BatchKeyIn, location="headers", arg_name="sent")
 @blueprint.output(BatchOut)

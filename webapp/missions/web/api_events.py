@@ -61,7 +61,7 @@ class EventsQuery(Schema):
     )
 
 
-@blueprint.get("/<int(max=2147483647):mission_id>/events")
+@blueprint.get("/<id:mission_id>/events")
 @blueprint.input(EventsQuery, location="query", arg_name="query")
 @blueprint.doc(
     description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `tracks` (the "

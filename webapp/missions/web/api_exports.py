@@ -28,7 +28,7 @@ from webapp.web.openapi import Responses, file_answer
 blueprint = APIBlueprint(
     "api_mission_exports",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
+    url_prefix="/api/v1/missions/<id:mission_id>",
     tag="Missions",
 )
 

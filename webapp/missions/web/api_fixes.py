@@ -34,7 +34,7 @@ from webapp.web.openapi import file_answer
 blueprint = APIBlueprint(
     "api_mission_fixes",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>",
+    url_prefix="/api/v1/missions/<id:mission_id>",
     tag="Missions",
 )
 blueprint.before_request(limit_photo)

@@ -94,7 +94,7 @@ def limit_parts() -> None:
     request.max_form_parts = _PARTS
 
 
-@blueprint.post("/<int(max=2147483647):mission_id>/imports")
+@blueprint.post("/<id:mission_id>/imports")
 @blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(

@@ -30,7 +30,7 @@ _MOST_SEARCHED = 120
 _FINE = 500
 """Below this size of a preview its lines are not whole numbers."""
 
-_ID = "<int(max=2147483647):mission_id>"
+_ID = "<id:mission_id>"
 
 
 class StartOut(Schema):

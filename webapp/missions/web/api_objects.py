@@ -24,7 +24,7 @@ from webapp.web.fields import CheckedText, RecordNumber
 blueprint = APIBlueprint(
     "api_mission_objects",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/objects",
+    url_prefix="/api/v1/missions/<id:mission_id>/objects",
     tag="Missions",
 )
 blueprint.record(context.allow_any_text)

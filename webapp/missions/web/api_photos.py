@@ -26,7 +26,7 @@ from webapp.web.sending import as_attachment, send_immutable
 blueprint = APIBlueprint(
     "api_mission_photos",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/photos",
+    url_prefix="/api/v1/missions/<id:mission_id>/photos",
     tag="Missions",
 )
 blueprint.before_request(limit_photo)

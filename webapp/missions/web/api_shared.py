@@ -37,7 +37,7 @@ blueprint = APIBlueprint(
 )
 blueprint.record(context.allow_any_text)
 
-_TRACK = "<int(max=2147483647):track_id>"
+_TRACK = "<id:track_id>"
 _SHA = "<string(length=64):sha256>"
 _MOST = 2000
 

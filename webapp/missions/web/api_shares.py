@@ -20,11 +20,11 @@ from webapp.web.fields import Boolean
 blueprint = APIBlueprint(
     "api_mission_shares",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/shares",
+    url_prefix="/api/v1/missions/<id:mission_id>/shares",
     tag="Sharing",
 )
 
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
 
 

@@ -23,11 +23,11 @@ from webapp.web.fields import RecordNumber
 blueprint = APIBlueprint(
     "api_tracks",
     __name__,
-    url_prefix="/api/v1/missions/<int(max=2147483647):mission_id>/tracks",
+    url_prefix="/api/v1/missions/<id:mission_id>/tracks",
     tag="Missions",
 )
 
-_ID = "<int(max=2147483647):track_id>"
+_ID = "<id:track_id>"
 _MOST_POINTS = 5000
 _SIDES = ("south", "west", "north", "east")
 _POINT = {

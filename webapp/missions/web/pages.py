@@ -54,7 +54,7 @@ def trash() -> str:
     return _list(binned=True)
 
 
-@mission_pages.get("/<int(max=2147483647):mission_id>")
+@mission_pages.get("/<id:mission_id>")
 def show(mission_id: int) -> str:
     """Show a mission; `?with=2,3` lays others over it."""
     mission, who = open_mission(mission_id), account()

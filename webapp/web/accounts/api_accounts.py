@@ -26,7 +26,7 @@ account_api = APIBlueprint("api_account", __name__, url_prefix="/api/v1/account"
 session_api = APIBlueprint("api_session", __name__, url_prefix="/api/v1/session", tag="Session")
 
 people_api = APIBlueprint("api_people", __name__, url_prefix="/api/v1/accounts", tag="Accounts")
-_ID = "<int(max=2147483647):account_id>"
+_ID = "<id:account_id>"
 
 
 class AccountOut(Schema):
@@ -113,7 +113,7 @@ def new_token(data: dict[str, str]) -> dict[str, Any]:
     return {**_token(made), "token": secret}
 
 
-@account_api.delete("/tokens/<int(max=2147483647):token_id>")
+@account_api.delete("/tokens/<id:token_id>")
 @account_api.output({}, status_code=204)
 def revoke_token(token_id: int) -> str:
     """Make a token worthless."""

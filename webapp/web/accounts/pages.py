@@ -91,7 +91,7 @@ def new_token() -> str | tuple[str, int]:
     return _page(token=token)
 
 
-@account_pages.post("/account/tokens/<int(max=2147483647):token_id>/revoke")
+@account_pages.post("/account/tokens/<id:token_id>/revoke")
 def revoke_token(token_id: int) -> Response:
     """Make a token worthless."""
     with library().database.write() as db:
@@ -149,7 +149,7 @@ def add() -> str | tuple[str, int]:
     return _people_page(person=person, token=token)
 
 
-@people_pages.post("/<int(max=2147483647):account_id>/link")
+@people_pages.post("/<id:account_id>/link")
 def new_link(account_id: int) -> str:
     """Make another link: for a person who cannot sign in any more."""
     with library().database.write() as db:
@@ -158,7 +158,7 @@ def new_link(account_id: int) -> str:
     return _people_page(person=person, token=token)
 
 
-@people_pages.post("/<int(max=2147483647):account_id>/remove")
+@people_pages.post("/<id:account_id>/remove")
 def remove(account_id: int) -> Response | tuple[str, int]:
     """Delete an account; its maps stay."""
     try:

@@ -31,7 +31,7 @@ blueprint = APIBlueprint(
 )
 
 _MOST = 100
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 
 
 class ListIn(Schema):

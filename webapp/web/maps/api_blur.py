@@ -52,7 +52,7 @@ class BlurIn(Schema):
     )
 
 
-@blur_api.put("/photos/<int(max=2147483647):id>/blur")
+@blur_api.put("/photos/<id:id>/blur")
 @blur_api.input(BlurIn, arg_name="data")
 @blur_api.output(EditAnswer)
 def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class BlurSuggestions(Schema):
     missing = _MISSING
 
 
-@blur_api.get("/photos/<int(max=2147483647):id>/blur/suggestions")
+@blur_api.get("/photos/<id:id>/blur/suggestions")
 @blur_api.output(BlurSuggestions)
 def suggest(slug: str, id: int) -> dict[str, Any]:
     """Find faces and number plates in a photo by the models `faces` and `plates`; nothing is changed."""

@@ -36,7 +36,7 @@ blueprint.before_request(limit_image)
 _limit = ConcurrencyLimit("images of floors", share=0.125)
 blueprint.record(_limit.set_up)
 
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 
 
 class FloorIn(Schema):

@@ -223,7 +223,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     return _edited(slug, RequestedEdit("remove", gone, seen=data.get("seen")))
 
 
-@blueprint.patch("/<slug>/experiences/<int(max=2147483647):id>")
+@blueprint.patch("/<slug>/experiences/<id:id>")
 @blueprint.input(PhotoChange, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
@@ -232,7 +232,7 @@ def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=if_match()))
 
 
-@blueprint.delete("/<slug>/experiences/<int(max=2147483647):id>")
+@blueprint.delete("/<slug>/experiences/<id:id>")
 @blueprint.doc(responses=_EDITED)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
     """Take a photo out of the map; undo brings it back."""

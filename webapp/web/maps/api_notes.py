@@ -19,7 +19,7 @@ from webapp.web.maps.schemas import EditAnswer, NoteOut
 
 blueprint = APIBlueprint("api_notes", __name__, url_prefix="/api/v1/maps/<slug>/notes", tag="Maps")
 
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 _MOST_PHOTOS = 500
 
 

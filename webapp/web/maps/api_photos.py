@@ -125,21 +125,21 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
     return [_take_in(record, file) for file in given["file"]]
 
 
-@photos_api.get("/<int(max=2147483647):id>/thumb")
+@photos_api.get("/<id:id>/thumb")
 @photos_api.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(slug: str, id: int) -> Response:
     """Get a photo as a small picture."""
     return _preview(slug, id, "thumb")
 
 
-@photos_api.get("/<int(max=2147483647):id>/preview")
+@photos_api.get("/<id:id>/preview")
 @photos_api.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
     """Get a photo as a picture that fills a screen."""
     return _preview(slug, id, "preview")
 
 
-@photos_api.get("/<int(max=2147483647):id>/original")
+@photos_api.get("/<id:id>/original")
 @photos_api.doc(responses=file_answer("The original file.", "image/*"))
 def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""

@@ -132,7 +132,7 @@ def set_role(slug: str) -> Response | tuple[str, int]:
     return back("map_pages.settings", slug=slug)
 
 
-@blueprint.post("/maps/<slug>/settings/members/<int(max=2147483647):account_id>/remove")
+@blueprint.post("/maps/<slug>/settings/members/<id:account_id>/remove")
 def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
     """Share the map with somebody no longer; everybody may leave by themselves."""
     leaving = account_id == account().id

@@ -43,7 +43,7 @@ visitors_limit = ConcurrencyLimit("visitors", share=0.25)
 """Visitors may not keep the threads from those who work here."""
 
 blueprint.record(visitors_limit.set_up)
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 
 
 class AllowsOut(Schema):

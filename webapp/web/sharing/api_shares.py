@@ -22,7 +22,7 @@ from webapp.web.fields import Boolean, RecordNumber
 shares_api = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
 members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
 
-_ID = "<int(max=2147483647):id>"
+_ID = "<id:id>"
 _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></iframe>'
 
 
@@ -214,7 +214,7 @@ def set_role(slug: str, data: dict[str, str]) -> dict[str, Any]:
     return _member_as_json(person, data["role"])
 
 
-@members_api.delete("/<int(max=2147483647):account_id>", endpoint="remove")
+@members_api.delete("/<id:account_id>", endpoint="remove")
 @members_api.output({}, status_code=204)
 def remove_member(slug: str, account_id: int) -> str:
     """Share the map with somebody no longer; everybody may leave by themselves."""
