@@ -1,4 +1,4 @@
-"""Writes a file whole or not at all, also when the machine stops in between."""
+"""Reads whole files, and writes them whole or not at all, also when the machine stops in between."""
 
 from __future__ import annotations
 
@@ -37,6 +37,20 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise storage_error(error, where=folder.name) from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file.
+
+    Raises
+    ------
+    StorageError
+        It cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -104,6 +104,15 @@ class JsonField:
             raise self.error(f"is not {meaning}")
         return float(self.value)
 
+    def pixels(self) -> float:
+        """Return a finite number of pixels.
+
+        Raises
+        ------
+        MapJsonError
+        """
+        return self.number("a finite number of pixels", valid=finite)
+
     def boolean(self) -> bool:
         """Return true or false.
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from webapp.core.features.global_descriptor import GlobalDescriptor, InputForm, read_form
 from webapp.errors import ExpMapError, InputError, MissingPart, StorageError
+from webapp.files.atomic import read_bytes
 from webapp.files.localize.models import MODELS, models_folder
 
 _Seen = tuple[int, int] | None
@@ -77,7 +78,7 @@ def model_paths(chosen: Path | None) -> tuple[Path, Path]:
 def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpMapError:
     """Open the files as they were seen; what is wrong with them is found out once, too."""
     try:
-        data = _read(model)
+        data = read_bytes(model)
         form = _form(model.with_suffix(".json")) if form_seen is not None else InputForm()
         weights = hashlib.sha256(hashlib.sha256(data).digest() + repr(form).encode()).hexdigest()[:16]
         return GlobalDescriptor(data, file=model.name, form=form, weights=weights)
@@ -87,20 +88,13 @@ def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpM
 
 def _form(path: Path) -> InputForm:
     try:
-        return read_form(json.loads(_read(path)))
+        return read_form(json.loads(read_bytes(path)))
     except (ValueError, RecursionError) as error:
         reason = "it is not JSON" if isinstance(error, json.JSONDecodeError | UnicodeError) else str(error)
         hint = (
             'as in {"width": 322, "height": 322, "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225]}'
         )
         raise InputError(reason, where=path.name, hint=hint) from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
 def _look(path: Path) -> _Seen:

@@ -27,8 +27,9 @@ from webapp.core.features.table import (
     choose,
 )
 from webapp.core.features.xfeatnet import XFeatNetwork
-from webapp.errors import MissingPart, StorageError, UsageError
+from webapp.errors import MissingPart, UsageError
 from webapp.extras import is_installed
+from webapp.files.atomic import read_bytes
 
 _FETCH = "get them with expmap models fetch"
 
@@ -222,7 +223,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
         return choice
     path, file = find_weights(choice.model, chosen)
     if not file.published:
-        choice = replace(choice, weights=hashlib.sha256(_read(path)).hexdigest())
+        choice = replace(choice, weights=hashlib.sha256(read_bytes(path)).hexdigest())
     network(choice.model, chosen, weights=choice.weights)
     return choice
 
@@ -256,7 +257,7 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
     if model is None:
         return None
     path, file = find_weights(model, chosen)
-    return _network(model, path, file.sha256 or weights or hashlib.sha256(_read(path)).hexdigest())
+    return _network(model, path, file.sha256 or weights or hashlib.sha256(read_bytes(path)).hexdigest())
 
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
@@ -283,7 +284,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
             f"no network matches features {features}", where="--features", hint=f"take --features {fitting}"
         )
     path, file = find_weights(model, chosen)
-    return _matcher(model, path, file.sha256 or hashlib.sha256(_read(path)).hexdigest())
+    return _matcher(model, path, file.sha256 or hashlib.sha256(read_bytes(path)).hexdigest())
 
 
 def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher | None:
@@ -336,7 +337,7 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
         It has another one.
     StorageError
     """
-    data = _read(path)
+    data = read_bytes(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
     published = next((file for file in MODELS[model] if file.sha256 == sha256), None)
@@ -347,13 +348,6 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
         where=path.name,
         hint="run expmap build on the map, and restart the server",
     )
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
 def _size(path: Path) -> int | None:

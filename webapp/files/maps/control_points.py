@@ -78,15 +78,11 @@ def _point(name: str, fields: Mapping[str, JsonField], item: JsonField) -> Groun
         clicks[id] = PhotoClick(id, _share(part["x"]), _share(part["y"]))
     return GroundControlPoint(
         name,
-        None if x.missing else MapPixel(_pixel(x), _pixel(y)),
+        None if x.missing else MapPixel(x.pixels(), y.pixels()),
         tuple(clicks[id] for id in sorted(clicks)),
         None if accuracy.missing else accuracy.number("a finite number of metres", valid=finite),
         None if height.missing else height.number("a finite number of metres", valid=finite),
     )
-
-
-def _pixel(field: JsonField) -> float:
-    return field.number("a finite number of pixels", valid=finite)
 
 
 def _share(field: JsonField) -> float:

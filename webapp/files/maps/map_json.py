@@ -243,7 +243,9 @@ def _placement(item: JsonField) -> tuple[str, Mapping[int, MapPixel]]:
 
 def _placed(item: JsonField) -> tuple[int, MapPixel]:
     fields = item.record(required=("id", "x_px", "y_px"))
-    return fields["id"].integer(largest=MAX_NUMBER), MapPixel(_pixel(fields["x_px"]), _pixel(fields["y_px"]))
+    return fields["id"].integer(largest=MAX_NUMBER), MapPixel(
+        fields["x_px"].pixels(), fields["y_px"].pixels()
+    )
 
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
@@ -253,7 +255,7 @@ def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
-    position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
+    position = None if x.missing else MapPixel(x.pixels(), y.pixels())
     facts, stated, radius = _facts(fields, position), fields["by_gps"], fields["radius_px"]
     radius_px = None if radius.missing else radius.number("0 or more", valid=lambda v: finite(v) and v >= 0)
     # files of 0.7 do not say it
@@ -317,10 +319,6 @@ def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None
     MapJsonError
     """
     return None if value is None else _panorama(JsonField(value, where, "$"))
-
-
-def _pixel(field: JsonField) -> float:
-    return field.number("a finite number of pixels", valid=finite)
 
 
 def _is_heading(value: float) -> bool:

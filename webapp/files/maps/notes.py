@@ -9,7 +9,7 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.core.mapmodel.notes import MapNote, text_problem, title_problem
-from webapp.files.json_fields import JsonField, by_id, finite
+from webapp.files.json_fields import JsonField, by_id
 
 
 def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
@@ -74,14 +74,10 @@ def _note(item: JsonField) -> tuple[int, MapNote]:
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
     number = fields["id"].integer(largest=MAX_NUMBER)
-    position = None if x.missing else MapPixel(_pixel(x), _pixel(y))
+    position = None if x.missing else MapPixel(x.pixels(), y.pixels())
     photos = [photo.integer(largest=MAX_NUMBER) for photo in fields["photos"].items()]
     text = parse_text(fields["text"]) or ""
     floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
     return number, MapNote(
         number, fields["title"].text(), position, text, tuple(dict.fromkeys(photos)), floor
     )
-
-
-def _pixel(field: JsonField) -> float:
-    return field.number("a finite number of pixels", valid=finite)

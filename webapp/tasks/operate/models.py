@@ -128,7 +128,7 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
     """
     if source is not None:
         came_from = str(source / file.name)
-        data = _read(source / file.name)
+        data = atomic.read_bytes(source / file.name)
     else:
         came_from = file.address
         data = download(file.address, size=file.bytes, progress=progress)
@@ -145,13 +145,6 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
         raise StorageError(f"cannot be made: {error.strerror}", where=str(target.parent)) from error
     atomic.write_bytes(target, data)
     return target
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise StorageError(f"cannot be read: {error.strerror}", where=str(path)) from error
 
 
 def _state(path: Path, file: ModelFile) -> str:
