@@ -113,7 +113,7 @@ class WebSettings:
     """Largest request, megabytes (10^6 bytes); a satellite image comes in one."""
 
     requests_per_minute: int = 6000
-    """To the API, of one account or address, in each worker process."""
+    """To the API, of one account or address, in each worker process; in all together, with PostgreSQL."""
 
     session_days: int = 14
     """Days without a visit after which a user must sign in again."""

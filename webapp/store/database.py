@@ -62,6 +62,7 @@ class Database:
         self._for_moves = self.engine.execution_options(**{TURN: MOVING})
         self._turn = self.backend.turn()
         self._listener = self.backend.listener(self.engine)
+        self.request_counts = self.backend.request_counts(self.engine)
 
     @contextmanager
     def read(self) -> Iterator[Session]:

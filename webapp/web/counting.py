@@ -1,14 +1,18 @@
-"""Counts requests for rate limits, in the memory of a process."""
+"""Counts requests for rate limits: in the memory of a process, or in the database that machines share."""
 
 from __future__ import annotations
 
 import threading
 import time
+from typing import Any
 
 from limits.storage import Storage
 
-ADDRESS = "counting://"
-"""Of the storage, for those who choose one by its address."""
+from webapp.errors import StorageError
+from webapp.store.database import Database
+
+ADDRESS, SHARED_ADDRESS = "counting://", "counting-together://"
+"""Of the two storages, for those who choose one by its address."""
 
 _TIDY_S = 60.0
 
@@ -70,3 +74,68 @@ class CountingStorage(Storage):
         """Forget a count."""
         with self._turn:
             self._counts.pop(key, None)
+
+
+class SharedCounting(Storage):
+    """Counts in the database, where all machines count together, by its clock.
+
+    Parameters
+    ----------
+    database : Database
+        Of which `request_counts` is not None. While it does not answer, a request that has to be counted is
+        refused as any other (`DatabaseUnavailable`): one that was let through might be one too many.
+    """
+
+    STORAGE_SCHEME = ["counting-together"]  # noqa: RUF012 - a list in `limits` too
+
+    def __init__(
+        self, uri: str | None = None, wrap_exceptions: bool = False, *, database: Database, **options: str
+    ) -> None:
+        super().__init__(uri, wrap_exceptions=wrap_exceptions, **options)
+        assert database.request_counts is not None
+        self._database, self._counts = database, database.request_counts
+
+    @property
+    def base_exceptions(self) -> type[Exception]:
+        """Return what an operation may raise."""
+        return StorageError
+
+    def incr(self, key: str, expiry: float, *, amount: int = 1) -> int:  # type: ignore[override]
+        """Count a request in a window of so many seconds; returns how many there were in it."""
+        with self._database.translated_errors():
+            return self._counts.hit(key, seconds=expiry, amount=amount)
+
+    def get(self, key: str) -> int:
+        """Return how many requests were counted in the window."""
+        with self._database.translated_errors():
+            return self._counts.look(key)[0]
+
+    def get_expiry(self, key: str) -> float:
+        """Return when the window ends, seconds since 1970 by the clock of this machine."""
+        with self._database.translated_errors():
+            return time.time() + self._counts.look(key)[1]
+
+    def check(self) -> bool:
+        """Return whether the database answers."""
+        try:
+            self.get("")
+        except StorageError:
+            return False
+        return True
+
+    def reset(self) -> int:
+        """Forget all counts; returns how many there were."""
+        with self._database.translated_errors():
+            return self._counts.forget()
+
+    def clear(self, key: str) -> None:
+        """Forget a count."""
+        with self._database.translated_errors():
+            self._counts.forget(key)
+
+
+def storage_address(database: Database) -> tuple[str, dict[str, Any]]:
+    """Choose a storage for a library; gives its address and its options."""
+    if database.request_counts is None:
+        return ADDRESS, {}
+    return SHARED_ADDRESS, {"database": database}

@@ -13,6 +13,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from webapp.errors import ExpMapError, NotFound, StorageError
+from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import Listener
 
 WAIT_S = 30
@@ -90,6 +91,10 @@ class Backend(ABC):
     @abstractmethod
     def listener(self, engine: Engine) -> Listener | None:
         """Make what hears announcements; None for a database that has none, where one has to look."""
+
+    @abstractmethod
+    def request_counts(self, engine: Engine) -> RequestCounts | None:
+        """Make what counts requests for all machines; None for a database of one, which counts in memory."""
 
     @abstractmethod
     def insert(

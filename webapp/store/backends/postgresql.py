@@ -26,6 +26,7 @@ from webapp.store.backends.backend import (
     has_moved,
     too_large,
 )
+from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import CHANNEL, Listener
 
 _log = logging.getLogger(__name__)
@@ -210,6 +211,10 @@ class Postgresql(Backend):
             return driver
 
         return Listener(connect, error=engine.dialect.loaded_dbapi.Error)
+
+    def request_counts(self, engine: Engine) -> RequestCounts:
+        """Make what counts in a table of its own."""
+        return RequestCounts(engine)
 
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]

@@ -32,6 +32,7 @@ from sqlalchemy.types import TypeEngine
 
 from webapp.errors import StorageError, UsageError
 from webapp.progress import Progress
+from webapp.store.backends import request_counts
 from webapp.store.database import Database, backend_of
 from webapp.store.library import has_tables, migrate
 from webapp.store.moving import marks
@@ -39,7 +40,7 @@ from webapp.store.moving import marks
 _ROWS, _LARGE_ROWS = 2000, 50
 """At once, of plain tables and of those with rows of any size."""
 
-_NOT_RECORDS = marks.MARKS | {"alembic_version"}
+_NOT_RECORDS = marks.MARKS | {"alembic_version", request_counts.TABLE}
 
 Row = Sequence[Any]
 Convert = Callable[[Any], Any]

@@ -17,8 +17,8 @@ from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
 from webapp.errors import StorageError
 from webapp.web import context
 from webapp.web.accounts.sessions import bearer, is_api
-from webapp.web.counting import ADDRESS
-from webapp.web.state import settings
+from webapp.web.counting import storage_address
+from webapp.web.state import KEY, settings
 
 _NAME = "secret-key"
 _BYTES = 32
@@ -88,7 +88,14 @@ class _Sessions(SecureCookieSessionInterface):
 
 
 def _limit(app: Flask) -> None:
-    limiter = Limiter(_who, app=app, storage_uri=ADDRESS, application_limits=[_requests_per_minute])
+    address, options = storage_address(app.extensions[KEY].library.database)
+    limiter = Limiter(
+        _who,
+        app=app,
+        storage_uri=address,
+        storage_options=options,
+        application_limits=[_requests_per_minute],
+    )
     limiter.request_filter(lambda: not is_api())
 
 

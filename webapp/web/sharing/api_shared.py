@@ -10,6 +10,7 @@ from apiflask.fields import Boolean, Dict, File, Integer, List, Nested, String
 from flask import Response, current_app, request
 from flask.blueprints import BlueprintSetupState
 from limits import RateLimitItemPerMinute
+from limits.storage import storage_from_string
 from limits.strategies import FixedWindowRateLimiter
 from werkzeug.datastructures import FileStorage
 
@@ -26,13 +27,14 @@ from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, public, settings
-from webapp.web.counting import CountingStorage
+from webapp.web.counting import storage_address
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
 from webapp.web.openapi import file_answer
 from webapp.web.sending import as_attachment, send_revalidated
 from webapp.web.sharing import shared_state
+from webapp.web.state import KEY
 
 blueprint = APIBlueprint("api_shared", __name__, url_prefix="/api/v1/shared/<token>", tag="Shared")
 blueprint.before_request(limit_photo)
@@ -85,7 +87,8 @@ class VisitIn(Schema):
 
 @blueprint.record_once
 def _make_limiter(state: BlueprintSetupState) -> None:
-    state.app.extensions[_LIMITER] = FixedWindowRateLimiter(CountingStorage())
+    address, options = storage_address(state.app.extensions[KEY].library.database)
+    state.app.extensions[_LIMITER] = FixedWindowRateLimiter(storage_from_string(address, **options))
 
 
 @blueprint.get("")
