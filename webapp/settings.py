@@ -156,6 +156,12 @@ class ServeSettings:
     stop_s: float = 5.0
     """Seconds that active requests have to end when the server stops."""
 
+    drain_s: Annotated[float, AtLeast(0)] = 0.0
+    """Seconds for which a server that has to stop says that it is not ready, and still answers."""
+
+    job_workers: Annotated[int, AtLeast(0)] = 1
+    """Background workers that the server starts; with 0, others on the same library do its jobs."""
+
     metrics_token: str | None = None
     """Whoever sends it gets the figures of `/metrics`; without one there are none."""
 

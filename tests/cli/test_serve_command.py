@@ -1,5 +1,6 @@
 """`expmap serve` and `expmap worker` as processes: started, stopped and killed."""
 
+import json
 import os
 import re
 import shutil
@@ -124,6 +125,48 @@ def test_it_says_where_it_is_and_stops_on_ctrl_c(folder, port):
         assert server.stdout.read() == ""
         assert not processes(folder)
         assert not answers(url)
+
+
+def failing_health(url):
+    try:
+        urllib.request.urlopen(url + "/healthz", timeout=60).close()
+    except urllib.error.HTTPError as error:
+        with error:
+            return json.loads(error.read())["status"]
+
+
+def answers_quickly(url):
+    try:
+        return urllib.request.urlopen(url + "/livez", timeout=0.5).status == 200
+    except OSError:
+        return False
+
+
+def test_it_says_that_it_is_not_ready_finishes_its_requests_and_ends(folder, port, monkeypatch):
+    monkeypatch.setenv("EXPMAP_SERVE_DRAIN_S", "600")
+    monkeypatch.setenv("EXPMAP_SERVE_STOP_S", "60")
+    monkeypatch.setenv("EXPMAP_SERVE_JOB_WORKERS", "0")
+    with served(folder, port) as (server, url, _), socket.create_connection(("127.0.0.1", port)) as slow:
+        assert json.loads(urllib.request.urlopen(url + "/healthz", timeout=60).read()) == {
+            "status": "ok",
+            "database": "ok",
+            "disk": "ok",
+        }
+        assert not processes(folder, "webapp worker")
+        slow.sendall(
+            b"POST /sign-in HTTP/1.1\r\nHost: here\r\nContent-Length: 9\r\nConnection: close\r\n\r\nname"
+        )
+        server.send_signal(signal.SIGTERM)
+        wait_for(lambda: failing_health(url) == "draining")
+        assert urllib.request.urlopen(url + "/livez", timeout=60).status == 200
+        assert urllib.request.urlopen(url + "/sign-in", timeout=60).status == 200
+        server.send_signal(signal.SIGTERM)  # no need to wait for longer
+        wait_for(lambda: not answers_quickly(url))
+        slow.sendall(b"=jana")
+        slow.settimeout(60)
+        assert slow.makefile("rb").readline() == b"HTTP/1.1 400 BAD REQUEST\r\n"
+        assert server.wait(60) == 0
+        assert not processes(folder)
 
 
 def test_killed_processes_are_replaced(folder, port):

@@ -1,6 +1,7 @@
 """Two web servers on one database: what was begun at one of them goes on at the other."""
 
 import re
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from sqlalchemy import text
 
 from tests.quick_apps import remember_templates
 from webapp.app.web import create_app
-from webapp.settings import WebSettings
+from webapp.settings import ServeSettings, WebSettings
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.backends.request_counts import TABLE
 from webapp.store.library import open_library
@@ -134,3 +135,27 @@ def test_without_the_database_a_request_has_to_wait(nodes, postgresql):
     assert answer.json["error"]["code"] == "database_unavailable"
     assert int(answer.headers["Retry-After"]) > 0
     assert client.get("/api/v1/jobs").status_code == 401
+
+
+def test_a_node_is_ready_with_the_folder_and_the_objects(start, settings, s3, tmp_path):
+    bucket = s3.new_bucket()
+    own = replace(
+        settings,
+        storage=f"s3://{bucket}/lib",
+        cache_folder=tmp_path / "cache",
+        serve=ServeSettings(job_workers=0),
+    )
+    client = start(own).test_client()
+    well = {"status": "ok", "database": "ok", "disk": "ok", "folder": "ok", "storage": "ok"}
+    assert client.get("/healthz").json == well
+    s3.refuse = (503, "SlowDown")
+    answer = client.get("/healthz")
+    assert (answer.status_code, answer.json) == (503, well | {"status": "failing", "storage": "failing"})
+    s3.reset()
+    shutil.move(tmp_path / "library", tmp_path / "unmounted")
+    (tmp_path / "library").mkdir()
+    assert client.get("/healthz").json == well | {
+        "status": "failing",
+        "folder": "failing",
+        "storage": "failing",
+    }

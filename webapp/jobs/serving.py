@@ -22,6 +22,7 @@ from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
+from webapp.jobs.draining import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form
 from webapp.settings import METRICS_FOLDER, Settings, environment_for
@@ -96,15 +97,22 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
         raise MissingPart(
             "the server does not run natively on Windows", hint="run it in WSL: wsl --install, then make run"
         )
-    with ExitStack() as on_end, _listen(site.host, site.port) as listener:
+    with ExitStack() as on_end, _listen(site.host, site.port) as listener, Drain() as drain:
         library = open_library(settings.library, url=settings.database)
         try:
             open_storage(library, settings)
             start = _Start(library, listener, settings=settings)
             figures = on_end.enter_context(_metrics_folder(settings))
-            web, worker = _web(site, library, listener=listener, more=figures), _worker(site, library)
-            stop_s = max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S
-            keep_running([web, worker], each_tick=lambda: start.look(web, echo=echo), stop_s=stop_s)
+            more = {**figures, **drain.environment}
+            web = _web(site, library, fds=(listener.fileno(), drain.reading_end), more=more)
+            children = [web, *(_worker(site, library) for _ in range(settings.serve.job_workers))]
+            keep_running(
+                children,
+                each_tick=lambda: start.look(web, echo=echo),
+                drain=drain,
+                drain_s=settings.serve.drain_s,
+                stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S,
+            )
         finally:
             library.database.close()
 
@@ -144,8 +152,9 @@ def _listen(host: str, port: int) -> socket.socket:
         time.sleep(0.1)
 
 
-def _web(site: Site, library: Library, *, listener: socket.socket, more: Mapping[str, str]) -> Child:
-    numbers = {"--fd": listener.fileno(), "--workers": site.workers, "--parent": os.getpid()}
+def _web(site: Site, library: Library, *, fds: tuple[int, int], more: Mapping[str, str]) -> Child:
+    """Make the web server, which inherits the socket that listens and the end of the drain's pipe."""
+    numbers = {"--fd": fds[0], "--workers": site.workers, "--parent": os.getpid()}
     return Child(
         "the web server",
         [
@@ -154,7 +163,7 @@ def _web(site: Site, library: Library, *, listener: socket.socket, more: Mapping
             *(text for name, number in numbers.items() for text in (name, str(number))),
         ],
         environment={**environment_for(native_threads(site.workers)), **more},
-        fds=[listener.fileno()],
+        fds=fds,
     )  # fmt: skip
 
 
@@ -307,13 +316,24 @@ class Child:
             os.killpg(process.pid, number)
 
 
-def keep_running(children: Sequence[Child], *, each_tick: Callable[[], None], stop_s: float) -> None:
+def keep_running(
+    children: Sequence[Child],
+    *,
+    each_tick: Callable[[], None],
+    drain: Drain,
+    drain_s: float,
+    stop_s: float,
+) -> None:
     """Keep processes running until SIGINT, SIGTERM or SIGHUP.
 
     Parameters
     ----------
     each_tick : callable
         Called ten times a second; an error from it ends all.
+    drain : Drain
+        Is begun by the signal.
+    drain_s : float
+        Seconds from then until the processes are asked to stop; a second signal ends the wait.
     stop_s : float
         Seconds that the processes have to stop before they are killed.
     """
@@ -329,6 +349,9 @@ def keep_running(children: Sequence[Child], *, each_tick: Callable[[], None], st
             for child in children:
                 child.tend()
             each_tick()
+        stopping.clear()
+        drain.begin()
+        stopping.wait(drain_s)
     finally:
         for child in children:
             child.ask_to_stop()

@@ -14,10 +14,14 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.lock import any_alive
+from webapp.files.objects.storage import ObjectStorage, in_use
+from webapp.jobs.draining import is_draining
+from webapp.store.library import has_library
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
+from webapp.tasks.operate.open_storage import check_owner
 from webapp.web.context import account, library, open_map, public, settings
 from webapp.web.fields import Boolean
 from webapp.web.language import translate_job
@@ -129,25 +133,45 @@ def show_jobs(slug: str) -> str:
     return render_template("operate/jobs.html", map=record, tab="jobs")
 
 
+@health_pages.get("/livez")
+@public
+def livez() -> dict[str, Any]:
+    """Answer 200 as long as the process answers at all: whoever gets nothing here may start it again."""
+    return {"status": "ok"}
+
+
 @health_pages.get("/healthz")
 @public
 def healthz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Answer 200 when all is well, 503 when something is not; needs no sign-in."""
-    parts = {
-        "database": _database_answers(),
-        "disk": _disk_has_room(),
-        "worker": any_alive(library().inner / "workers"),
-    }
+    """Answer 200 when requests should be sent here, 503 when something is not well; needs no sign-in."""
+    parts = {"database": _database_answers(), "disk": _disk_has_room()}
+    if settings().serve.job_workers:
+        parts["worker"] = any_alive(library().inner / "workers")
+    if settings().database is not None:
+        parts["folder"] = has_library(library().folder)
+    storage = in_use()
+    if storage is not None:
+        parts["storage"] = _is_ours(storage)
     states = {name: "ok" if well else "failing" for name, well in parts.items()}
-    well = all(parts.values())
+    well = all(parts.values()) and not is_draining()
     status = HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE
-    return {"status": "ok" if well else "failing", **states}, status
+    word = "draining" if is_draining() else "ok" if well else "failing"
+    return {"status": word, **states}, status
 
 
 def _database_answers() -> bool:
     try:
         with library().database.read() as session:
             session.execute(text("SELECT 1 FROM map LIMIT 1"))
+    except StorageError:
+        return False
+    return True
+
+
+def _is_ours(storage: ObjectStorage) -> bool:
+    """Return whether the object storage answers, and is that of this library: a small object says so."""
+    try:
+        check_owner(library(), storage)
     except StorageError:
         return False
     return True

@@ -6,6 +6,7 @@ from collections import namedtuple
 
 import pytest
 
+from webapp.jobs.draining import Drain
 from webapp.jobs.worker import ProcessLock
 
 Usage = namedtuple("Usage", "total used free")
@@ -61,3 +62,21 @@ def test_the_database_is_damaged(stranger, worker, library):
     assert answer.status_code == 503
     assert answer.json["database"] == "failing"
     assert "lost" not in answer.text and "library" not in answer.text
+
+
+def test_the_process_lives_whatever_fails(stranger, library):
+    library.database.close()
+    (library.inner / "library.db").write_bytes(b"")
+    assert stranger.get("/healthz").status_code == 503
+    assert (stranger.get("/livez").status_code, stranger.get("/livez").json) == (200, {"status": "ok"})
+
+
+def test_a_server_that_is_going_to_stop_is_not_ready(stranger, worker, monkeypatch):
+    with Drain() as drain:
+        for name, value in drain.environment.items():
+            monkeypatch.setenv(name, value)
+        assert stranger.get("/healthz").json["status"] == "ok"
+        drain.begin()
+        answer = stranger.get("/healthz")
+        assert (answer.status_code, answer.json["status"]) == (503, "draining")
+        assert stranger.get("/sign-in").status_code == 200

@@ -1,0 +1,53 @@
+"""How the processes of a server learn that it is going to stop, before they are asked to: by a pipe.
+
+The supervisor holds its writing end. Once that is closed, also because the supervisor was killed, all that
+have inherited the reading end see it, however often they were started again in between.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+from types import TracebackType
+from typing import Self
+
+_FD = "EXPMAP_DRAINING_FD"
+"""Variable with the file descriptor of the reading end."""
+
+
+class Drain:
+    """The supervisor's side; a context that closes the pipe."""
+
+    def __init__(self) -> None:
+        self.reading_end, self._writing_end = os.pipe()
+        self._begun = False
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """For processes that inherit the reading end."""
+        return {_FD: str(self.reading_end)}
+
+    def begin(self) -> None:
+        """Let all know."""
+        if not self._begun:
+            self._begun = True
+            os.close(self._writing_end)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.begin()
+        os.close(self.reading_end)
+
+
+def is_draining() -> bool:
+    """Return whether the server of this process is going to stop; False where it has no supervisor."""
+    number = os.environ.get(_FD)
+    if number is None:
+        return False
+    look = select.poll()
+    look.register(int(number), select.POLLIN)
+    return any(happened & select.POLLHUP for _, happened in look.poll(0))
