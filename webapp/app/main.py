@@ -244,6 +244,16 @@ library_group = LazyGroup(
     },
 )
 
+cluster_group = LazyGroup(
+    name="cluster",
+    help="Several machines.",
+    commands={
+        "demo": LazyCommand(
+            "webapp.cli.operate.demo:demo", "Start all parts of several machines on this one, until Ctrl-C."
+        )
+    },
+)
+
 root = LazyGroup(
     name="expmap",
     help="Where was this photo taken? Answers on a map that people make themselves.",
@@ -282,6 +292,7 @@ root = LazyGroup(
         "backup": LazyCommand("webapp.cli.operate.backup:backup", "Put a whole library into FILE, a zip."),
         "restore": LazyCommand("webapp.cli.operate.backup:restore", "Make a library of the backup FILE."),
         "library": LazyCommand("webapp.app.main:library_group", "Where the records of a library are."),
+        "cluster": LazyCommand("webapp.app.main:cluster_group", "Several machines."),
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

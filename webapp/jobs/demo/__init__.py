@@ -1,0 +1,1 @@
+"""`expmap cluster demo`: all parts of several machines, on one, to try them and to kill them."""

@@ -1,0 +1,260 @@
+"""All parts of several machines, on this one, over a new library with a map."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import shutil
+import signal
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from webapp.configuration import load_settings
+from webapp.errors import UsageError
+from webapp.extras import extra, require
+from webapp.jobs.demo.parts import Part, module, stop, wait_for_orphans
+from webapp.jobs.demo.postgresql import as_user, new_cluster
+from webapp.store.accounts import accounts
+from webapp.store.library import open_library
+from webapp.tasks.maps.adopt_map import adopt_map
+
+_BUCKET = "photos"
+_STOP_S = 15.0
+_HERE = "127.0.0.1"
+_QUIET = {"DASK_LOGGING__DISTRIBUTED": "warning"}
+
+
+class DemoCluster:
+    """Starts everything when it is entered, and stops it at the end; everything listens on loopback only.
+
+    Parameters
+    ----------
+    folder : Path
+        New or empty; for the library, caches and logs.
+    map_folder : Path or None
+        A map to begin with, which is copied; the sample is made without one.
+    port : int
+        Of the proxy; 0 for any that is free.
+
+    Attributes
+    ----------
+    parts : list of Part
+        In the order in which they were started.
+    address, sign_in : str
+        Of the proxy, and the link that signs the owner in.
+
+    Raises
+    ------
+    MissingPart
+        A package is not installed.
+    ExpMapError
+        A part does not start.
+    """
+
+    def __init__(
+        self, folder: Path, *, map_folder: Path | None, port: int, echo: Callable[[str], None]
+    ) -> None:
+        for name in ("cluster", "demo"):
+            require(name)
+        self.parts: list[Part] = []
+        self.address = self.sign_in = ""
+        self._folder, self._map, self._port, self._echo = folder, map_folder, port, echo
+        self._library = folder / "library"
+        self._logs = folder / "logs"
+        self._database: Path | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            self._start()
+        except BaseException:
+            self._stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop()
+
+    def _start(self) -> None:
+        for path in (self._library, self._logs):
+            path.mkdir(parents=True)
+        self._echo("starting the database, the S3 server and Dask")
+        objects = self._start_part(
+            "S3", "its objects are gone, as it has them in memory", "webapp.jobs.demo.objects"
+        )
+        scheduler = self._start_dask("scheduler", "--host", _HERE, "--port", 0)
+        os.environ["EXPMAP_DATABASE"] = self._start_database()
+        self._use_objects(objects)
+        os.environ["EXPMAP_DASK"] = scheduler.address = self._address_of(scheduler)
+        for number in (1, 2):
+            self._start_dask(f"Dask worker {number}", scheduler.address, "--no-nanny", "--nthreads", 1)
+        if self._map is not None:
+            self._adopt(self._map)
+        self._echo(
+            "starting the web servers" + ("" if self._map else "; making the sample takes half a minute")
+        )
+        self._start_web()
+
+    def _start_database(self) -> str:
+        """Start PostgreSQL; gives the address of its database."""
+        password, port = secrets.token_urlsafe(16), _free_port()
+        self._database, command = new_cluster(password=password)
+        part = self._add(
+            Part(
+                "PostgreSQL",
+                [*command, "-c", f"port={port}"],
+                role="nothing is answered any more",
+                folder=self._logs,
+                more={"cwd": "/", **as_user()},
+                stop_by=signal.SIGINT,  # at once, not when the last one has gone
+            )
+        )
+        part.address = f"{_HERE}:{port}"
+        with extra("cluster"):
+            import psycopg
+        for _ in part.attempts():
+            try:
+                login = f"postgresql://expmap:{password}@{part.address}/postgres"
+                with psycopg.connect(login, autocommit=True, connect_timeout=5) as connection:
+                    connection.execute("CREATE DATABASE expmap")
+                break
+            except psycopg.OperationalError:
+                continue
+        return f"postgresql+psycopg://expmap:{password}@{part.address}/expmap"
+
+    def _use_objects(self, objects: Part) -> None:
+        """Make the bucket, and name it to all that are started from now on."""
+        objects.address = objects.printed(r"^listening on (\S+)$")
+        os.environ |= {
+            "AWS_ENDPOINT_URL": objects.address,
+            "AWS_ACCESS_KEY_ID": "demo",
+            "AWS_SECRET_ACCESS_KEY": "demo",
+            "AWS_DEFAULT_REGION": "us-east-1",
+            "EXPMAP_STORAGE": f"s3://{_BUCKET}/library",
+            "EXPMAP_PROXIES": "1",
+            "EXPMAP_SERVE_JOB_WORKERS": "0",
+        }
+        with extra("cluster"):
+            import boto3
+        client = boto3.client("s3")
+        client.create_bucket(Bucket=_BUCKET)
+        client.close()
+
+    def _start_dask(self, name: str, *arguments: object) -> Part:
+        role = "its parts are done by the other" if "worker" in name else "jobs wait for it"
+        kind = "worker" if "worker" in name else "scheduler"
+        own = ["--scheduler-file", self._facts] if kind == "scheduler" else ["--local-directory", self._logs]
+        command = module("dask", kind, *arguments, "--no-dashboard", *own)
+        title = name if kind == "worker" else "Dask scheduler"
+        return self._add(
+            Part(title, command, role=role, folder=self._logs, more={"env": os.environ | _QUIET})
+        )
+
+    @property
+    def _facts(self) -> Path:
+        return self._logs / "scheduler.json"
+
+    def _address_of(self, scheduler: Part) -> str:
+        """Wait for the scheduler; gives its address."""
+        for _ in scheduler.attempts():
+            if self._facts.exists() and (text := self._facts.read_text("utf-8")).rstrip().endswith("}"):
+                return str(json.loads(text)["address"])
+        raise AssertionError("attempts() ends by an error")
+
+    def _adopt(self, map_folder: Path) -> None:
+        """Take a copy of a map into the library."""
+        library = open_library(self._library, url=os.environ["EXPMAP_DATABASE"])
+        try:
+            with library.database.write() as session:
+                owner = accounts.ensure_owner(session).id
+            slug = map_folder.resolve().name
+            shutil.copytree(map_folder, library.map_folder(slug))
+            settings = replace(load_settings(), library=self._library)
+            adopt_map(library, slug, account_id=owner, settings=settings)
+        finally:
+            library.database.close()
+
+    def _start_web(self) -> None:
+        """Start two servers, what does their jobs, and the proxy in front."""
+        command = ("serve", "--library", self._library, "--port", 0, "--workers", 1)
+        role = "the other one answers"
+        nodes = [self._start_part(f"web {n}", role, "webapp", *command, cache=f"web-{n}") for n in (1, 2)]
+        self._start_part(
+            "jobs",
+            "jobs wait: nobody does them",
+            "webapp",
+            "worker",
+            "--library",
+            self._library,
+            cache="jobs",
+        )
+        for node in nodes:
+            node.address = node.printed(r"^listening on (\S+)$")
+        link = nodes[0].printed(r"^sign in: http://[^/]+(/\S+)$")
+        named = [f"{node.name}={node.address.removeprefix('http://')}" for node in nodes]
+        proxy = self._start_part("proxy", "nobody can come in", "webapp.jobs.demo.proxy", self._port, *named)
+        self.address = proxy.address = proxy.printed(r"^listening on (\S+)$")
+        self.sign_in = self.address + link
+
+    def _start_part(self, name: str, role: str, what: str, *arguments: object, cache: str = "") -> Part:
+        environment = {**os.environ}
+        if cache:  # of its own, as a machine has it
+            environment["EXPMAP_CACHE_FOLDER"] = str(self._folder / "caches" / cache)
+        more = {"env": environment}
+        return self._add(Part(name, module(what, *arguments), role=role, folder=self._logs, more=more))
+
+    def _add(self, part: Part) -> Part:
+        self.parts.append(part)
+        return part
+
+    def watch(self) -> None:
+        """Say which parts end, until Ctrl-C (KeyboardInterrupt)."""
+        gone: set[str] = set()
+        while True:
+            for part in self.parts:
+                code = part.ended()
+                if code is not None and part.name not in gone:
+                    gone.add(part.name)
+                    self._echo(f"{part.name} (process {part.pid}) has ended: {part.role}")
+            time.sleep(0.2)
+
+    def _stop(self) -> None:
+        """Stop all, those first that use others."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)  # it is being done
+        front = [
+            part for part in self.parts if part.name in ("proxy", "jobs") or part.name.startswith("web ")
+        ]
+        behind = [part for part in self.parts if part not in front]
+        stop([front], seconds=_STOP_S)
+        wait_for_orphans(self._library, seconds=_STOP_S)
+        stop([behind], seconds=_STOP_S)
+        if self._database is not None:
+            shutil.rmtree(self._database)
+
+
+def check_folder(folder: Path) -> Path:
+    """Return a folder that is new or empty, as an absolute path.
+
+    Raises
+    ------
+    UsageError
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(
+            "there is something already", where=str(folder), hint="name a new or an empty folder"
+        )
+    return folder.resolve()
+
+
+def _free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind((_HERE, 0))
+        return int(trial.getsockname()[1])

@@ -1,0 +1,146 @@
+"""The processes of `expmap cluster demo`: started, watched and stopped."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from webapp.errors import ExpMapError
+
+_START_S = 120.0
+_TICK_S = 0.05
+
+
+class Part:
+    """A process of the demo.
+
+    Parameters
+    ----------
+    name : str
+        For people, unique.
+    role : str
+        What happens when it is killed.
+    folder : Path
+        Of its output and its log.
+    more : mapping
+        Options of `subprocess.Popen`.
+    stop_by : signal.Signals
+        What asks it to end.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        *,
+        role: str,
+        folder: Path,
+        more: Mapping[str, Any] | None = None,
+        stop_by: signal.Signals = signal.SIGTERM,
+    ) -> None:
+        self.name, self.role, self.address = name, role, ""
+        self._stop_by = stop_by
+        self._output, self._log = (folder / f"{name.replace(' ', '-')}.{end}" for end in ("out", "log"))
+        with self._output.open("wb") as out, self._log.open("wb") as log:
+            # In a session of its own: Ctrl-C reaches the demo alone, which stops all in turn.
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=log,
+                start_new_session=True,
+                **(more or {}),
+            )
+
+    @property
+    def pid(self) -> int:
+        """Id of the process."""
+        return self._process.pid
+
+    def ended(self) -> int | None:
+        """Return the exit code of a process that has ended, negative for a signal; None while it runs."""
+        return self._process.poll()
+
+    def attempts(self) -> Iterator[None]:
+        """Give the turns of somebody who waits until it is up.
+
+        Raises
+        ------
+        ExpMapError
+            It has ended, or it takes too long.
+        """
+        until = time.monotonic() + _START_S
+        while True:
+            yield
+            if self.ended() is not None or time.monotonic() > until:
+                last = self._log.read_text("utf-8", "replace").strip().splitlines()[-1:]
+                said = ": ".join([f"{self.name} does not start", *last])
+                raise ExpMapError(said, where=str(self._log))
+            time.sleep(_TICK_S)
+
+    def printed(self, pattern: str) -> str:
+        """Wait for a line on its standard output; gives the first group. Errors as `attempts`."""
+        for _ in self.attempts():
+            found = re.search(pattern, self._output.read_text("utf-8", "replace"), re.MULTILINE)
+            if found is not None:
+                return found[1]
+        raise AssertionError("attempts() ends by an error")
+
+    def ask_to_stop(self) -> None:
+        """Send it the signal by which it ends in peace."""
+        if self.ended() is None:
+            self._process.send_signal(self._stop_by)
+
+    def wait(self, until: float) -> None:
+        """Wait until it has ended, and kill it at a time (monotonic, seconds)."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(max(until - time.monotonic(), 0.0))
+        with suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
+        self._process.wait()
+
+
+def stop(groups: Sequence[Sequence[Part]], *, seconds: float) -> None:
+    """Stop processes, one group after the other."""
+    for group in groups:
+        for part in group:
+            part.ask_to_stop()
+        until = time.monotonic() + seconds
+        for part in group:
+            part.wait(until)
+
+
+def wait_for_orphans(library: Path, *, seconds: float) -> None:
+    """Wait for processes of a library whose supervisor was killed: they end by themselves, or are killed."""
+    until = time.monotonic() + seconds
+    while left := _of_library(library):
+        if time.monotonic() > until:
+            for pid in left:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+        time.sleep(_TICK_S)
+
+
+def _of_library(library: Path) -> list[int]:
+    """Find processes of the program that have been started with a library, except zombies."""
+    words = ["ps", "-A", "-ww", "-o", "pid=,stat=,args="]
+    table = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    rows = [line.split(maxsplit=2) for line in table.splitlines()]
+    return [
+        int(row[0])
+        for row in rows
+        if len(row) == 3 and f"--library {library} " in f"{row[2]} " and not row[1].startswith("Z")
+    ]
+
+
+def module(name: str, *arguments: object) -> list[str]:
+    """Make the command that runs a Python module."""
+    return [sys.executable, "-m", name, *map(str, arguments)]
