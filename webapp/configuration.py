@@ -21,6 +21,9 @@ from webapp.settings import AtLeast, Settings
 CONFIG = "EXPMAP_CONFIG"
 """Variable with the path of the file."""
 
+DRAINING_FD = "EXPMAP_DRAINING_FD"
+"""Variable by which the supervisor of a server names it to its processes: see `webapp.jobs.draining`."""
+
 _INFINITE = 1e15
 """No number of a setting makes sense beyond."""
 
@@ -153,6 +156,12 @@ def load_settings(environ: Mapping[str, str] | None = None) -> Settings:
     defaults = Settings()
     sections = {name: type(getattr(defaults, name))(**own) for name, own in values.items() if name}
     return Settings(**values[""], **sections)
+
+
+def draining_fd() -> int | None:
+    """Return the file descriptor by which this process learns that its server is going to stop."""
+    number = os.environ.get(DRAINING_FD)
+    return None if number is None else int(number)
 
 
 def use_config(path: Path) -> None:

@@ -356,11 +356,8 @@ def let_threads_sleep() -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-"""Parameters of mallopt(3)."""
-
-_LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20
-"""Bytes of one block, and of all."""
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3)
+_LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20  # bytes of one block, and of all
 
 
 def keep_freed_memory() -> None:
@@ -374,11 +371,7 @@ def keep_freed_memory() -> None:
         libc.mallopt(_M_TRIM_THRESHOLD, _MOST_KEPT)
 
 
-_HEAPS = {
-    "MALLOC_ARENA_MAX": "2",
-    "MALLOC_MMAP_THRESHOLD_": "1000000",
-    "MALLOC_TRIM_THRESHOLD_": "4000000",
-}
+_HEAPS = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "1000000", "MALLOC_TRIM_THRESHOLD_": "4000000"}
 """For the C library of Linux. By default each thread that localizes keeps a heap of its own of 64 MB, full of
 arrays that are long gone: more than twice the memory of all processes, and not a second saved."""
 

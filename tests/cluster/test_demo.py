@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import requests
 
+from webapp.cli.demo.proxy import Upstream, in_order
 from webapp.extras import EXTRAS, is_installed
-from webapp.jobs.demo.proxy import Upstream, in_order
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "webapp", "cluster", "demo"]

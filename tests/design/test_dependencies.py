@@ -27,7 +27,7 @@ COMPLETED_BY = {"psycopg": {"psycopg-binary"}, "moto": {"py-partiql-parser"}}
 SHARED = {"opentelemetry": {"opentelemetry-sdk", "opentelemetry-exporter-otlp-proto-http"}}
 """Packages that several distributions fill: those of them that are imported, which bring the others."""
 
-IN_ALL = {*EXTRAS} - {"cluster", "telemetry"}
+IN_ALL = {*EXTRAS} - {"cluster", "demo", "telemetry"}
 
 
 def everywhere(requirement):

@@ -249,7 +249,7 @@ cluster_group = LazyGroup(
     help="Several machines.",
     commands={
         "demo": LazyCommand(
-            "webapp.cli.operate.demo:demo", "Start all parts of several machines on this one, until Ctrl-C."
+            "webapp.cli.demo.command:demo", "Start all parts of several machines on this one, until Ctrl-C."
         )
     },
 )

@@ -11,8 +11,7 @@ import select
 from types import TracebackType
 from typing import Self
 
-_FD = "EXPMAP_DRAINING_FD"
-"""Variable with the file descriptor of the reading end."""
+from webapp.configuration import DRAINING_FD, draining_fd
 
 
 class Drain:
@@ -25,7 +24,7 @@ class Drain:
     @property
     def environment(self) -> dict[str, str]:
         """For processes that inherit the reading end."""
-        return {_FD: str(self.reading_end)}
+        return {DRAINING_FD: str(self.reading_end)}
 
     def begin(self) -> None:
         """Let all know."""
@@ -45,9 +44,9 @@ class Drain:
 
 def is_draining() -> bool:
     """Return whether the server of this process is going to stop; False where it has no supervisor."""
-    number = os.environ.get(_FD)
+    number = draining_fd()
     if number is None:
         return False
     look = select.poll()
-    look.register(int(number), select.POLLIN)
+    look.register(number, select.POLLIN)
     return any(happened & select.POLLHUP for _, happened in look.poll(0))

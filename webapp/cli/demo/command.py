@@ -12,8 +12,8 @@ from types import FrameType
 
 import click
 
+from webapp.cli.demo.cluster import DemoCluster, check_folder
 from webapp.errors import MissingPart, UsageError
-from webapp.jobs.demo.cluster import DemoCluster, check_folder
 
 
 @click.command()

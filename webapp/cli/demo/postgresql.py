@@ -69,7 +69,7 @@ def new_cluster(*, password: str) -> tuple[Path, list[str]]:
         if os.geteuid() == 0:
             for path in (folder, secret):
                 shutil.chown(path, _USER)
-        words = [
+        words: list[str | Path] = [
             found / "initdb", "--pgdata", folder / "data", "--username=expmap", f"--pwfile={secret}",
             "--auth=scram-sha-256", "--encoding=UTF8", "--locale=C", "--no-sync",
         ]  # fmt: skip

@@ -1,13 +1,14 @@
 """An S3 server for `expmap cluster demo`, of the wheel `moto`: it keeps its objects in memory.
 
-python -m webapp.jobs.demo.objects
+python -m webapp.cli.demo.objects
 """
 
 from __future__ import annotations
 
 import signal
-import sys
 import threading
+
+import click
 
 from webapp.extras import extra
 
@@ -22,8 +23,7 @@ def main() -> None:
     server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
     server.start()
     host, port = server.get_host_and_port()
-    sys.stdout.write(f"listening on http://{host}:{port}\n")
-    sys.stdout.flush()
+    click.echo(f"listening on http://{host}:{port}")
     stopped.wait()
     server.stop()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import secrets
 import shutil
 import signal
@@ -15,16 +14,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from webapp.cli.demo.parts import DemoProcess, module, stop, wait_for_orphans
+from webapp.cli.demo.postgresql import as_user, new_cluster
 from webapp.configuration import load_settings
 from webapp.errors import UsageError
 from webapp.extras import extra, require
-from webapp.jobs.demo.parts import Part, module, stop, wait_for_orphans
-from webapp.jobs.demo.postgresql import as_user, new_cluster
+from webapp.settings import environment_for
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
 from webapp.tasks.maps.adopt_map import adopt_map
 
-_BUCKET = "photos"
+_BUCKET, _REGION, _KEY = "photos", "us-east-1", "demo"
 _STOP_S = 15.0
 _HERE = "127.0.0.1"
 _QUIET = {"DASK_LOGGING__DISTRIBUTED": "warning"}
@@ -44,7 +44,7 @@ class DemoCluster:
 
     Attributes
     ----------
-    parts : list of Part
+    parts : list of DemoProcess
         In the order in which they were started.
     address, sign_in : str
         Of the proxy, and the link that signs the owner in.
@@ -62,12 +62,13 @@ class DemoCluster:
     ) -> None:
         for name in ("cluster", "demo"):
             require(name)
-        self.parts: list[Part] = []
+        self.parts: list[DemoProcess] = []
         self.address = self.sign_in = ""
         self._folder, self._map, self._port, self._echo = folder, map_folder, port, echo
         self._library = folder / "library"
         self._logs = folder / "logs"
         self._database: Path | None = None
+        self._environment = environment_for()
 
     def __enter__(self) -> Self:
         try:
@@ -87,14 +88,23 @@ class DemoCluster:
             path.mkdir(parents=True)
         self._echo("starting the database, the S3 server and Dask")
         objects = self._start_part(
-            "S3", "its objects are gone, as it has them in memory", "webapp.jobs.demo.objects"
+            "S3", "its objects are gone, as it has them in memory", "webapp.cli.demo.objects"
         )
-        scheduler = self._start_dask("scheduler", "--host", _HERE, "--port", 0)
-        os.environ["EXPMAP_DATABASE"] = self._start_database()
+        scheduler = self._start_dask(
+            "Dask scheduler",
+            "jobs wait for it",
+            *("scheduler", "--host", _HERE, "--port", 0, "--scheduler-file", self._facts),
+        )
+        self._environment["EXPMAP_DATABASE"] = self._start_database()
         self._use_objects(objects)
-        os.environ["EXPMAP_DASK"] = scheduler.address = self._address_of(scheduler)
+        self._environment["EXPMAP_DASK"] = scheduler.address = self._address_of(scheduler)
         for number in (1, 2):
-            self._start_dask(f"Dask worker {number}", scheduler.address, "--no-nanny", "--nthreads", 1)
+            self._start_dask(
+                f"Dask worker {number}",
+                "the other one does its parts",
+                *("worker", scheduler.address, "--no-nanny", "--nthreads", 1),
+                *("--local-directory", self._logs),
+            )
         if self._map is not None:
             self._adopt(self._map)
         self._echo(
@@ -107,7 +117,7 @@ class DemoCluster:
         password, port = secrets.token_urlsafe(16), _free_port()
         self._database, command = new_cluster(password=password)
         part = self._add(
-            Part(
+            DemoProcess(
                 "PostgreSQL",
                 [*command, "-c", f"port={port}"],
                 role="nothing is answered any more",
@@ -129,39 +139,40 @@ class DemoCluster:
                 continue
         return f"postgresql+psycopg://expmap:{password}@{part.address}/expmap"
 
-    def _use_objects(self, objects: Part) -> None:
+    def _use_objects(self, objects: DemoProcess) -> None:
         """Make the bucket, and name it to all that are started from now on."""
         objects.address = objects.printed(r"^listening on (\S+)$")
-        os.environ |= {
+        self._environment |= {
             "AWS_ENDPOINT_URL": objects.address,
-            "AWS_ACCESS_KEY_ID": "demo",
-            "AWS_SECRET_ACCESS_KEY": "demo",
-            "AWS_DEFAULT_REGION": "us-east-1",
+            "AWS_ACCESS_KEY_ID": _KEY,
+            "AWS_SECRET_ACCESS_KEY": _KEY,
+            "AWS_DEFAULT_REGION": _REGION,
             "EXPMAP_STORAGE": f"s3://{_BUCKET}/library",
             "EXPMAP_PROXIES": "1",
             "EXPMAP_SERVE_JOB_WORKERS": "0",
         }
         with extra("cluster"):
             import boto3
-        client = boto3.client("s3")
+        client = boto3.client(
+            "s3",
+            endpoint_url=objects.address,
+            aws_access_key_id=_KEY,
+            aws_secret_access_key=_KEY,
+            region_name=_REGION,
+        )
         client.create_bucket(Bucket=_BUCKET)
         client.close()
 
-    def _start_dask(self, name: str, *arguments: object) -> Part:
-        role = "its parts are done by the other" if "worker" in name else "jobs wait for it"
-        kind = "worker" if "worker" in name else "scheduler"
-        own = ["--scheduler-file", self._facts] if kind == "scheduler" else ["--local-directory", self._logs]
-        command = module("dask", kind, *arguments, "--no-dashboard", *own)
-        title = name if kind == "worker" else "Dask scheduler"
-        return self._add(
-            Part(title, command, role=role, folder=self._logs, more={"env": os.environ | _QUIET})
-        )
+    def _start_dask(self, name: str, role: str, *arguments: object) -> DemoProcess:
+        command = module("dask", *arguments, "--no-dashboard")
+        more = {"env": self._environment | _QUIET, "cwd": self._logs}
+        return self._add(DemoProcess(name, command, role=role, folder=self._logs, more=more))
 
     @property
     def _facts(self) -> Path:
         return self._logs / "scheduler.json"
 
-    def _address_of(self, scheduler: Part) -> str:
+    def _address_of(self, scheduler: DemoProcess) -> str:
         """Wait for the scheduler; gives its address."""
         for _ in scheduler.attempts():
             if self._facts.exists() and (text := self._facts.read_text("utf-8")).rstrip().endswith("}"):
@@ -170,13 +181,13 @@ class DemoCluster:
 
     def _adopt(self, map_folder: Path) -> None:
         """Take a copy of a map into the library."""
-        library = open_library(self._library, url=os.environ["EXPMAP_DATABASE"])
+        library = open_library(self._library, url=self._environment["EXPMAP_DATABASE"])
         try:
             with library.database.write() as session:
                 owner = accounts.ensure_owner(session).id
             slug = map_folder.resolve().name
             shutil.copytree(map_folder, library.map_folder(slug))
-            settings = replace(load_settings(), library=self._library)
+            settings = replace(load_settings(self._environment), library=self._library)
             adopt_map(library, slug, account_id=owner, settings=settings)
         finally:
             library.database.close()
@@ -199,18 +210,20 @@ class DemoCluster:
             node.address = node.printed(r"^listening on (\S+)$")
         link = nodes[0].printed(r"^sign in: http://[^/]+(/\S+)$")
         named = [f"{node.name}={node.address.removeprefix('http://')}" for node in nodes]
-        proxy = self._start_part("proxy", "nobody can come in", "webapp.jobs.demo.proxy", self._port, *named)
+        proxy = self._start_part("proxy", "nobody can come in", "webapp.cli.demo.proxy", self._port, *named)
         self.address = proxy.address = proxy.printed(r"^listening on (\S+)$")
         self.sign_in = self.address + link
 
-    def _start_part(self, name: str, role: str, what: str, *arguments: object, cache: str = "") -> Part:
-        environment = {**os.environ}
+    def _start_part(
+        self, name: str, role: str, what: str, *arguments: object, cache: str = ""
+    ) -> DemoProcess:
+        environment = {**self._environment}
         if cache:  # of its own, as a machine has it
             environment["EXPMAP_CACHE_FOLDER"] = str(self._folder / "caches" / cache)
         more = {"env": environment}
-        return self._add(Part(name, module(what, *arguments), role=role, folder=self._logs, more=more))
+        return self._add(DemoProcess(name, module(what, *arguments), role=role, folder=self._logs, more=more))
 
-    def _add(self, part: Part) -> Part:
+    def _add(self, part: DemoProcess) -> DemoProcess:
         self.parts.append(part)
         return part
 

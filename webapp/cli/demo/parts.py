@@ -19,7 +19,7 @@ _START_S = 120.0
 _TICK_S = 0.05
 
 
-class Part:
+class DemoProcess:
     """A process of the demo.
 
     Parameters
@@ -108,7 +108,7 @@ class Part:
         self._process.wait()
 
 
-def stop(groups: Sequence[Sequence[Part]], *, seconds: float) -> None:
+def stop(groups: Sequence[Sequence[DemoProcess]], *, seconds: float) -> None:
     """Stop processes, one group after the other."""
     for group in groups:
         for part in group:

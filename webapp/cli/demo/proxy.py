@@ -3,7 +3,7 @@
 It keeps a map on one server as long as that one is ready, by rendezvous hashing, and asks another one where
 that does not answer. One request a connection, no TLS, no limits, no waiting for slow clients.
 
-    python -m webapp.jobs.demo.proxy PORT NAME=HOST:PORT ...
+    python -m webapp.cli.demo.proxy PORT NAME=HOST:PORT ...
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+
+import click
 
 _OF_MAP = re.compile(r"/(?:api/v1/)?(?:maps|missions)/([^/?#]+)")
 _NOT_PASSED_ON = (
@@ -76,8 +78,7 @@ class Proxy:
         """Serve until cancelled; prints the address once it listens."""
         server = await asyncio.start_server(self._answer, "127.0.0.1", port, limit=_LONGEST_HEAD)
         looking = [asyncio.create_task(self._look_after(one)) for one in self._upstreams]
-        sys.stdout.write(f"listening on http://127.0.0.1:{server.sockets[0].getsockname()[1]}\n")
-        sys.stdout.flush()
+        click.echo(f"listening on http://127.0.0.1:{server.sockets[0].getsockname()[1]}")
         async with server:
             await asyncio.gather(server.serve_forever(), *looking)
 
@@ -86,7 +87,7 @@ class Proxy:
         while True:
             was, one.ready = one.ready, await _is_ready(one)
             if was != one.ready:
-                sys.stderr.write(f"{one.name} is {'ready' if one.ready else 'not ready'}\n")
+                click.echo(f"{one.name} is {'ready' if one.ready else 'not ready'}", err=True)
             await asyncio.sleep(_LOOK_S)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
