@@ -34,6 +34,13 @@ _MIGRATIONS = Path(__file__).parent / "migrations"
 _VERSIONS = "alembic_version"
 """The table in which Alembic keeps the version of the others."""
 
+EXPANDED_SINCE = "0022"
+"""Migrations after this one only expand: programs with these tables work beside those with the newest.
+
+One that contracts takes away, renames or demands what older programs do not write: then this is raised to
+that one, and all machines have to stop. `tests/store/test_rolling.py` tells the two apart.
+"""
+
 _WAIT_S = 120
 
 
@@ -240,7 +247,7 @@ def has_tables(database: Database) -> bool:
 
 def newest_schema() -> str:
     """Return the version of the tables that this program makes."""
-    return max(path.name for path in (_MIGRATIONS / "versions").glob("*.py")).partition("_")[0]
+    return max(_known())
 
 
 def schema_version(database: Database) -> str | None:
@@ -270,6 +277,9 @@ def _version(connection: Connection) -> str | None:
 def migrate(database: Database) -> None:
     """Bring a database of version 0.7.0 or later to the newest schema; make all tables in an empty one.
 
+    Newer tables stay as they are, where they have those of this program and only more: others with a newer
+    program work beside it, while machines are updated one after the other.
+
     Raises
     ------
     StorageError
@@ -290,10 +300,21 @@ def migrate(database: Database) -> None:
                 hint="make a backup, open the library once with version 0.7.0 (expmap serve), which converts "
                 "it, and then with this version",
             )
-        _upgrade(connection)
+        if (
+            there is not None
+            and there not in _known()
+            and database.backend.expanded_since(connection) in _known()
+        ):
+            return
+        _upgrade(database, connection)
 
 
-def _upgrade(connection: Connection) -> None:
+def _known() -> set[str]:
+    """Return the versions of the tables that this program knows."""
+    return {path.name.partition("_")[0] for path in (_MIGRATIONS / "versions").glob("*.py")}
+
+
+def _upgrade(database: Database, connection: Connection) -> None:
     """Run the migrations that are missing; errors as `migrate`."""
     from alembic import command  # only where there is something to do: it takes long to load
     from alembic.config import Config
@@ -304,6 +325,8 @@ def _upgrade(connection: Connection) -> None:
     config.attributes["connection"] = connection
     try:
         command.upgrade(config, "head")
+        database.backend.note_expanded(connection, EXPANDED_SINCE)
+        connection.commit()
     except CommandError as error:
         raise StorageError(
             "a newer version of the program has made this library", hint="update the program"

@@ -67,6 +67,15 @@ class Backend(ABC):
         """
 
     @abstractmethod
+    def expanded_since(self, connection: Connection) -> str | None:
+        """Return the version of tables which those that are there have only added to, as `note_expanded`
+        has kept it; None where nobody has."""
+
+    @abstractmethod
+    def note_expanded(self, connection: Connection, since: str) -> None:
+        """Keep that version with the tables, for older programs on other machines."""
+
+    @abstractmethod
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
         """Say in words what the database refused; None for a bug of the program."""
 

@@ -93,6 +93,8 @@ FROM information_schema.columns
 WHERE table_schema = current_schema() AND left(column_default, 8) = 'nextval('
 """
 
+_EXPANDED = "SELECT obj_description(to_regclass('alembic_version'), 'pg_class')"
+
 _HAS_MOVED = f"""
 SELECT EXISTS (
     SELECT FROM pg_class WHERE relname = '{MOVED}' AND relnamespace = current_schema()::text::regnamespace
@@ -153,6 +155,16 @@ class Postgresql(Backend):
             connection.exec_driver_sql(f"SELECT pg_advisory_unlock({_MIGRATION_LOCK})")
             connection.exec_driver_sql("RESET statement_timeout")
             connection.commit()
+
+    def expanded_since(self, connection: Connection) -> str | None:
+        """Read the comment on the table that has the version."""
+        found: str | None = connection.exec_driver_sql(_EXPANDED).scalar_one()
+        return found
+
+    def note_expanded(self, connection: Connection, since: str) -> None:
+        """Write the comment, where it is another one."""
+        if self.expanded_since(connection) != since:
+            connection.exec_driver_sql(f"COMMENT ON TABLE alembic_version IS '{since}'")
 
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
         """Say in words what the server refused, or that it is not there."""

@@ -41,6 +41,12 @@ class Sqlite(Backend):
         """Do nothing: who opens a library holds a lock in its folder."""
         yield
 
+    def expanded_since(self, connection: Connection) -> None:
+        """Know nothing: one machine has one version of the program."""
+
+    def note_expanded(self, connection: Connection, since: str) -> None:
+        """Keep nothing."""
+
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
         """Say in words what SQLite refused."""
         if type(error) not in (DatabaseError, OperationalError):

@@ -1,0 +1,94 @@
+"""Machines are updated one after the other: programs of two versions on one database."""
+
+import ast
+from pathlib import Path
+
+import pytest
+from alembic.script import ScriptDirectory
+from sqlalchemy import text
+
+from webapp.errors import StorageError
+from webapp.store import library as store_library
+from webapp.store.library import EXPANDED_SINCE, newest_schema, open_library, schema_version
+
+_EXPANDING = {"create_table", "create_index", "add_column", "batch_alter_table", "get_bind"}
+
+
+@pytest.fixture
+def newer(library):
+    """Make the tables newer, as the next version of the program does that has added a column."""
+
+    def make(*, since):
+        database = library.database
+        with database.engine.begin() as connection:
+            connection.execute(text("ALTER TABLE map ADD COLUMN of_the_next_version INTEGER"))
+            connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+            database.backend.note_expanded(connection, since)
+
+    return make
+
+
+@pytest.fixture
+def _on_postgresql(database_url):
+    if database_url is None:
+        pytest.skip("one machine has one version of the program")
+
+
+@pytest.mark.usefixtures("_on_postgresql")
+def test_an_older_program_works_beside_a_newer_one(library, database_url, newer, new_account, new_map):
+    newer(since=newest_schema())
+    again = open_library(library.folder, url=database_url)
+    ana = new_account("ana", is_owner=True)
+    with again.changing(new_map(ana, photos=2)) as change:
+        change.record.name = "Forest"
+    with again.database.read() as session:
+        assert session.execute(text("SELECT name, of_the_next_version FROM map")).one() == ("Forest", None)
+    assert schema_version(again.database) == "9999"
+    with again.database.engine.connect() as connection:
+        assert again.database.backend.expanded_since(connection) == newest_schema(), "kept"
+    again.database.close()
+
+
+def test_an_older_program_is_refused_where_something_was_taken_away(library, database_url, newer):
+    newer(since="9998")
+    with pytest.raises(StorageError, match="newer version") as refused:
+        open_library(library.folder, url=database_url)
+    assert refused.value.hint == "update the program"
+
+
+@pytest.mark.usefixtures("_on_postgresql")
+def test_what_works_beside_the_tables_is_kept_with_them(library):
+    with library.database.engine.connect() as connection:
+        assert library.database.backend.expanded_since(connection) == EXPANDED_SINCE
+
+
+def test_migrations_that_count_as_expanding_only_expand():
+    script = ScriptDirectory(str(Path(store_library.__file__).parent / "migrations"))
+    later = [one for one in script.walk_revisions() if one.revision > EXPANDED_SINCE]
+    assert script.get_revision(EXPANDED_SINCE) is not None
+    for one in later:
+        check_expanding(Path(one.path).read_text("utf-8"))
+
+
+def check_expanding(source):
+    """Whether a migration adds only what older programs need not write."""
+    for call in (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)):
+        if not isinstance(call.func, ast.Attribute):
+            continue
+        owner, name = call.func.value, call.func.attr
+        if isinstance(owner, ast.Name) and owner.id in ("op", "batch"):
+            assert name in _EXPANDING, name
+        if name == "add_column":
+            column = ast.unparse(call)
+            assert "nullable=True" in column or "server_default" in column, column
+
+
+def test_what_contracts_is_noticed():
+    check_expanding("op.add_column('map', sa.Column('x', sa.Integer(), nullable=True))")
+    for text_ in (
+        "op.drop_column('map', 'x')",
+        "batch.alter_column('x', nullable=False)",
+        "op.add_column('map', sa.Column('x', sa.Integer(), nullable=False))",
+    ):
+        with pytest.raises(AssertionError):
+            check_expanding(text_)
