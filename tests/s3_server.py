@@ -1,5 +1,6 @@
-"""An S3 server for tests, of the wheel `moto`, and a proxy in front that is slow, silent or refuses."""
+"""An S3 server for tests, of the wheel `moto`, behind a proxy that is slow, silent, refuses or breaks off."""
 
+import socket
 import threading
 import time
 from http.client import HTTPConnection
@@ -33,6 +34,8 @@ class S3Server:
         While it is set, nothing is answered.
     bytes_per_s : float or None
         Of each answer.
+    cut : dict of str to int
+        Bytes after which the connection is closed, by method: of the answer to GET, of what PUT sends.
     requests : list of str
         Methods and paths, as they came.
     """
@@ -63,7 +66,7 @@ class S3Server:
             {"GET", "PUT", "POST", "HEAD", "DELETE"},
             None,
         )
-        self.requests = []
+        self.requests, self.cut = [], {}
 
     def new_bucket(self):
         """Make a bucket; gives its name."""
@@ -93,8 +96,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self):
         length = int(self.headers.get("Content-Length") or 0)
-        body = self.rfile.read(length)
+        cut = self.proxy.cut.get(self.command, length + 1) if self.command == "PUT" else length + 1
+        body = self.rfile.read(min(length, cut))
         self.proxy.requests.append(f"{self.command} {self.path}")
+        if cut < length:
+            self._break_off()
+            return
         while self.proxy.silent.is_set():
             time.sleep(0.02)
         if self.proxy.refuse is not None and self.command in self.proxy.refused_methods:
@@ -114,6 +121,11 @@ class _Handler(BaseHTTPRequestHandler):
         if self.command != "HEAD":
             self.send_header("Content-Length", str(len(content)))
         self.end_headers()
+        cut = self.proxy.cut.get(self.command, len(content))
+        if cut < len(content):
+            self.wfile.write(content[:cut])
+            self._break_off()
+            return
         for start in range(0, len(content), _BLOCK):
             self.wfile.write(content[start : start + _BLOCK])
             if self.proxy.bytes_per_s:
@@ -121,6 +133,11 @@ class _Handler(BaseHTTPRequestHandler):
         there.close()
 
     do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = _answer  # noqa: N815 - as the base class has them
+
+    def _break_off(self):
+        self.close_connection = True
+        self.wfile.flush()
+        self.connection.shutdown(socket.SHUT_RDWR)
 
     def _refuse(self, status, code):
         content = f"<Error><Code>{code}</Code><Message>no</Message></Error>".encode()

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from webapp.errors import DatabaseUnavailable
+from webapp.errors import DatabaseUnavailable, StorageUnavailable
+from webapp.jobs import worker as worker_module
 from webapp.jobs.worker import Worker
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits
@@ -47,6 +48,26 @@ def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
         assert seen(id)["state"] == "failed"
         assert seen(id)["done"] < seen(id)["total"]
     assert seen(last)["state"] == "done"
+
+
+def test_the_thread_that_keeps_the_storage_in_order_outlives_its_errors(
+    library, settings, duties, monkeypatch, caplog
+):
+    worker, rounds = Worker(library, settings, duties=duties), []
+
+    def fail(_library, *, stops):
+        rounds.append(stops())
+        if len(rounds) > 2:
+            worker.stop()
+        raise (StorageUnavailable("it is away", wait_s=1) if len(rounds) == 2 else ZeroDivisionError)
+
+    monkeypatch.setattr(worker_module, "_CLEAN_S", 0.01)
+    monkeypatch.setattr(worker_module.objects, "move_photos", fail)
+    worker.run()
+    assert len(rounds) >= 3
+    told = [one for one in caplog.records if "object storage could not be kept in order" in one.getMessage()]
+    assert [one.levelname for one in told[:2]] == ["ERROR", "WARNING"]
+    assert told[0].exc_info and "it is away" in told[1].getMessage() and not told[1].exc_info
 
 
 def test_a_job_that_lost_a_process_continues_but_not_for_ever(work, queue, seen, settings):

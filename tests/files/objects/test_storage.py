@@ -13,8 +13,10 @@ from webapp.files.listing import list_photos
 from webapp.files.objects import storage
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
+from webapp.files.objects.connect import connect
 from webapp.files.objects.pointer import Pointer, pointed_path, pointer_path, read_pointer
 from webapp.files.objects.storage import ObjectStorage
+from webapp.settings import Settings
 
 
 @pytest.fixture
@@ -255,18 +257,49 @@ def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplo
         assert storage.reachable()
 
 
-def test_an_answer_that_is_cut_off_leaves_nothing(node, s3, tmp_path):
+def test_a_connection_that_breaks_off_leaves_nothing(node, s3, bucket_name, tmp_path):
+    content = os.urandom(9_000_000)  # two pieces
+    path, one = file_of(tmp_path, content), node()
+    s3.cut = {"PUT": 2_000_000}  # the first of them
+    with storage.using(one), pytest.raises(StorageUnavailable, match="to the object storage broke off"):
+        storage.publish(path)
+    assert path.read_bytes() == content and not pointer_path(path).exists()
+    assert s3.keys(bucket_name) == [] and "Uploads" not in s3.client.list_multipart_uploads(
+        Bucket=bucket_name
+    )
+    s3.cut = {"GET": 200_000}
+    two = node("two")
+    with storage.using(one):
+        storage.publish(path)
+    with storage.using(two), pytest.raises(StorageUnavailable, match="to the object storage broke off"):
+        storage.local(path)
+    assert two.cache.size() == 0
+    s3.reset()
+    with storage.using(two):
+        assert storage.local(path).read_bytes() == content
+
+
+def test_an_answer_that_comes_to_a_halt_leaves_nothing(node, s3, tmp_path):
     path = file_of(tmp_path, os.urandom(300_000))
     with storage.using(node()):
         storage.publish(path)
     s3.bytes_per_s = 50_000  # a block takes longer than a connection may be silent
     two = node("two", timeout_s=0.4)
-    with storage.using(two), pytest.raises(StorageUnavailable):
+    with storage.using(two), pytest.raises(StorageUnavailable, match="does not answer in time"):
         storage.local(path)
     assert two.cache.size() == 0
-    s3.reset()
+    s3.bytes_per_s = 500_000  # slow, but it goes on all the time
     with storage.using(two):
         assert storage.local(path).stat().st_size == 300_000
+
+
+def test_the_cache_is_as_large_as_the_settings_say(s3, tmp_path):
+    settings = Settings(
+        database="postgresql://nobody", storage="s3://bucket", cache_folder=tmp_path / "cache", cache_gb=0.25
+    )
+    with storage.using(None):
+        cache = connect(settings).cache
+    assert (cache.limit, cache.folder) == (250_000_000, tmp_path / "cache")
 
 
 @pytest.mark.parametrize("url", ["http://bucket", "s3://", "bucket/prefix"])

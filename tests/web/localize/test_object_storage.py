@@ -302,6 +302,25 @@ def test_a_photo_that_s3_refuses_is_not_acknowledged(machine, library, park, s3,
     assert send(client, jpeg())["id"] == 0
 
 
+def test_a_connection_that_breaks_off_is_one_sentence_in_page_and_log(
+    machine, library, settings, park, s3, caplog
+):
+    data, said = jpeg(side=100), "the connection to the object storage broke off"
+    s3.cut = {"PUT": 1000}
+    refused = send(machine("a"), data)["error"]
+    assert (refused["code"], refused["message"]) == ("storage_unavailable", said)
+    assert photos(library, park) == []
+    s3.reset()
+    send(machine("a"), data)
+    s3.cut = {"GET": 1000}
+    caplog.clear()
+    for _ in range(2):
+        page = machine("b").get(f"/api/v1/maps/{park}/photos/0/original")
+        assert (page.status_code, page.get_json()["error"]["message"]) == (503, said)
+    ours = [record for record in caplog.records if record.name.startswith("webapp")]
+    assert [(one.getMessage(), one.exc_info) for one in ours] == [(f"{settings.storage}: {said}", None)]
+
+
 def test_an_upload_in_pieces_waits_for_s3(machine, library, park, s3):
     data, client = jpeg(side=40), machine("a")
     url = f"/api/v1/maps/{park}/uploads"
@@ -386,6 +405,22 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
             worker.stop()
         working.result()
     assert list(library.map_folder("row").glob("derived/map/*/.*.features.object"))
+
+
+def test_a_build_for_which_s3_has_no_room_says_so_and_ends_when_it_has(
+    machine, moved, library, settings, s3, caplog
+):
+    machine("a")
+    for manifest in library.map_folder("row").glob("derived/map/*/manifest.json"):
+        manifest.unlink()
+    s3.refuse, s3.refused_methods = (507, "XMinioStorageFull"), {"PUT", "POST"}
+    job = build(library, settings, moved)
+    assert (job.state, job.error["message"]) == ("failed", "the object storage is full")
+    told = [one.getMessage() for one in caplog.records if one.levelname == "WARNING"]
+    assert f"{settings.storage}: the object storage is full" in told
+    s3.reset()
+    job = build(library, settings, moved)
+    assert (job.state, job.result["computed"]) == ("done", 0), "what was computed is still there"
 
 
 def wait_until(holds):

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import math
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +27,8 @@ from webapp.extras import extra
 from webapp.files.atomic import storage_error
 from webapp.files.objects.watch import Operation, asking
 
+_log = logging.getLogger(__name__)
+
 _PIECE = 8 << 20
 """Bytes of a piece: larger files come and go in several at once."""
 
@@ -35,6 +41,8 @@ PROBE_TIMEOUT_S = 2.0
 """The same for whoever only wants to know whether it is there, and does not try again."""
 
 _WAIT_S = 5
+
+_LOG_EVERY_S = 60.0
 
 _REFUSED = frozenset({"AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMatch", "ExpiredToken", "403"})
 _FULL = frozenset({"QuotaExceeded", "InsufficientStorage", "XMinioStorageFull", "InsufficientCapacity"})
@@ -88,6 +96,8 @@ class Bucket:
         self._bucket = parts.netloc
         self._prefix = f"{prefix}/" if prefix else ""
         self._client, self._transfer = _connect(timeout_s)
+        self._logged: dict[str, float] = {}
+        self._logging = threading.Lock()
         self._probe = _connect(min(timeout_s, PROBE_TIMEOUT_S), attempts=1)[0]
 
     def put(self, key: str, file: Path) -> None:
@@ -169,9 +179,24 @@ class Bucket:
 
     @contextmanager
     def _asking(self, operation: Operation, key: str) -> Iterator[None]:
-        """Count a request, and raise its errors as those of the program."""
-        with asking(operation), self._translated(key):
-            yield
+        """Count a request, and raise its errors as those of the program, which are in the log, too."""
+        try:
+            with asking(operation), self._translated(key):
+                yield
+        except ObjectLost:
+            raise  # whether that is an error, the caller knows
+        except StorageError as error:
+            self._log_seldom(error.message)
+            raise
+
+    def _log_seldom(self, message: str) -> None:
+        """Log a sentence, but not for each of the requests that meet the same."""
+        with self._logging:
+            now = time.monotonic()
+            if now < self._logged.get(message, -math.inf) + _LOG_EVERY_S:
+                return
+            self._logged[message] = now
+        _log.warning("%s: %s", self.url, message)
 
     @contextmanager
     def _translated(self, key: str) -> Iterator[None]:
@@ -189,14 +214,8 @@ class Bucket:
                 wait_s=_WAIT_S,
                 hint="set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY",
             ) from error
-        except (exceptions.ReadTimeoutError, exceptions.ConnectTimeoutError) as error:
-            raise StorageUnavailable(
-                "the object storage does not answer in time", wait_s=_WAIT_S, hint="try again in a moment"
-            ) from error
         except (exceptions.BotoCoreError, Boto3Error) as error:
-            raise StorageUnavailable(
-                "the object storage cannot be reached", wait_s=_WAIT_S, hint="try again in a moment"
-            ) from error
+            raise _away(error) from error
         except OSError as error:
             raise storage_error(error, where=str(error.filename or key)) from error
 
@@ -231,6 +250,23 @@ def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
         num_download_attempts=2,
     )
     return client, transfer
+
+
+def _away(error: Exception) -> StorageUnavailable:
+    """Say in our words how the connection failed; of several tries, the last."""
+    with extra("cluster"):
+        from botocore import exceptions
+
+    last = getattr(error, "last_exception", error)
+    message = "the object storage cannot be reached"
+    if isinstance(last, exceptions.ReadTimeoutError | exceptions.ConnectTimeoutError | TimeoutError):
+        message = "the object storage does not answer in time"
+    elif isinstance(
+        last,
+        exceptions.ConnectionClosedError | exceptions.IncompleteReadError | exceptions.ResponseStreamingError,
+    ):
+        message = "the connection to the object storage broke off"
+    return StorageUnavailable(message, wait_s=_WAIT_S, hint="try again in a moment")
 
 
 def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:

@@ -52,11 +52,16 @@ class ObjectCache:
         Bytes; exceeded where more was asked for within `stays_s`.
     stays_s : float
         Seconds for which a file stays after it was asked for.
+
+    Attributes
+    ----------
+    folder : Path
+    limit : int
     """
 
     def __init__(self, folder: Path, *, limit: int, stays_s: float = STAYS_S) -> None:
         self.folder = folder
-        self._limit = limit
+        self.limit = limit
         self._stays_s = stays_s
         self._added = limit  # looks at once
         self._counting = threading.Lock()
@@ -175,7 +180,7 @@ class ObjectCache:
         """Delete what was not asked for the longest time, where there is too much; one process at a time."""
         with self._counting:
             self._added += size
-            if self._added < self._limit * _LOOK_EVERY:
+            if self._added < self.limit * _LOOK_EVERY:
                 return
             self._added = size
         try:
@@ -190,11 +195,11 @@ class ObjectCache:
     def _evict(self, size: int) -> None:
         files = sorted(self._files())
         total = sum(one for _, one, _ in files) + size
-        if total <= self._limit:
+        if total <= self.limit:
             return
         stays_from = time.time_ns() - int(self._stays_s * 1e9)
         for asked, bytes_, path in files:
-            if asked >= stays_from or total <= self._limit * _FILL_TO:
+            if asked >= stays_from or total <= self.limit * _FILL_TO:
                 return
             with suppress(OSError):
                 path.unlink(missing_ok=True)

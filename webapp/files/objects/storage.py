@@ -85,18 +85,20 @@ class ObjectStorage:
                 try:
                     self.bucket.probe()
                     self._answers = True
-                except StorageError as error:
-                    if self._answers:
-                        _log.warning("%s: %s", self.bucket.url, error.message)
+                except StorageError:  # which is in the log
                     self._answers = False
                 self._looked_at = time.monotonic()
             return self._answers
 
     def fetch(self, path: Path, pointer: Pointer) -> Path:
         """Give a readable copy of an object; errors as `ObjectCache.path` and `Bucket.get`."""
-        return self.cache.path(
-            pointer, name=path.name, fetch=lambda target: self.bucket.get(pointer.key, target)
-        )
+        try:
+            return self.cache.path(
+                pointer, name=path.name, fetch=lambda target: self.bucket.get(pointer.key, target)
+            )
+        except ObjectLost as error:
+            _log.warning("%s: %s", path, error.message)
+            raise
 
 
 _used: list[ObjectStorage] = []
