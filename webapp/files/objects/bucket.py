@@ -258,15 +258,22 @@ def _away(error: Exception) -> StorageUnavailable:
         from botocore import exceptions
 
     last = getattr(error, "last_exception", error)
-    message = "the object storage cannot be reached"
     if isinstance(last, exceptions.ReadTimeoutError | exceptions.ConnectTimeoutError | TimeoutError):
-        message = "the object storage does not answer in time"
-    elif isinstance(
-        last,
-        exceptions.ConnectionClosedError | exceptions.IncompleteReadError | exceptions.ResponseStreamingError,
-    ):
-        message = "the connection to the object storage broke off"
-    return StorageUnavailable(message, wait_s=_WAIT_S, hint="try again in a moment")
+        return StorageUnavailable(
+            "the object storage does not answer in time", wait_s=_WAIT_S, hint="try again in a moment"
+        )
+    broken = (
+        exceptions.ConnectionClosedError,
+        exceptions.IncompleteReadError,
+        exceptions.ResponseStreamingError,
+    )
+    if isinstance(last, broken):
+        return StorageUnavailable(
+            "the connection to the object storage broke off", wait_s=_WAIT_S, hint="try again in a moment"
+        )
+    return StorageUnavailable(
+        "the object storage cannot be reached", wait_s=_WAIT_S, hint="try again in a moment"
+    )
 
 
 def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:

@@ -187,7 +187,7 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
     """
     key = _key(folder, name)
     if key is None:
-        raise NotFound("the image of the map has gone", where=name)
+        raise NotFound("the map has no satellite image", where=name, hint="add one on its page Image")
     derived = _derived(folder, key)
     if large:
         _write(derived / "preview.jpg", small, PREVIEW_PX)
