@@ -128,7 +128,7 @@ def test_the_old_file_is_not_taken_for_the_library(folder, server):
 
 @pytest.mark.parametrize("where", ["sqlite", "postgresql"])
 def test_who_still_has_the_old_database_open_writes_nothing(folder, server, where, monkeypatch):
-    monkeypatch.setattr("webapp.tasks.operate.move._check_alone", lambda connection: None)
+    monkeypatch.setattr("webapp.tasks.operate.move.check_alone", lambda connection: None)
     url = server()
     if where == "postgresql":
         to_server(folder, url)

@@ -32,6 +32,7 @@ from webapp.files.maps.folder import read_map
 from webapp.files.objects import bucket as bucket_module
 from webapp.files.objects import storage
 from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import MARKER
 from webapp.files.objects.pointer import pointed_path, read_pointer
 from webapp.jobs.worker import Worker
 from webapp.progress import Progress
@@ -50,6 +51,7 @@ from webapp.tasks.maps.delete_map import delete_map
 from webapp.tasks.operate import objects, open_storage
 from webapp.tasks.operate.backup import back_up
 from webapp.tasks.operate.move import move_to_file
+from webapp.tasks.operate.move_objects import move_to_folder
 from webapp.tasks.operate.restore import restore
 from webapp.tasks.satellite import display
 
@@ -515,12 +517,13 @@ def test_commands_refuse_a_library_without_its_storage(machine, library, setting
 
 @pytest.fixture
 def expmap(capsys):
-    """Run a command in this process; gives exit code and standard error."""
+    """Run a command in this process; gives exit code, standard output and standard error."""
 
     def call(*arguments):
         with pytest.raises(SystemExit) as ended:
             program.main([str(one) for one in arguments])
-        return ended.value.code, capsys.readouterr().err
+        said = capsys.readouterr()
+        return ended.value.code, said.out, said.err
 
     return call
 
@@ -548,7 +551,7 @@ def test_commands_on_a_map_use_the_storage_of_its_library(
             monkeypatch.delenv("EXPMAP_STORAGE")
         else:
             monkeypatch.setenv("EXPMAP_STORAGE", address)
-        code, said = expmap(*command, cfg, *more)
+        code, _, said = expmap(*command, cfg, *more)
         assert code != 0 and "are in an object storage" in said and "EXPMAP_STORAGE: s3://" in said
 
 
@@ -610,7 +613,7 @@ def test_a_storage_is_of_one_library_and_what_is_not_its_own_is_not_touched(
         at(monkeypatch, hours)
         objects.sweep_objects(library, settings)
     assert len(objects_in(s3, bucket)) == 2
-    marker = library.inner / open_storage.MARKER
+    marker = library.inner / MARKER
     ours = marker.read_text()
     marker.unlink()  # as in the folder of another library
     with pytest.raises(StorageError, match="belongs to another library"):
@@ -647,7 +650,7 @@ def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
         assert objects.sweep_objects(library, settings) == 0
     assert len(objects_in(s3, bucket)) == 1
     aside.rename(pointer)
-    (library.inner / open_storage.MARKER).unlink()
+    (library.inner / MARKER).unlink()
     at(monkeypatch, 90)
     with pytest.raises(StorageError, match="not mounted"):
         objects.sweep_objects(library, settings)
@@ -687,6 +690,66 @@ def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
         for path, data in photos.items():
             there = again / path.relative_to(library.folder)
             assert read_pointer(there) is not None and storage.local(there).read_bytes() == data
+
+
+def test_photos_move_into_s3_and_back(row, library, settings, expmap, s3, bucket, tmp_path, monkeypatch):
+    folder = library.map_folder("row")
+    before = files_of(folder)
+    library.database.close()
+    code, out, _ = expmap("library", "move", "--to", "s3", "--library", library.folder)
+    assert (code, out) == (0, f"{library.folder}: 5 files, now in {settings.storage}\n")
+    again = expmap("library", "move", "--to", "s3", "--library", library.folder)
+    assert again[:2] == (0, f"{library.folder}: 0 files, now in {settings.storage}\n")
+    for pointer in folder.rglob(".*.object"):
+        pointed_path(pointer).unlink()
+    stored = objects_in(s3, bucket)
+    assert len(stored) == 5
+    monkeypatch.setenv("EXPMAP_CACHE_FOLDER", str(tmp_path / "cold"))
+    back = ("library", "move", "--to", "folder", "--library", library.folder)
+    s3.refuse = (503, "SlowDown")
+    code, _, said = expmap(*back)
+    assert code != 0 and "overloaded or disturbed" in said
+    s3.reset()
+    s3.cut = {"GET": 700}  # the image is smaller, the photos are not: it is stopped in the middle
+    assert expmap(*back)[0] != 0
+    s3.reset()
+    code, out, said = expmap(*back)
+    assert code == 0 and "now in" in out and "unset EXPMAP_STORAGE" in said
+    assert files_of(folder) == before and not [*folder.rglob(".*.object")]
+    assert objects_in(s3, bucket) == stored, "nothing is deleted"
+    monkeypatch.delenv("EXPMAP_STORAGE")
+    assert expmap("build", folder / "map.cfg")[0] == 0
+    assert [*library.inner.glob("object-storage-until-*")]
+    code, _, said = expmap(*back)
+    assert code == 2 and "in its folder already" in said
+
+
+def test_a_move_back_names_what_is_lost_and_asks_for_the_library_alone(
+    machine, moved, library, settings, expmap, s3, bucket
+):
+    machine("a")
+    back = ("library", "move", "--to", "folder", "--library", library.folder)
+    assert "is using this library" in expmap(*back)[2], "this process has it open"
+    library.database.close()
+    machine("cold")
+    pointer = read_pointer(library.map_folder("row") / "photos/1.jpg")
+    s3.client.delete_object(Bucket=bucket, Key=f"lib/{pointer.key}")
+    cold = replace(settings, cache_folder=settings.cache_folder.with_name("empty"))
+    with pytest.raises(StorageError, match="1 files are lost") as lost:
+        move_to_folder(library.folder, cold, progress=Progress())
+    assert lost.value.where == "row/photos/1.jpg"
+    assert (library.inner / MARKER).is_file()
+    assert [path.name for path in stored_files(library.map_folder("row"))] == ["1.jpg"]
+
+
+def files_of(folder):
+    """What is in a folder of a map, and since when."""
+    files = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    return {
+        str(path.relative_to(folder)): (path.read_bytes(), path.stat().st_mtime_ns)
+        for path in files
+        if "derived" not in path.parts
+    }
 
 
 def test_a_backup_names_what_s3_has_lost_or_damaged(machine, moved, library, s3, bucket, tmp_path):

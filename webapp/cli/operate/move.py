@@ -1,17 +1,20 @@
-"""`expmap library move`: the records of a library from one kind of database to the other."""
+"""`expmap library move`: records from one kind of database to the other, photos into S3 or back."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
-from webapp.cli.library import library_option, library_settings
+from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.cli.progressbar import terminal_progress
 from webapp.errors import UsageError
+from webapp.settings import Settings
 from webapp.tasks.operate import move as move_records
+from webapp.tasks.operate import move_objects
 
-_SQLITE, _SERVER = "sqlite", "postgresql"
+_SQLITE, _SERVER, _STORAGE, _FOLDER = "sqlite", "postgresql", "s3", "folder"
 
 
 @click.command()
@@ -19,17 +22,39 @@ _SQLITE, _SERVER = "sqlite", "postgresql"
     "--to",
     required=True,
     metavar="WHERE",
-    help="sqlite; postgresql, at the address of EXPMAP_DATABASE; or an address, postgresql+psycopg://...",
+    help="The records: sqlite; postgresql, at the address of EXPMAP_DATABASE; or an address, "
+    "postgresql+psycopg://...  Photos and indexes: s3, at the address of EXPMAP_STORAGE; or folder.",
 )
 @library_option
 def move(to: str, library: Path | None) -> None:
-    """Move the records of a library from SQLite to PostgreSQL, or back.
+    """Move the records of a library from SQLite to PostgreSQL, or its photos into S3, or back.
 
-    Stop its servers and workers first. All rows are compared before the new database is used. Nothing is
-    deleted: the old one is kept, but cannot be opened any more. A move that was killed is completed by the
-    same command.
+    Stop its servers and workers first; only to s3 they may go on. All rows are compared before the new
+    database is used, and all files with their hashes. Nothing is deleted: objects are kept, and so is the old
+    database, but it cannot be opened any more. A move that was killed is completed by the same command.
     """
     settings = library_settings(library)
+    if to in (_STORAGE, _FOLDER):
+        _move_objects(to, settings)
+    else:
+        _move_records(to, settings)
+
+
+def _move_objects(to: str, settings: Settings) -> None:
+    with ExitStack() as stack:
+        if to == _STORAGE:
+            opened = stack.enter_context(existing_library(settings))
+            progress = stack.enter_context(terminal_progress("moving"))
+            report = move_objects.move_to_storage(opened, settings, progress=progress)
+        else:
+            progress = stack.enter_context(terminal_progress("moving"))
+            report = move_objects.move_to_folder(settings.library, settings, progress=progress)
+    click.echo(f"{settings.library}: {report.files} files, now in {report.place}")
+    if to == _FOLDER:
+        click.echo("before the next start: unset EXPMAP_STORAGE", err=True)
+
+
+def _move_records(to: str, settings: Settings) -> None:
     folder = settings.library
     url = settings.database if to in (_SQLITE, _SERVER) else to
     with terminal_progress("moving") as progress:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import secrets
+import shutil
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from webapp.errors import ObjectLost, StorageError
+from webapp.files.atomic import storage_error
 from webapp.files.objects.bucket import Bucket
 from webapp.files.objects.cache import ObjectCache
 from webapp.files.objects.marker import is_kept_in_objects
@@ -27,7 +30,7 @@ from webapp.files.objects.pointer import (
     read_pointer,
     write_pointer,
 )
-from webapp.files.part_file import discard, sha256_of
+from webapp.files.part_file import discard, move_in, sha256_of
 from webapp.threads import ContextThreads
 
 _log = logging.getLogger(__name__)
@@ -280,6 +283,37 @@ def settle(path: Path) -> None:
     """
     if in_use() is not None and is_kept_in_objects(path):
         publish(path)
+
+
+def bring_back(path: Path) -> None:
+    """Make a file of an object again, and forget the object; a file that somebody has put there stays.
+
+    Raises
+    ------
+    StorageUnavailable, ObjectLost, DiskFull, StorageError
+        The pointer is still there.
+    """
+    pointer = read_pointer(path)
+    if pointer is None:
+        return
+    if not path.is_file() or _is_same(path, pointer):
+        part = path.with_name(f".{pointer.sha256[:16]}.part")
+        with read_once(path) as copy:
+            try:
+                shutil.copyfile(copy, part)
+                os.utime(part, ns=(pointer.mtime_ns, pointer.mtime_ns))
+            except OSError as error:
+                raise storage_error(error, where=str(path)) from error
+        if sha256_of(part) != pointer.sha256:
+            raise StorageError("this copy of an object is damaged", where=str(part), hint="try again")
+        move_in(part, path)
+    discard(pointer_path(path))
+
+
+def _is_same(path: Path, pointer: Pointer) -> bool:
+    """Return whether a file next to its pointer is what was stored, by size and time."""
+    facts = path.stat()
+    return (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
 
 
 def replaced(path: Path) -> None:

@@ -87,7 +87,7 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
         The library is as it was.
     """
     inner = folder.resolve() / INNER
-    with _alone(inner), closing(Database(url)) as target:
+    with alone(inner), closing(Database(url)) as target:
         file, marker = inner / DATABASE, inner / SERVER
         if marker.exists() and _ticket(inner, target.name) is None:
             raise UsageError(
@@ -130,7 +130,7 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
     """
     inner = folder.resolve() / INNER
     refuse_objects(inner, doing="a library in SQLite")
-    with _alone(inner):
+    with alone(inner):
         file, marker = inner / DATABASE, inner / SERVER
         if not marker.exists():
             if _ticket(inner, str(file)) is None:
@@ -188,7 +188,7 @@ def _move(
             hint="open the library once with this version (expmap serve), or move it by that one",
         )
     with source.moving() as connection:
-        _check_alone(connection)
+        check_alone(connection)
         moved = marks.moved_mark(connection)
         _refuse_other_move(moved, key, name=source.name)
         if marks.filling_key(connection) is not None:
@@ -220,8 +220,13 @@ def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -
 
 
 @contextmanager
-def _alone(inner: Path) -> Iterator[None]:
-    """Keep others from opening a library; refuse where somebody has."""
+def alone(inner: Path) -> Iterator[None]:
+    """Keep others from opening a library in the block; refuse where somebody has.
+
+    Raises
+    ------
+    NotFound, Conflict, Busy, StorageError
+    """
     if not any((inner / name).is_file() for name in (DATABASE, SERVER)):
         raise NotFound(
             "there is no library in this folder", where=str(inner.parent), hint="set it: --library FOLDER"
@@ -241,8 +246,13 @@ def _alone(inner: Path) -> Iterator[None]:
         raise storage_error(error, where=str(inner)) from error
 
 
-def _check_alone(connection: Connection) -> None:
-    """Refuse where another process is connected, on any machine; one may be just ending."""
+def check_alone(connection: Connection) -> None:
+    """Refuse where another process is connected, on any machine; one may be just ending.
+
+    Raises
+    ------
+    Conflict
+    """
     until = time.monotonic() + _WAIT_S
     while backend_of(connection).is_open_elsewhere(connection):
         if time.monotonic() > until:

@@ -22,7 +22,7 @@ from webapp.files.objects.storage import ObjectStorage, in_use, is_there
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now
-from webapp.store.library import Library
+from webapp.store.library import INNER, Library
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.operate.open_storage import check_owner
 from webapp.tasks.satellite.files import images_in_use
@@ -142,7 +142,7 @@ def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], b
             if found is None:
                 return 0
             since = found
-            check_owner(library, storage)
+            check_owner(library.inner, storage)
             gone = [key for key, first in since.items() if at - first >= age]
             swept = _delete(library, storage, gone, stops=stops)
             if stops():
@@ -169,7 +169,7 @@ def _unnamed(
             return None
         if _KEY.fullmatch(one.key):
             there.append(one.key)
-    for path in _pointers(library):
+    for path in pointed_files(library.folder):
         if stops():
             return None
         if pointer := read_pointer(path):
@@ -177,8 +177,8 @@ def _unnamed(
     return {key: before.get(key, at) for key in there if key not in named}
 
 
-def _pointers(library: Library) -> Iterator[Path]:
-    """Find the files that pointers stand for, everywhere in the folder.
+def pointed_files(folder: Path) -> Iterator[Path]:
+    """Find the files that pointers stand for, everywhere in the folder of a library.
 
     Raises
     ------
@@ -191,14 +191,12 @@ def _pointers(library: Library) -> Iterator[Path]:
             f"the folder cannot be read: {error.strerror}; no object is deleted", where=error.filename
         ) from error
 
-    for parent, _, files in os.walk(library.folder, onerror=fail):
+    for parent, _, files in os.walk(folder, onerror=fail):
         for name in files:
             if name.startswith(".") and name.endswith(SUFFIX):
                 yield pointed_path(Path(parent, name))
-    if not (library.inner / MARKER).is_file():
-        raise StorageError(
-            "the folder is not mounted any more; no object is deleted", where=str(library.folder)
-        )
+    if not (folder / INNER / MARKER).is_file():
+        raise StorageError("the folder is not mounted any more; no object is deleted", where=str(folder))
 
 
 def _delete(

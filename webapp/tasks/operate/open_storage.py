@@ -39,7 +39,7 @@ def refuse_objects(inner: Path, *, doing: str) -> None:
         raise UsageError(
             f"{doing} would lack the photos, which are in {address}",
             where=str(inner.parent),
-            hint="see Backup in docs/cluster.md",
+            hint="run expmap library move --to folder first",
         )
 
 
@@ -62,15 +62,15 @@ def open_storage(library: Library, settings: Settings) -> None:
             write_text(marker, f"{settings.storage}\n{_claim(storage)}\n")
 
 
-def check_owner(library: Library, storage: ObjectStorage) -> None:
-    """Refuse an object storage that is not, or no longer, this library's.
+def check_owner(inner: Path, storage: ObjectStorage) -> None:
+    """Refuse an object storage that is not, or no longer, that of the library with this inner folder.
 
     Raises
     ------
     StorageError
     """
     owner = _owner(storage)
-    if owner is None or owner != read_marker(library.inner)[1]:
+    if owner is None or owner != read_marker(inner)[1]:
         raise _not_ours(storage)
 
 

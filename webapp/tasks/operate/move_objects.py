@@ -1,0 +1,122 @@
+"""Moves the files of a library into its object storage, or back into its folder.
+
+Each file is at one of the two places at any moment, so that a move that was stopped or killed leaves a
+library that can be used as before, and the same command goes on. No object is deleted.
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from webapp.errors import ObjectLost, StorageError, UsageError
+from webapp.files.objects.connect import connect
+from webapp.files.objects.marker import MARKER, check_marker, read_marker
+from webapp.files.objects.storage import bring_back
+from webapp.progress import Progress
+from webapp.settings import Settings
+from webapp.store.clock import now
+from webapp.store.database import Database
+from webapp.store.library import INNER, Library
+from webapp.tasks.operate.move import alone, check_alone
+from webapp.tasks.operate.objects import move_photos, pointed_files
+from webapp.tasks.operate.open_storage import check_owner
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectsMoved:
+    """What was moved.
+
+    Attributes
+    ----------
+    files : int
+        That this move has moved.
+    place : str
+        Where they are now.
+    """
+
+    files: int
+    place: str
+
+
+def move_to_storage(library: Library, settings: Settings, *, progress: Progress) -> ObjectsMoved:
+    """Move photos and images of a library that has its storage open; the indexes follow with their builds.
+
+    Servers and workers may go on: they do the same every hour, and delete the files when nobody reads them.
+
+    Raises
+    ------
+    UsageError
+        The settings name no storage.
+    StorageError
+    Cancelled
+    """
+    if settings.storage is None:
+        raise UsageError(
+            "the address of the object storage is needed",
+            where="EXPMAP_STORAGE",
+            hint="set it: s3://bucket/prefix",
+        )
+
+    def stops() -> bool:
+        progress.check()
+        progress.advance()
+        return False
+
+    return ObjectsMoved(move_photos(library, stops=stops), settings.storage)
+
+
+def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:
+    """Make files of all objects of a library, compared with their hashes; then it has no storage any more.
+
+    Parameters
+    ----------
+    progress : Progress
+        One step an object.
+
+    Raises
+    ------
+    UsageError
+        The library has no storage.
+    Conflict
+        Somebody uses it.
+    StorageUnavailable, DiskFull, StorageError
+        The disk or the storage refused, or the storage has lost photos: what has been moved are files.
+    NotFound, Busy, Cancelled
+    """
+    inner = folder.resolve() / INNER
+    with alone(inner):
+        if not check_marker(inner, settings):
+            raise UsageError("the photos of this library are in its folder already", where=str(folder))
+        storage = connect(settings)
+        if storage is None or settings.database is None:  # what the marker says is what the settings say
+            raise UsageError("the records of this library are needed", where="EXPMAP_DATABASE")
+        check_owner(inner, storage)
+        with closing(Database(settings.database)) as database, database.moving() as connection:
+            check_alone(connection)
+            files = _bring_all(folder.resolve(), progress=progress)
+            address = read_marker(inner)[0]
+            (inner / MARKER).rename(inner / f"{MARKER}-until-{now():%Y%m%dT%H%M%S}")
+    return ObjectsMoved(files, f"{folder}; {address} has them, too")
+
+
+def _bring_all(folder: Path, *, progress: Progress) -> int:
+    """Make files of all objects; those that are lost at the end, so that one does not keep the others."""
+    paths = sorted(pointed_files(folder))
+    progress.size(len(paths))
+    lost: list[Path] = []
+    for path in paths:
+        progress.check()
+        try:
+            bring_back(path)
+        except ObjectLost:
+            lost.append(path)
+        progress.advance()
+    if lost:
+        raise StorageError(
+            f"{len(lost)} files are lost, and all others are in the folder now",
+            where=str(lost[0].relative_to(folder)),
+            hint="restore them from a backup, or delete .NAME.object next to where they should be",
+        )
+    return len(paths)
