@@ -75,11 +75,15 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--mb-s", type=float, default=100.0)
     parser.add_argument("--ms", type=float, default=20.0)
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="of the built copy, to measure it again")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name, _server(asked.mb_s, asked.ms) as address:
         os.environ.update(_CREDENTIALS, AWS_ENDPOINT_URL=address)
-        places = _prepare(asked.cfg, Path(name), photos=asked.photos, queries=asked.queries)
+        kept = asked.keep or Path(name, "local")
+        if not (kept / "map.cfg").is_file():
+            first_photos(asked.cfg, kept, photos=asked.photos)
+        places = _prepare(kept / "map.cfg", Path(name), queries=asked.queries)
         measured = _measure(places, rounds=asked.rounds)
     result = _result(measured)
     print(_table(result))
@@ -106,9 +110,8 @@ class _Places:
         )
 
 
-def _prepare(cfg: Path, folder: Path, *, photos: int, queries: int) -> _Places:
-    """Build a map of copies, and move a copy of it to S3."""
-    local = first_photos(cfg, folder / "local", photos=photos)
+def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
+    """Build a map, and move a copy of it to S3."""
     report = build_map(local, _OPTIONS, settings=Settings(), progress=Progress())
     asked = tuple(_cut_photos(local, folder / "queries", queries))
     library = folder / "library"

@@ -528,31 +528,29 @@ def expmap(capsys):
     return call
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["map", "check"],
-        ["build"],
-        ["evaluate", "--self"],
-        ["localize"],
-        ["map", "blur"],
-        ["map", "write-exif"],
-    ],
-    ids=lambda command: command[-1],
-)
 def test_commands_on_a_map_use_the_storage_of_its_library(
-    machine, moved, library, expmap, save_photo, tmp_path, monkeypatch, command
+    machine, moved, library, expmap, save_photo, tmp_path, monkeypatch
 ):
     machine("b")
-    cfg, more = library.cfg("row"), {"localize": [question(save_photo, tmp_path)]}.get(command[0], [])
-    more = ["-o", tmp_path / "out"] if command[-1] == "write-exif" else more
+    cfg, photo = library.cfg("row"), question(save_photo, tmp_path)
+    commands = [
+        ("map", "check", cfg),
+        ("build", cfg),
+        ("evaluate", "--self", cfg),
+        ("localize", cfg, photo),
+        ("map", "blur", cfg),
+        ("map", "place-rest", cfg),
+        ("map", "write-exif", cfg, "-o", tmp_path / "out"),
+    ]
     for address in ("s3://another/lib", None):
         if address is None:
             monkeypatch.delenv("EXPMAP_STORAGE")
         else:
             monkeypatch.setenv("EXPMAP_STORAGE", address)
-        code, _, said = expmap(*command, cfg, *more)
-        assert code != 0 and "are in an object storage" in said and "EXPMAP_STORAGE: s3://" in said
+        for command in commands:
+            code, _, said = expmap(*command)
+            assert code != 0 and "are in an object storage" in said, command
+            assert "EXPMAP_STORAGE: s3://" in said
 
 
 def test_a_map_in_a_library_is_built_and_localized_from_its_storage(
@@ -725,8 +723,9 @@ def test_photos_move_into_s3_and_back(row, library, settings, expmap, s3, bucket
 
 
 def test_a_move_back_names_what_is_lost_and_asks_for_the_library_alone(
-    machine, moved, library, settings, expmap, s3, bucket
+    machine, moved, library, settings, expmap, s3, bucket, monkeypatch
 ):
+    monkeypatch.setattr("webapp.tasks.operate.move._WAIT_S", 0.2)
     machine("a")
     back = ("library", "move", "--to", "folder", "--library", library.folder)
     assert "is using this library" in expmap(*back)[2], "this process has it open"
