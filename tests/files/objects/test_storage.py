@@ -238,6 +238,41 @@ def test_files_are_fetched_together(node, s3, tmp_path):
             storage.fetch_together(paths)
 
 
+def test_what_is_read_once_is_not_kept_and_uses_what_is_here(node, s3, tmp_path):
+    path, one, two = file_of(tmp_path, b"photo"), node(), node("two")
+    with storage.using(one):
+        storage.publish(path)
+    with storage.using(two):
+        with storage.read_once(path) as copy:
+            assert copy.read_bytes() == b"photo"
+        assert not copy.exists() and two.cache.size() == 0
+        kept = storage.local(path)
+        s3.requests.clear()
+        with storage.read_once(path) as copy:
+            assert copy == kept
+        assert kept.exists() and s3.requests == []
+
+
+def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, tmp_path):
+    path, replaced, one = file_of(tmp_path, b"photo"), file_of(tmp_path, b"before", "b.jpg"), node()
+    os.utime(path, ns=(1, 123_456_789))
+    with storage.using(one):
+        storage.publish(path)
+        storage.publish(replaced)
+        replaced.write_bytes(b"after")
+        storage.local(path).write_bytes(b"other")  # damaged, and as long
+        with pytest.raises(StorageError, match="is damaged"):
+            storage.bring_back(path)
+        assert not path.exists() and read_pointer(path) is not None
+        one.cache.folder.rename(tmp_path / "gone")
+        for _ in range(2):
+            storage.bring_back(path)
+            storage.bring_back(replaced)
+    assert (path.read_bytes(), path.stat().st_mtime_ns) == (b"photo", 123_456_789)
+    assert replaced.read_bytes() == b"after"
+    assert not [*tmp_path.glob(".*")]
+
+
 def test_whether_the_server_answers_is_asked_seldom(node, s3, monkeypatch, caplog):
     assert storage.reachable(), "where there is no storage, none is missing"
     monkeypatch.setattr(storage, "_LOOK_S", 0.0)

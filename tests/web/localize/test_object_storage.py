@@ -19,6 +19,7 @@ from PIL import Image
 from sqlalchemy import select
 
 from tests.web.conftest import Browser
+from webapp.api import open_map
 from webapp.app import main as program
 from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
@@ -551,6 +552,8 @@ def test_commands_on_a_map_use_the_storage_of_its_library(
             code, _, said = expmap(*command)
             assert code != 0 and "are in an object storage" in said, command
             assert "EXPMAP_STORAGE: s3://" in said
+    with pytest.raises(StorageError, match="are in an object storage"):
+        open_map(cfg, settings=Settings())
 
 
 def test_a_map_in_a_library_is_built_and_localized_from_its_storage(

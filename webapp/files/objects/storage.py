@@ -304,8 +304,11 @@ def bring_back(path: Path) -> None:
                 os.utime(part, ns=(pointer.mtime_ns, pointer.mtime_ns))
             except OSError as error:
                 raise storage_error(error, where=str(path)) from error
-        if sha256_of(part) != pointer.sha256:
-            raise StorageError("this copy of an object is damaged", where=str(part), hint="try again")
+            if sha256_of(part) != pointer.sha256:
+                discard(part)
+                raise StorageError(
+                    "this copy of an object is damaged", where=str(copy), hint="delete it, and try again"
+                )
         move_in(part, path)
     discard(pointer_path(path))
 

@@ -91,7 +91,7 @@ def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> O
             raise UsageError("the photos of this library are in its folder already", where=str(folder))
         storage = connect(settings)
         if storage is None or settings.database is None:  # what the marker says is what the settings say
-            raise UsageError("the records of this library are needed", where="EXPMAP_DATABASE")
+            raise UsageError("the address of the database is needed", where="EXPMAP_DATABASE")
         check_owner(inner, storage)
         with closing(Database(settings.database)) as database, database.moving() as connection:
             check_alone(connection)
