@@ -6,6 +6,7 @@ was done before there were objects.
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import math
 import os
@@ -297,7 +298,8 @@ def bring_back(path: Path) -> None:
     if pointer is None:
         return
     if not path.is_file() or _is_same(path, pointer):
-        part = path.with_name(f".{pointer.sha256[:16]}.part")
+        # the same each time, so that one that was killed leaves nothing for good
+        part = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.part")
         with read_once(path) as copy:
             try:
                 shutil.copyfile(copy, part)

@@ -6,6 +6,7 @@ library that can be used as before, and the same command goes on. No object is d
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,9 @@ from webapp.store.library import INNER, Library
 from webapp.tasks.operate.move import alone, check_alone
 from webapp.tasks.operate.objects import move_photos, pointed_files
 from webapp.tasks.operate.open_storage import check_owner
+
+_TOGETHER, _SOME = 4, 32
+"""Objects that are fetched at once, and between two looks whether to stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +110,14 @@ def _bring_all(folder: Path, *, progress: Progress) -> int:
     paths = sorted(pointed_files(folder))
     progress.size(len(paths))
     lost: list[Path] = []
-    for path in paths:
-        progress.check()
-        try:
-            bring_back(path)
-        except ObjectLost:
-            lost.append(path)
-        progress.advance()
+    with ThreadPoolExecutor(_TOGETHER) as pool:
+        for start in range(0, len(paths), _SOME):
+            progress.check()
+            some = paths[start : start + _SOME]
+            for path, is_here in zip(some, pool.map(_bring, some), strict=True):
+                progress.advance()
+                if not is_here:
+                    lost.append(path)
     if lost:
         raise StorageError(
             f"{len(lost)} files are lost, and all others are in the folder now",
@@ -120,3 +125,12 @@ def _bring_all(folder: Path, *, progress: Progress) -> int:
             hint="restore them from a backup, or delete .NAME.object next to where they should be",
         )
     return len(paths)
+
+
+def _bring(path: Path) -> bool:
+    """Make a file of an object; False where the storage has lost it."""
+    try:
+        bring_back(path)
+    except ObjectLost:
+        return False
+    return True
