@@ -19,7 +19,7 @@ from webapp.store.operate import job_views, jobs
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
     name: f"kinds_for_tests:{name}"
-    for name in ("count", "fine", "refuse", "mistake", "lose", "outlive", "stubborn", "write")
+    for name in ("count", "fine", "refuse", "mistake", "lose", "away", "outlive", "stubborn", "write")
 }
 
 

@@ -7,7 +7,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from webapp.errors import ProcessLost, StorageError
+from webapp.errors import ProcessLost, StorageError, StorageUnavailable
 from webapp.jobs.kinds import Duties
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
@@ -53,6 +53,12 @@ def lose(context):
     if len(tries.read_text()) <= context.arguments["times"]:
         raise ProcessLost("a worker process was killed")
     return {"tries": len(tries.read_text())}
+
+
+def away(context):
+    """Need an object storage that is away until there is a file `back`."""
+    if not (context.library.inner / "back").exists():
+        raise StorageUnavailable("the object storage cannot be reached", wait_s=context.arguments["wait_s"])
 
 
 def outlive(context):

@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import threading
 from dataclasses import replace
 
 import pytest
@@ -78,6 +79,35 @@ def test_a_job_that_lost_a_process_continues_but_not_for_ever(work, queue, seen,
     work()
     assert seen(hopeless)["state"] == "failed"
     assert f"died {settings.jobs.attempts} times" in seen(hopeless)["error"]["message"]
+
+
+def test_while_storage_is_away_other_jobs_are_done(library, settings, duties, queue, seen, wait_for):
+    """The pause of a job is no pause of the worker: it would outlast this test."""
+    waiting = [queue("away", key=str(n), arguments={"wait_s": 600}) for n in range(3)]
+    worker = Worker(library, settings, duties=duties)
+    working = threading.Thread(target=worker.run)
+    working.start()
+    try:
+        wait_for(lambda: all(seen(id)["note"] for id in waiting))
+        other = queue("fine")
+        wait_for(lambda: seen(other)["state"] == "done")
+    finally:
+        worker.stop()
+        working.join()
+    assert {seen(id)["state"] for id in waiting} == {"queued"}
+    with library.database.read() as session:
+        assert [(jobs.find(session, id).fence, jobs.find(session, id).attempts) for id in waiting] == [
+            (1, 0)
+        ] * 3
+
+
+def test_once_storage_is_back_once_does_what_waits(library, work, queue, seen):
+    id = queue("away", arguments={"wait_s": 600})
+    with pytest.raises(StorageUnavailable, match="cannot be reached"):
+        work()
+    (library.inner / "back").touch()
+    work()
+    assert seen(id)["state"] == "done"
 
 
 def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for):

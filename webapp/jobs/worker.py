@@ -23,6 +23,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from webapp.errors import (
     Cancelled,
@@ -127,12 +128,10 @@ class Worker:
         self._clean()
         if once:
             export_late_maps(self._library)
-        job = self._next()
+        job = self._next(early=once)
         error = None if job is None else self._do(job)
-        if isinstance(error, StorageUnavailable | ClusterUnavailable):
-            if once:
-                raise error  # else it would be tried again without end
-            self._stopping.wait(error.wait_s)
+        if once and isinstance(error, StorageUnavailable | ClusterUnavailable):
+            raise error  # else it would be tried again without end
         return job is not None
 
     def _wait_for_database(self, error: DatabaseUnavailable) -> bool:
@@ -195,13 +194,14 @@ class Worker:
             delete_leftovers(self._library, self._settings, more=self._duties.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
 
-    def _next(self) -> Job | None:
+    def _next(self, *, early: bool) -> Job | None:
         with self._library.database.read() as session:
-            if not jobs.anything_to_do(session):
+            if not jobs.anything_to_do(session, early=early):
                 return None
         limits = Limits(self._settings.jobs.lease_s, self._settings.jobs.attempts)
         with self._library.database.write(locks_rows=True) as session:
-            return jobs.lease(session, self._lock.name, limits=limits, is_gone=self._lock.is_gone)
+            who, is_gone = self._lock.name, self._lock.is_gone
+            return jobs.lease(session, who, limits=limits, is_gone=is_gone, early=early)
 
     def _do(self, job: Job) -> BaseException | None:
         """Do a job in a thread, and say every now and then that it is being done; returns its error."""
@@ -268,7 +268,7 @@ class Worker:
                 ended, kept = "cancelled", jobs.stop(session, lease)
             elif isinstance(error, StorageUnavailable | ClusterUnavailable):
                 _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
-                ended, kept = "given back", jobs.give_back(session, lease, note=error.message)
+                ended, kept = "given back", _put_off(session, lease, error)
             elif isinstance(error, ProcessLost | DatabaseUnavailable):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.let_go(session, lease)
@@ -315,6 +315,10 @@ class _Heartbeat:
         if job is None or job.cancel_wanted:
             self._context.progress.stop()
         self._written, self._beat_at = progress, time.monotonic() + 1.0
+
+
+def _put_off(session: Session, lease: Lease, error: StorageUnavailable | ClusterUnavailable) -> bool:
+    return jobs.put_off(session, lease, note=error.message, pause_s=error.wait_s)
 
 
 def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:

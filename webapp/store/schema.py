@@ -320,6 +320,10 @@ class Job(Base):
     fence: Mapped[int] = mapped_column(default=0)
     leased_by: Mapped[str | None]
     leased_until: Mapped[datetime | None]
+    not_before: Mapped[datetime | None]
+    """When it may be tried again, of a job for which something was away; by the clock of the database."""
+    waits: Mapped[int] = mapped_column(default=0, server_default="0")
+    """How often in a row something was away."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None]

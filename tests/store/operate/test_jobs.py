@@ -207,17 +207,85 @@ def test_being_given_back_is_no_death(do, take, seen):
         assert seen(id)["state"] == "queued"
 
 
-def test_a_job_that_could_not_be_done_lets_others_go_first(do, take):
+AWAY = {"note": "the object storage cannot be reached", "pause_s": 10.0}
+
+
+def test_a_job_for_which_something_is_away_lets_others_go_first(do, take, at, seen):
     first, second = (do(jobs.enqueue, "x", key=str(n)).id for n in range(2))
     held = take()
     assert held.job_id == first
-    do(jobs.give_back, held, note="the object storage cannot be reached")
-    assert take().job_id == second
+    assert do(jobs.put_off, held, **AWAY)
+    assert (seen(first)["state"], seen(first)["note"]) == ("queued", AWAY["note"])
+    other = take()
+    assert other.job_id == second
+    assert take() is None, "its pause is not over"
+    assert do(jobs.finish, other)
+    assert not do(jobs.anything_to_do) and do(jobs.anything_to_do, early=True)
+    at(10)
+    assert do(jobs.anything_to_do)
+    third = do(jobs.enqueue, "x", key="2").id
     again = take()
     assert again.job_id == first
-    do(jobs.give_back, again)  # its worker had to stop
-    do(jobs.enqueue, "x", key="2")
-    assert take().job_id == first
+    assert do(jobs.give_back, again)  # its worker had to stop
+    assert [take().job_id, take().job_id] == [first, third]
+
+
+def test_the_pause_doubles_up_to_five_minutes(do, take, at):
+    do(jobs.enqueue, "x")
+    for pause in (10, 20, 40, 80, 160, 300, 300):
+        held = take()
+        do(jobs.put_off, held, **AWAY)
+        at(pause - 0.1)
+        assert take() is None
+        at(0.1)
+    last = take()
+    assert last.fence == 8
+    assert do(jobs.fail, last, error=ERROR)
+    do(lambda s: jobs.retry(s, jobs.find(s, last.job_id)))
+    assert do(jobs.put_off, take(), **AWAY)
+    at(10)
+    assert take() is not None, "who asks for another try begins with the first pause"
+
+
+def test_who_cannot_wait_takes_a_job_in_its_pause(do, take):
+    do(jobs.enqueue, "x")
+    do(jobs.put_off, take(), **AWAY)
+    assert take() is None
+    assert take(early=True).fence == 2
+
+
+def test_a_lease_taken_by_the_version_before_ends_as_any(do, take, at):
+    """It does not know of pauses, and leaves them with the job that it takes."""
+    id = do(jobs.enqueue, "x").id
+    do(jobs.put_off, take(), note="away", pause_s=200.0)
+    held = take(early=True)
+    do(lambda s: setattr(jobs.find(s, id), "not_before", jobs.moment(s) + timedelta(seconds=200)))
+    at(11)
+    assert do(jobs.anything_to_do)
+    assert take().fence == held.fence + 1
+
+
+def test_what_the_version_before_queues_has_no_pause(library, do, take):
+    columns = "kind, key, arguments, state, done, total, note, attempts, cancel_wanted, fence, created_at"
+    values = "'x', '', '{}', 'queued', 0, 0, '', 0, false, 0, CURRENT_TIMESTAMP"
+    do(lambda s: s.connection().exec_driver_sql(f"INSERT INTO job ({columns}) VALUES ({values})"))
+    assert do(jobs.put_off, take(), **AWAY)
+
+
+def test_the_one_that_waits_already_takes_the_pause_over(do, take, at, park, seen):
+    first = do(jobs.enqueue, "index", map_id=park).id
+    held = take()
+    second = do(jobs.enqueue, "index", map_id=park).id
+    assert do(jobs.put_off, held, **AWAY)
+    assert (seen(first)["state"], seen(second)["state"]) == ("cancelled", "queued")
+    assert take() is None and seen(second)["note"] == AWAY["note"]
+    at(10)
+    held = take()
+    do(jobs.put_off, held, **AWAY)
+    at(19)
+    assert take() is None
+    at(1)
+    assert take().job_id == second
 
 
 def test_given_back_while_one_like_it_waits_leaves_one(do, take, park, seen):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Select, func, or_, select
+from sqlalchemy import Select, case, func, or_, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
@@ -26,6 +26,8 @@ ENDED = ("done", "failed", "cancelled")
 
 _SHOWN = timedelta(minutes=1)
 """So long a page shows a job that has ended."""
+
+_LONGEST_PAUSE_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +85,7 @@ def enqueue(
     key : str
         Two waiting jobs of one map, kind and key are one.
     """
-    there = _waiting(session, kind, map_id=map_id, key=key)
-    if there is not None:
+    if (there := _waiting(session, kind, map_id=map_id, key=key)) is not None:
         return there  # locked, so that nobody begins with it before what this session changes is there
     job = Job(kind=kind, map_id=map_id, account_id=account_id, key=key, arguments=dict(arguments or {}))
     try:
@@ -118,7 +119,7 @@ def find(session: Session, id: int) -> Job:
 
 
 def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -> list[Job]:
-    """List the jobs of a map, or of the whole library, the newest first."""
+    """List the jobs of a map, or of the library, the newest first."""
     found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
     return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
 
@@ -164,17 +165,26 @@ def retry(session: Session, job: Job) -> Job:
     job.state, job.attempts, job.cancel_wanted = "queued", 0, False
     job.error = job.result = job.started_at = job.ended_at = None
     job.done, job.total, job.note = 0, 0, ""
+    job.not_before, job.waits = None, 0
     session.flush()
     return job
 
 
-def anything_to_do(session: Session) -> bool:
-    """Return whether a job waits or runs: only then it is worth asking for a lease."""
-    return session.scalars(select(Job.id).where(Job.state.not_in(ENDED)).limit(1)).first() is not None
+def anything_to_do(session: Session, *, early: bool = False) -> bool:
+    """Return whether a job runs, or waits and may begin: only then it is worth asking for a lease."""
+    pause = case((Job.state == "queued", Job.not_before))
+    left = select(Job.id, pause).where(Job.state.not_in(ENDED)).order_by(pause.nulls_first()).limit(1)
+    first = session.execute(left).first()
+    return first is not None and (early or first[1] is None or first[1] <= moment(session))
 
 
 def lease(
-    session: Session, who: str, *, limits: Limits, is_gone: Callable[[str], bool] = lambda _: False
+    session: Session,
+    who: str,
+    *,
+    limits: Limits,
+    is_gone: Callable[[str], bool] = lambda _: False,
+    early: bool = False,
 ) -> Job | None:
     """Take the next job: one whose worker has died, else the one that has waited longest.
 
@@ -184,6 +194,8 @@ def lease(
         Name of the worker.
     is_gone : callable
         Returns whether the worker of that name has certainly ended; its leases then end at once.
+    early : bool
+        Take also a job that was put off.
 
     Returns
     -------
@@ -201,7 +213,8 @@ def lease(
             _end(session, job, "failed", error=_died(job))
         else:
             return _given(job, who, at=at, limits=limits)
-    waiting = session.scalars(_next_waiting().with_for_update(of=Job, skip_locked=True)).first()
+    oldest = _next_waiting(None if early else at)
+    waiting = session.scalars(oldest.with_for_update(of=Job, skip_locked=True)).first()
     if waiting is None or not _has_turn(session, waiting):
         return None
     return _given(waiting, who, at=at, limits=limits)
@@ -267,27 +280,34 @@ def stop(session: Session, held: Lease) -> bool:
     return job is not None
 
 
-def give_back(session: Session, held: Lease, *, note: str | None = None) -> bool:
-    """Put a job back into the queue because its worker has to stop; False when the lease is lost.
+def give_back(session: Session, held: Lease) -> bool:
+    """Put a job back into the queue because its worker has to stop; False when the lease is lost."""
+    job = _held(session, held)
+    if job is not None:
+        job.started_at = None
+        _queue_again(session, job)
+    return job is not None
+
+
+def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool:
+    """Put a job back into the queue because something is away; False when the lease is lost.
+
+    Until a pause is over, others are given. It doubles each time in a row, up to five minutes.
 
     Parameters
     ----------
-    note : str or None
-        Shown with it, instead of what it was at; jobs that waited when it was begun are then done first.
+    note : str
+        What is away, shown with the job.
+    pause_s : float
+        Seconds of the first pause.
     """
     job = _held(session, held)
-    if job is None:
-        return False
-    if note is None:
-        job.started_at = None
-    else:
-        job.note = note  # and what waits longer than since this attempt has its turn first
-    job.attempts -= 1  # nobody died on it
-    if job.cancel_wanted or _waiting(session, job.kind, map_id=job.map_id, key=job.key) is not None:
-        _end(session, job, "cancelled")  # when one like it waits already, that one does the work
-    else:
-        job.state, job.leased_by, job.leased_until = "queued", None, None
-    return True
+    if job is not None:
+        pause = min(max(pause_s, 1.0) * 2.0 ** min(job.waits, 20), _LONGEST_PAUSE_S)
+        waiting = _queue_again(session, job)
+        waiting.note, waiting.waits = note, job.waits + 1
+        waiting.not_before = moment(session) + timedelta(seconds=pause)
+    return job is not None
 
 
 def let_go(session: Session, held: Lease) -> bool:
@@ -298,24 +318,35 @@ def let_go(session: Session, held: Lease) -> bool:
     return job is not None
 
 
+def _queue_again(session: Session, job: Job) -> Job:
+    """Put a job back; returns it, or one like it that waits already."""
+    job.attempts -= 1  # nobody died on it
+    there = _waiting(session, job.kind, map_id=job.map_id, key=job.key)
+    if job.cancel_wanted or there is not None:
+        _end(session, job, "cancelled")
+    else:
+        job.state, job.leased_by, job.leased_until = "queued", None, None
+    return there or job
+
+
 def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Job | None:
     same = (Job.kind == kind, Job.map_id == map_id, Job.key == key, Job.state == "queued")
     return session.scalars(select(Job).where(*same).order_by(Job.id).limit(1).with_for_update()).first()
 
 
-def _next_waiting() -> Select[Job]:
-    """Select the oldest waiting job of a map on which no other is at work."""
+def _next_waiting(at: datetime | None) -> Select[Job]:
+    """Select the oldest waiting job of a map on which no other is at work, with no pause by `at`."""
     other = aliased(Job)
     at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
     since = func.coalesce(Job.started_at, Job.created_at)  # who was given back waits since it was tried
-    return select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
+    found = select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
+    return found if at is None else found.where(or_(Job.not_before.is_(None), Job.not_before <= at))
 
 
 def _has_turn(session: Session, waiting: Job) -> bool:
     """Lock the map of a job, and see again whether another job is at work on it.
 
-    Two workers that look at the same time may each find a job of one map. Nobody waits here, so that none of
-    them waits for an edit that in turn waits for the job.
+    Two workers may each find a job of one map. Nobody waits here, as an edit may in turn wait for the job.
     """
     if waiting.map_id is None:
         return True
@@ -339,7 +370,7 @@ def _is_hopeless(job: Job, limits: Limits) -> bool:
 
 def _given(job: Job, who: str, *, at: datetime, limits: Limits) -> Job:
     job.state, job.leased_by = "running", who
-    job.started_at = at
+    job.started_at, job.not_before = at, None
     job.leased_until = at + timedelta(seconds=limits.seconds)
     job.fence += 1
     job.attempts += 1
