@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -130,6 +130,50 @@ def test_machines_whose_clocks_differ_agree_on_how_long_a_job_works(library, par
         assert 0 <= job_views.to_json(session, job)["seconds"] < 60
         jobs.finish(session, jobs.Lease(job.id, job.fence))
         assert 0 <= job_views.to_json(session, job)["seconds"] < 60
+
+
+@pytest.mark.parametrize("minutes", [-1, 1])
+def test_a_worker_whose_clock_is_a_minute_off_neither_takes_nor_loses_a_job(
+    library, parks, monkeypatch, minutes
+):
+    """Whichever of the two has it: the clock that is off is that of the program, not that of the server."""
+
+    class Shifted(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + timedelta(minutes=minutes)
+
+    def take(who):
+        with library.database.write(locks_rows=True) as session:
+            return jobs.lease(session, who, limits=LIMITS)
+
+    for id in parks:
+        with library.database.write() as session:
+            jobs.enqueue(session, "index", map_id=id)
+    right = take("right")
+    with monkeypatch.context() as context:
+        context.setattr(clock, "datetime", Shifted)
+        assert abs(clock.now() - datetime.now(UTC)) > timedelta(seconds=50)
+        off = take("off")
+        assert (right.map_id, off.map_id) == (parks[0], parks[1])
+        assert take("off") is None, "the lease of the other one lasts"
+        with library.database.write() as session:
+            held = jobs.Lease(off.id, off.fence)
+            assert jobs.beat(session, held, seconds=10.0, progress=(1, 2, "")) is not None
+            assert job_views.queue_figures(session).abandoned == 0
+    assert take("right") is None, "its own lease lasts as long for others"
+    with library.database.write() as session:
+        session.execute(text("UPDATE job SET leased_until = clock_timestamp() AT TIME ZONE 'UTC'"))
+    assert {take("right").id, take("right").id} == {right.id, off.id}
+
+
+def test_a_statement_that_takes_too_long_is_stopped(database_url):
+    slow = Database(f"{database_url}&options=-cstatement_timeout%3D100ms")
+    with pytest.raises(DatabaseUnavailable, match="took too long, and was stopped"), slow.read() as session:
+        session.execute(text("SELECT pg_sleep(60)"))
+    with slow.read() as session:
+        assert session.query(Account).count() == 0
+    slow.close()
 
 
 def test_copying_rows_is_refused_in_words_too(library):

@@ -45,8 +45,15 @@ _LIMITS = {
     "tcp_keepalives_idle": "10",
     "tcp_keepalives_interval": "5",
     "tcp_keepalives_count": "3",
+    "tcp_user_timeout": "25s",
 }
-_KEEPALIVE = {"keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+_KEEPALIVE = {
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    # While something that was sent is not acknowledged, none of these counts.
+    "tcp_user_timeout": 25_000,
+}
 
 _CONNECT_S = 10
 _POOL_S = 10

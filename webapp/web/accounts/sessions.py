@@ -116,10 +116,12 @@ def _of_token(token: str) -> Account:
 
 def _load(user_id: str) -> User | None:
     id_, _, epoch = user_id.partition(".")
-    if not (id_.isdecimal() and epoch.isdecimal() and _ID in session):
+    if not (id_.isdecimal() and epoch.isdecimal() and _ID in session) or "expmap_unread" in g:
         return None
+    g.expmap_unread = True  # the page that says that the database is away asks again, and is for nobody
     with library().database.read() as db:
         if ways_in.has_ended(db, session[_ID]):
             return None
         account = db.get(Account, int(id_))
+    g.pop("expmap_unread")
     return User(account) if account is not None and account.epoch == int(epoch) else None
