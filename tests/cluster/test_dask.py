@@ -17,6 +17,7 @@ from tests.ports import reserved_port
 from webapp.errors import Cancelled, ClusterUnavailable, MissingPart, UsageError
 from webapp.extras import EXTRAS, is_installed
 from webapp.files.maps.folder import read_map
+from webapp.logs import carried
 from webapp.progress import Progress
 from webapp.tasks.computing import cluster as cluster_module
 from webapp.tasks.computing import on_worker
@@ -182,7 +183,7 @@ def test_workers_that_differ_are_refused(tmp_path, on_dask, monkeypatch):
 
 
 def test_workers_that_do_not_see_the_folder_are_refused():
-    terms = on_worker.Terms(on_worker.versions(), Path("/nowhere/.computing-1"), None)
+    terms = on_worker.Terms(on_worker.versions(), Path("/nowhere/.computing-1"), None, carried())
     with pytest.raises(UsageError, match="does not see the folder /nowhere"):
         terms.check("tcp://127.0.0.1:1")
 

@@ -1,0 +1,24 @@
+"""A job whose parts are computed by Dask, and take long."""
+
+import time
+from pathlib import Path
+
+from webapp.tasks.computing.in_order import Workplace, in_order
+
+PARTS, SECONDS = 200, 0.5
+
+
+def part(folder: Path, number: int) -> int:
+    """Leave a file behind when it begins."""
+    (folder / f"part-{number}").touch()
+    time.sleep(SECONDS)
+    return number
+
+
+def compute(context):
+    """Do all parts."""
+    context.progress.size(PARTS)
+    folder = context.library.inner
+    at = Workplace(context.settings, folder)
+    for _ in in_order(part, range(PARTS), shared=folder, at=at, progress=context.progress):
+        context.progress.advance()
