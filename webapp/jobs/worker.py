@@ -108,6 +108,7 @@ class Worker:
                     self._wait_for_database(error)
                     continue
                 if not worked and once:
+                    self._tidy_storage()
                     break
                 if not worked:
                     self._stopping.wait(_IDLE_S)
@@ -172,21 +173,22 @@ class Worker:
                 written = False
 
     def _store(self) -> None:
-        """Every now and then move photos into the object storage, and delete objects that nothing names.
-
-        Jobs are done meanwhile, and a worker that stops does not wait for it.
-        """
-        stops = self._stopping.is_set
+        """Keep the object storage in order while jobs are done; a worker that stops does not wait for it."""
         while True:
-            try:
-                objects.move_photos(self._library, stops=stops)
-                objects.sweep_objects(self._library, self._settings, stops=stops)
-            except (ExpMapError, OSError) as error:
-                _log.warning("the object storage could not be kept in order: %s", error)
-            except Exception:  # noqa: BLE001 - the thread must outlive an error in one round
-                _log.exception("the object storage could not be kept in order")
+            self._tidy_storage()
             if self._ended.wait(_CLEAN_S):
                 return
+
+    def _tidy_storage(self) -> None:
+        """Move photos into the object storage, and delete objects that nothing names."""
+        stops = self._stopping.is_set
+        try:
+            objects.move_photos(self._library, stops=stops)
+            objects.sweep_objects(self._library, self._settings, stops=stops)
+        except (ExpMapError, OSError) as error:
+            _log.warning("the object storage could not be kept in order: %s", error)
+        except Exception:  # noqa: BLE001 - the thread must outlive an error in one round
+            _log.exception("the object storage could not be kept in order")
 
     def _clean(self) -> None:
         """Delete every now and then what interrupted work has left behind."""

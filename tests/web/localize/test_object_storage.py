@@ -507,6 +507,13 @@ def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, setting
     assert objects.sweep_objects(library, settings) == 1
 
 
+def test_a_worker_that_is_started_now_and_then_keeps_the_storage_in_order(row, library, settings, s3, bucket):
+    open_storage.open_storage(library, settings)
+    Worker(library, settings, duties=DUTIES).run(once=True)
+    names = [path.name for path in (library.map_folder("row") / "photos").glob(".*.object")]
+    assert len(names) == 4, "files became objects"
+
+
 def test_commands_refuse_a_library_without_its_storage(machine, library, settings):
     machine("a")
     another = replace(settings, storage="s3://another")
