@@ -21,7 +21,7 @@ COMMANDS = [
     "robot", "robot send", "robot replay", "robot recover", "robot status",
     "foxglove", "foxglove localize", "foxglove mission",
     "account", "account link", "account token", "account add", "account list",
-    "settings", "backup", "restore", "library", "library move",
+    "settings", "backup", "restore", "library", "library move", "cluster", "cluster demo",
 ]  # fmt: skip
 
 

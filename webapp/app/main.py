@@ -239,7 +239,7 @@ library_group = LazyGroup(
     commands={
         "move": LazyCommand(
             "webapp.cli.operate.move:move",
-            "Move the records of a library from SQLite to PostgreSQL, or back.",
+            "Move the records of a library from SQLite to PostgreSQL, or its photos into S3, or back.",
         )
     },
 )
