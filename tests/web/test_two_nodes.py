@@ -5,7 +5,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import inspect, text
 
 from tests.quick_apps import remember_templates
 from webapp.app.web import create_app
@@ -14,6 +14,7 @@ from webapp.settings import ServeSettings, WebSettings
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.backends.request_counts import TABLE
 from webapp.store.library import open_library
+from webapp.store.moving.copying import _tables as records
 
 PASSWORD = "correct horse battery"
 
@@ -122,6 +123,14 @@ def test_a_window_ends_and_is_tidied_away(nodes):
     with here.engine.connect() as connection:
         assert set(connection.execute(text(f"SELECT key FROM {TABLE}")).scalars()) == {"a", "b"}
     assert there.request_counts.forget() == 2
+
+
+def test_counts_are_no_records(nodes):
+    database = library_of(nodes[0]).database
+    database.request_counts.hit("a", seconds=60.0)
+    with database.engine.connect() as connection:
+        assert TABLE in inspect(connection).get_table_names()
+        assert TABLE not in {table.name for table in records(connection)}
 
 
 def test_without_the_database_a_request_has_to_wait(nodes, postgresql):
