@@ -273,4 +273,7 @@ def _refused(error: NotSignedIn) -> tuple[str, int]:
 
 def _suggest_a_password(account: Account) -> None:
     if account.password_hash is None:
-        flash(_("Welcome! The link works only once: set a password on the account page to sign in again."))
+        flash(
+            _("Welcome! The link works only once: set a password on the account page to sign in again."),
+            "password",
+        )
