@@ -49,6 +49,8 @@ def test_a_link_signs_in_once(app, stranger, link):
     assert "Welcome, owner" in stranger.get(link).text, "looking at it does not use it up"
     assert not is_in(stranger)
     assert stranger.post(link).headers["Location"] == "/"
+    first, again = stranger.get("/").text, stranger.get("/").text
+    assert first.count('href="/account"') == again.count('href="/account"') + 1, "where a password is set"
     assert is_in(stranger)
     other = app.test_client()
     assert other.post(link).status_code == other.get(link).status_code == 401
