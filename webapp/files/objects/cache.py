@@ -25,7 +25,7 @@ from filelock import FileLock, Timeout
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.objects.pointer import Pointer
-from webapp.files.objects.watch import tell_look
+from webapp.files.objects.watch import report_look
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0
@@ -92,11 +92,11 @@ class ObjectCache:
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
-            tell_look(found=True)
+            report_look(found=True)
             return place
         with self._locks[hash(pointer.key) % _LOCKS]:
             found = self._touch(place, pointer)  # by a thread that came before
-            tell_look(found=found)
+            report_look(found=found)
             if not found:
                 self._keep(place, pointer, make=fetch)
         return place

@@ -1,4 +1,4 @@
-"""The file of a library that says in which object storage its photos are, for who knows only a map's path."""
+"""The file of a library that says in which object storage its photos are; found from the path of a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lets somebody count what the object storage and its cache are asked for."""
+"""Reports requests to the object storage, and looks into its cache, to who counts them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Operation = Literal["get", "put", "delete", "list", "probe"]
 
 
 class StorageWatcher(Protocol):
-    """Is told of each request; by any thread."""
+    """Counts requests and looks; called by any thread."""
 
     def asked(self, operation: Operation, seconds: float, *, failed: bool) -> None:
         """Take note of a request: of an object, which may go in pieces, or of a page of a list."""
@@ -25,13 +25,13 @@ _watchers: list[StorageWatcher] = []
 
 
 def watch(watcher: StorageWatcher | None) -> None:
-    """Tell somebody from now on; None: nobody."""
+    """Report to this watcher from now on; None: to none."""
     _watchers[:] = [] if watcher is None else [watcher]
 
 
 @contextmanager
 def asking(operation: Operation) -> Iterator[None]:
-    """Tell of the request in the block."""
+    """Report the request in the block."""
     begun, failed = time.perf_counter(), True
     try:
         yield
@@ -41,7 +41,7 @@ def asking(operation: Operation) -> Iterator[None]:
             watcher.asked(operation, time.perf_counter() - begun, failed=failed)
 
 
-def tell_look(*, found: bool) -> None:
-    """Tell of a look into the cache."""
+def report_look(*, found: bool) -> None:
+    """Report a look into the cache."""
     for watcher in _watchers:
         watcher.looked(found=found)
