@@ -91,7 +91,6 @@ def test_read_only(client, library, park):
         client.patch(f"/api/v1/maps/{park}", json={"name": "Yard"}),
     ):
         assert refused(answer, "the database is read-only")
-    assert slugs(client) == ["park"]
     assert client.get("/").status_code == 200
     set_default(library, "RESET default_transaction_read_only")
     assert client.patch(f"/api/v1/maps/{park}", json={"name": "Yard"}).get_json()["name"] == "Yard"

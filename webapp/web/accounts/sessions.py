@@ -71,6 +71,12 @@ def signed_in() -> Account | None:
     return found
 
 
+def answer_to_nobody() -> None:
+    """Ask no database who asks, where that is not known yet: for the answer that says that it is away."""
+    g.setdefault("expmap_account", None)
+    g.expmap_unread = True
+
+
 def forget_caller() -> None:
     """Have `signed_in` find out again who asks."""
     g.pop("expmap_account", None)
@@ -118,10 +124,8 @@ def _load(user_id: str) -> User | None:
     id_, _, epoch = user_id.partition(".")
     if not (id_.isdecimal() and epoch.isdecimal() and _ID in session) or "expmap_unread" in g:
         return None
-    g.expmap_unread = True  # the page that says that the database is away asks again, and is for nobody
     with library().database.read() as db:
         if ways_in.has_ended(db, session[_ID]):
             return None
         account = db.get(Account, int(id_))
-    g.pop("expmap_unread")
     return User(account) if account is not None and account.epoch == int(epoch) else None
