@@ -12,10 +12,12 @@ SITE   := build/docs
 # Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
 QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
-# Run on PostgreSQL, too: stores, jobs and workers with their kills, missions and their intake, edits by the API.
+# Run on PostgreSQL, too: stores, jobs and workers with their kills, missions and their intake, edits by the API,
+# faults of the network and of the server.
 RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py tests/missions/tasks/test_query_mission.py \
            tests/missions/tasks/test_mission_import.py tests/missions/tasks/test_thin_tracks.py tests/missions/tasks/test_preview.py \
-           tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find
+           tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find \
+           tests/jobs/test_network_cut.py tests/web/operate/test_database_faults.py
 REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/cluster tests/vendor tests/__pycache__ tests/%.py, $(wildcard tests/*)) \
           $(wildcard tests/test_*.py)
 # In a process of their own, with the tests of ROS beside them, which wait most of the time.

@@ -83,7 +83,8 @@ class SharedCounting(Storage):
     ----------
     database : Database
         Of which `request_counts` is not None. While it does not answer, a request that has to be counted is
-        refused as any other (`DatabaseUnavailable`): one that was let through might be one too many.
+        refused as any other (`DatabaseUnavailable`): one that was let through might be one too many. While it
+        is read-only, each process counts for itself, so that reading goes on.
     """
 
     STORAGE_SCHEME = ["counting-together"]  # noqa: RUF012 - a list in `limits` too
@@ -94,6 +95,7 @@ class SharedCounting(Storage):
         super().__init__(uri, wrap_exceptions=wrap_exceptions, **options)
         assert database.request_counts is not None
         self._database, self._counts = database, database.request_counts
+        self._own, self._counts_alone = CountingStorage(), False
 
     @property
     def base_exceptions(self) -> type[Exception]:
@@ -103,15 +105,21 @@ class SharedCounting(Storage):
     def incr(self, key: str, expiry: float, *, amount: int = 1) -> int:  # type: ignore[override]
         """Count a request in a window of so many seconds; returns how many there were in it."""
         with self._database.translated_errors():
-            return self._counts.hit(key, seconds=expiry, amount=amount)
+            hits = self._counts.hit(key, seconds=expiry, amount=amount)
+        self._counts_alone = hits is None
+        return self._own.incr(key, expiry, amount=amount) if hits is None else hits
 
     def get(self, key: str) -> int:
         """Return how many requests were counted in the window."""
+        if self._counts_alone:
+            return self._own.get(key)
         with self._database.translated_errors():
             return self._counts.look(key)[0]
 
     def get_expiry(self, key: str) -> float:
         """Return when the window ends, seconds since 1970 by the clock of this machine."""
+        if self._counts_alone:
+            return self._own.get_expiry(key)
         with self._database.translated_errors():
             return time.time() + self._counts.look(key)[1]
 

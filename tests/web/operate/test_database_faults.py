@@ -92,6 +92,7 @@ def test_read_only(client, library, park):
     ):
         assert refused(answer, "the database is read-only")
     assert client.get("/").status_code == 200
+    assert slugs(client) == [park]
     set_default(library, "RESET default_transaction_read_only")
     assert client.patch(f"/api/v1/maps/{park}", json={"name": "Yard"}).get_json()["name"] == "Yard"
 

@@ -6,6 +6,7 @@ import threading
 import time
 
 from sqlalchemy import Engine, text
+from sqlalchemy.exc import DBAPIError
 
 TABLE = "request_count"
 """Is no record of the library: not copied, and empty after a crash of the server (`UNLOGGED`)."""
@@ -14,6 +15,9 @@ _LOCK = 0x657870_6D6172
 """Number of the advisory lock of who makes the table."""
 
 _TIDY_S = 60.0
+
+_READ_ONLY = "25006"
+"""Of the errors of PostgreSQL: `read_only_sql_transaction`."""
 
 _MAKE = (
     f"SELECT pg_advisory_xact_lock({_LOCK})",  # or two that make it at the same time would fail
@@ -51,14 +55,23 @@ class RequestCounts:
         self._is_made = False
         self._tidy_at = time.monotonic() + _TIDY_S
 
-    def hit(self, key: str, *, seconds: float, amount: int = 1) -> int:
-        """Count, in a window that begins with its first request; returns how many it has now."""
-        self._prepare()
-        with self._engine.connect() as connection:
-            hits = connection.execute(_HIT, {"key": key, "seconds": seconds, "amount": amount}).scalar_one()
-            if self._is_time_to_tidy():
-                connection.execute(_TIDY)
-        return int(hits)
+    def hit(self, key: str, *, seconds: float, amount: int = 1) -> int | None:
+        """Count, in a window that begins with its first request; returns how many it has now.
+
+        None where the database is read-only, and nothing was counted.
+        """
+        try:
+            self._prepare()
+            with self._engine.connect() as connection:
+                values = {"key": key, "seconds": seconds, "amount": amount}
+                hits: int = connection.execute(_HIT, values).scalar_one()
+                if self._is_time_to_tidy():
+                    connection.execute(_TIDY)
+        except DBAPIError as error:
+            if getattr(error.orig, "sqlstate", None) == _READ_ONLY:
+                return None
+            raise
+        return hits
 
     def look(self, key: str) -> tuple[int, float]:
         """Return how many were counted, and the seconds until the window ends; zeros where there is none."""
