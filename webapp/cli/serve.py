@@ -14,7 +14,6 @@ from webapp.cli.composition import Composition
 from webapp.cli.library import library_option, library_settings
 from webapp.jobs import serving
 from webapp.logs import FORMS, Form, log_to_stderr
-from webapp.net.services import tile_services
 from webapp.store.library import open_library
 from webapp.tasks.operate.open_storage import open_storage
 
@@ -57,7 +56,6 @@ def serve(
     log_to_stderr(log)
     settings = library_settings(library)
     telemetry.start(settings.traces)
-    tile_services(settings.tile_services)  # what is wrong in their file is said now
     site = serving.Site(composition.web_app, host, port, workers or settings.serve.workers, log)
     serving.serve(site, settings=settings, echo=click.echo)
 

@@ -251,6 +251,13 @@ def test_what_is_read_once_is_not_kept_and_uses_what_is_here(node, s3, tmp_path)
         with storage.read_once(path) as copy:
             assert copy == kept
         assert kept.exists() and s3.requests == []
+        path.write_bytes(b"another")  # put there by hand
+        with storage.read_once(path) as copy:
+            assert copy == path
+        path.write_bytes(b"photo")
+        os.utime(path, ns=(1, read_pointer(path).mtime_ns))
+        with storage.read_once(path) as copy:
+            assert copy == kept
 
 
 def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, tmp_path):

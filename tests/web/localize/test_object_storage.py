@@ -34,7 +34,7 @@ from webapp.files.objects import bucket as bucket_module
 from webapp.files.objects import storage
 from webapp.files.objects.connect import connect
 from webapp.files.objects.marker import MARKER
-from webapp.files.objects.pointer import pointed_path, read_pointer
+from webapp.files.objects.pointer import pointed_path, pointer_path, read_pointer
 from webapp.jobs.worker import Worker
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings, UploadLimits
@@ -492,6 +492,21 @@ def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
     photo.write_bytes(jpeg(7))
     assert objects.move_photos(library) == 1
     assert read_pointer(photo).sha256 == hashlib.sha256(jpeg(7)).hexdigest()
+
+
+def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, library, monkeypatch):
+    photo, real = library.map_folder("row") / "photos/0.jpg", storage.in_use().store
+    photo.write_bytes(jpeg(7))
+
+    def store(path):
+        stored = real(path)
+        path.unlink()
+        pointer_path(path).unlink()
+        return stored
+
+    monkeypatch.setattr(storage.in_use(), "store", store)
+    assert objects.move_photos(library) == 0
+    assert not pointer_path(photo).exists()
 
 
 def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, settings, s3, bucket, monkeypatch):

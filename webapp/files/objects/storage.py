@@ -175,6 +175,8 @@ def _fetch(path: Path) -> None:
 def read_once(path: Path) -> Iterator[Path]:
     """Give what `local` gives, for the block only: what was not in the cache is not kept in it.
 
+    A file that somebody has put there since it was stored is given instead of its object.
+
     Raises
     ------
     StorageError
@@ -182,13 +184,22 @@ def read_once(path: Path) -> Iterator[Path]:
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None
-    if storage is None or pointer is None:
+    if storage is None or pointer is None or is_replaced(path, pointer):
         yield path
         return
     with storage.cache.once(
         pointer, name=path.name, fetch=lambda target: storage.bucket.get(pointer.key, target)
     ) as copy:
         yield copy
+
+
+def is_replaced(path: Path, pointer: Pointer) -> bool:
+    """Return whether a file stands beside its pointer, and is another one than was stored."""
+    try:
+        found = path.stat()
+    except OSError:
+        return False
+    return (found.st_size, found.st_mtime_ns) != (pointer.bytes, pointer.mtime_ns)
 
 
 def pointer_of(path: Path) -> Pointer | None:

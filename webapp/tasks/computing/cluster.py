@@ -6,6 +6,7 @@ import logging
 import pickle
 import secrets
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -46,20 +47,23 @@ class DaskPool:
         self._function = function
         self._progress = progress
         self._distributed = _distributed()
-        self._client = self._connect()
         self._marker = folder / f".computing-{secrets.token_hex(8)}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._marker.touch()
-        except OSError as error:
-            self._client.close()
-            raise StorageError(
-                f"the folder cannot be written: {error.strerror}", where=str(folder)
-            ) from error
-        terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings, carried())
-        self._terms = pickle.dumps(terms)
-        # A task and not scattered data: when the workers that have it are lost, it is made again.
-        self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)
+        with ExitStack() as undone:
+            self._client = self._connect()
+            undone.callback(self._client.close)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                self._marker.touch()
+            except OSError as error:
+                raise StorageError(
+                    f"the folder cannot be written: {error.strerror}", where=str(folder)
+                ) from error
+            undone.callback(self._marker.unlink, missing_ok=True)
+            terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings, carried())
+            self._terms = pickle.dumps(terms)
+            # A task and not scattered data: when the workers that have it are lost, it is made again.
+            self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)
+            undone.pop_all()
 
     def _connect(self) -> Any:
         try:
@@ -153,10 +157,12 @@ class DaskPool:
 
     def close(self, waiting: Sequence[Any]) -> None:
         """Drop the parts that have not begun, and leave the scheduler."""
-        self._marker.unlink(missing_ok=True)
-        if self._client.status == "running" and waiting:
-            self._client.cancel(list(waiting), force=True)
-        self._client.close(timeout=_CONNECT_S)
+        try:
+            self._marker.unlink(missing_ok=True)
+        finally:
+            if self._client.status == "running" and waiting:
+                self._client.cancel(list(waiting), force=True)
+            self._client.close(timeout=_CONNECT_S)
 
 
 @cache

@@ -18,7 +18,7 @@ from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
 from webapp.files.objects.marker import MARKER
 from webapp.files.objects.pointer import SUFFIX, pointed_path, pointer_path, read_pointer, write_pointer
-from webapp.files.objects.storage import ObjectStorage, in_use, is_there
+from webapp.files.objects.storage import ObjectStorage, in_use, is_replaced, is_there
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now
@@ -97,11 +97,13 @@ def _move(storage: ObjectStorage, path: Path) -> bool:
     """Store what is a file, or was replaced by one; delete the file of one stored a while ago."""
     if not path.is_file() or path.is_symlink():
         return False
-    pointer, facts = read_pointer(path), path.stat()
-    is_same = pointer is not None and (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
-    if not is_same:
+    pointer = read_pointer(path)
+    if pointer is None or is_replaced(path, pointer):
         pointer = storage.store(path)
         write_pointer(path, pointer)
+        if not path.is_file():  # deleted for good meanwhile: nothing is to name the object
+            discard(pointer_path(path))
+            return False
         storage.cache.adopt(path, pointer, name=path.name)
         return True
     if time.time() - pointer_path(path).stat().st_mtime > _READERS_S:
