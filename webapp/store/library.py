@@ -38,7 +38,7 @@ EXPANDED_SINCE = "0022"
 """Migrations after this one only expand: programs with these tables work beside those with the newest.
 
 One that contracts takes away, renames or demands what older programs do not write: then this is raised to
-that one, and all machines have to stop. `tests/store/test_rolling.py` tells the two apart.
+that one, and all machines have to stop. `tests/store/test_rolling.py` distinguishes the two.
 """
 
 _WAIT_S = 120

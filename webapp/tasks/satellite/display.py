@@ -274,7 +274,7 @@ def _original(library: Library, record: MapRecord) -> DisplayFile:
 
 
 def _key(folder: Path, name: str) -> str | None:
-    """Name what is made of an image in a map's folder; None where there is no such file."""
+    """Return the key of an image's previews and tiles; None where the image does not exist."""
     facts = facts_of(folder / name)
     if facts is None:
         return None
