@@ -137,6 +137,13 @@ def database_url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.fixture
+def postgresql_only(database_url: str | None) -> None:
+    """Skip the test unless records are in PostgreSQL."""
+    if database_url is None:
+        pytest.skip("about PostgreSQL: --database postgresql")
+
+
+@pytest.fixture
 def sqlite_only(database_url: str | None) -> None:
     """Skip a test of what only SQLite has."""
     if database_url is not None:

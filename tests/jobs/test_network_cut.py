@@ -21,10 +21,7 @@ from webapp.store.schema import MapRecord
 STEPS = 12
 
 
-@pytest.fixture(autouse=True)
-def _on_postgresql(database_url):
-    if database_url is None:
-        pytest.skip("about PostgreSQL: --database postgresql")
+pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 
 @pytest.fixture

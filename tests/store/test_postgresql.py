@@ -26,10 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LIMITS = Limits(seconds=10.0, attempts=3)
 
 
-@pytest.fixture(autouse=True)
-def _on_postgresql(database_url):
-    if database_url is None:
-        pytest.skip("about PostgreSQL: --database postgresql")
+pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 
 @pytest.fixture

@@ -28,13 +28,7 @@ def newer(library):
     return make
 
 
-@pytest.fixture
-def _on_postgresql(database_url):
-    if database_url is None:
-        pytest.skip("one machine has one version of the program")
-
-
-@pytest.mark.usefixtures("_on_postgresql")
+@pytest.mark.usefixtures("postgresql_only")
 def test_an_older_program_works_beside_a_newer_one(library, database_url, newer, new_account, new_map):
     newer(since=newest_schema())
     again = open_library(library.folder, url=database_url)
@@ -56,7 +50,7 @@ def test_an_older_program_is_refused_where_something_was_taken_away(library, dat
     assert refused.value.hint == "update the program"
 
 
-@pytest.mark.usefixtures("_on_postgresql")
+@pytest.mark.usefixtures("postgresql_only")
 def test_what_works_beside_the_tables_is_kept_with_them(library):
     with library.database.engine.connect() as connection:
         assert library.database.backend.expanded_since(connection) == EXPANDED_SINCE

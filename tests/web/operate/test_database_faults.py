@@ -8,11 +8,7 @@ from webapp.app.web import create_app
 from webapp.store.library import open_library
 from webapp.store.maps import maps
 
-
-@pytest.fixture(autouse=True)
-def _on_postgresql(database_url):
-    if database_url is None:
-        pytest.skip("about PostgreSQL: --database postgresql")
+pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 
 @pytest.fixture
