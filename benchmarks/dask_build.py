@@ -111,6 +111,7 @@ def compare(cfg: Path, folder: Path, *, address: str, runs: int, workers: int) -
             loads.append(round(os.getloadavg()[0], 2))
             index = folder / way
             seconds[way].append(round(build(cfg, index, settings=ways[way], workers=workers), 2))
+            print(f"{way}: {seconds[way][-1]} s", file=sys.stderr)
             found.append(lasting(index))
             shutil.rmtree(index)
     medians = {way: statistics.median(times) for way, times in seconds.items()}

@@ -1,4 +1,4 @@
-"""A job whose parts are computed by Dask, and take long."""
+"""Parts that are computed by Dask: a job of which each takes long, and one that counts its threads."""
 
 import time
 from pathlib import Path
@@ -13,6 +13,14 @@ def part(folder: Path, number: int) -> int:
     (folder / f"part-{number}").touch()
     time.sleep(SECONDS)
     return number
+
+
+def native_threads(_: object, seconds: float) -> int:
+    """Count the threads that Faiss may use for this part."""
+    import faiss
+
+    time.sleep(seconds)
+    return int(faiss.omp_get_max_threads())
 
 
 def compute(context):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.cluster.dask_cluster import DaskCluster
+from tests.cluster.slow_job import native_threads
 from tests.ports import reserved_port
 from webapp.errors import Cancelled, ClusterUnavailable, MissingPart, UsageError
 from webapp.extras import EXTRAS, is_installed
@@ -28,6 +29,7 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.threads import cores
 
 pytestmark = pytest.mark.skipif(
     not is_installed("cluster") or os.name == "nt", reason="the extra `cluster` is not installed"
@@ -126,6 +128,13 @@ def test_the_same_pairs_for_landmarks_as_here(tmp_path, sample_folder, on_dask):
             rows.append(database.execute("SELECT * FROM two_view_geometries ORDER BY pair_id").fetchall())
     assert len(rows[0]) > 5
     assert rows[0] == rows[1]
+
+
+def test_a_part_alone_uses_all_cores_and_parts_together_one_each(tmp_path, on_dask):
+    at = Workplace(on_dask, tmp_path)
+    assert [*in_order(native_threads, [0.0], shared=0, at=at, progress=Progress())] == [min(2, cores())]
+    many = [0.05] * 12
+    assert [*in_order(native_threads, many, shared=0, at=at, progress=Progress())] == [1] * 12
 
 
 def test_a_killed_worker_costs_only_its_parts(tmp_path, make_map, quick, on_dask, cluster):

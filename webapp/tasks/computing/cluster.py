@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import pickle
 import secrets
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from functools import cache
@@ -47,6 +49,7 @@ class DaskPool:
         self._function = function
         self._progress = progress
         self._distributed = _distributed()
+        self._counted, self._counted_at = 0, -math.inf
         self._marker = folder / f".computing-{secrets.token_hex(8)}"
         with ExitStack() as undone:
             self._client = self._connect()
@@ -93,19 +96,29 @@ class DaskPool:
     @property
     def at_once(self) -> int:
         """Number of parts that may have begun or wait; it follows the workers that there are."""
-        threads: int = sum(worker["nthreads"] for worker in self._workers().values())
+        threads = self._threads()
         if not threads:
             self._progress.note("waiting for a worker of Dask")
         return _EACH * max(threads, 1)
 
-    def _workers(self) -> dict[str, Any]:
-        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
-        return found
+    def _threads(self) -> int:
+        """Count the threads of all workers; half a second old, as asking takes as long as a small part."""
+        if time.monotonic() > self._counted_at + LOOK_EVERY_S:
+            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            self._counted = sum(worker["nthreads"] for worker in workers)
+            self._counted_at = time.monotonic()
+        return self._counted
 
-    def submit(self, item: Any) -> Any:
-        """Begin a part."""
-        part = pickle.dumps((self._function, item))
-        return self._client.submit(on_worker.do, part, self._shared, terms=self._terms, pure=False)
+    def submit(self, item: Any, *, of: int) -> Any:
+        """Begin a part: the cores of workers that have none are lent to the others."""
+        return self._client.submit(
+            on_worker.do,
+            pickle.dumps((self._function, item)),
+            self._shared,
+            terms=self._terms,
+            native_threads=max(self._threads() // of, 1),
+            pure=False,
+        )
 
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
         """Give the results of the first parts that are finished.

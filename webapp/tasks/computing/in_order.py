@@ -88,8 +88,9 @@ def in_order(
     try:
         while True:
             todo.extend(islice(items, max(pool.at_once - len(waiting) - len(todo), 0)))
+            parts = len(waiting) + len(todo)
             while todo:
-                waiting.append(pool.submit(todo.popleft()))
+                waiting.append(pool.submit(todo.popleft(), of=parts))
             if not waiting:
                 return
             progress.check()

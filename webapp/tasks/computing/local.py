@@ -32,7 +32,7 @@ class Inline:
     def __init__(self, function: Part, shared: Any) -> None:
         self._do = partial(function, shared)
 
-    def submit(self, item: Any) -> Any:
+    def submit(self, item: Any, *, of: int) -> Any:
         """Take a part; the item stands for it."""
         return item
 
@@ -52,7 +52,7 @@ class LocalPool:
         self._do = do
         self.at_once = at_once
 
-    def submit(self, item: Any) -> Future[Any]:
+    def submit(self, item: Any, *, of: int) -> Future[Any]:
         """Begin a part."""
         with _interrupts_held_back():
             return self._executor.submit(self._do, item)

@@ -22,6 +22,7 @@ from webapp.extras import extra
 from webapp.logs import Carried, Form, at_work, log_to_stderr
 from webapp.settings import Settings, keep_freed_memory
 from webapp.telemetry import start as start_telemetry
+from webapp.threads import cores
 
 _DECIDE = (
     "numpy",
@@ -122,7 +123,7 @@ def keep(data: bytes) -> SharedValue:
     return SharedValue(data)
 
 
-def do(part: bytes, shared: SharedValue, *, terms: bytes) -> Any:
+def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -> Any:
     """Do a part.
 
     Parameters
@@ -133,6 +134,8 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes) -> Any:
         First argument of the function.
     terms : bytes
         `Terms`, pickled.
+    native_threads : int
+        That Faiss may use for it, up to the cores of this machine.
 
     Raises
     ------
@@ -154,17 +157,21 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes) -> Any:
             where="EXPMAP_DASK",
             hint="install the same versions on all machines; see docs/cluster.md",
         ) from error
-    _prepare(agreed)
+    _prepare(agreed, native_threads=min(native_threads, cores()))
     with at_work(**agreed.log.at_work):
         return function(value, item)
 
 
-def _prepare(terms: Terms) -> None:
-    """Make this process one of one native thread, with the storage that the work needs."""
+def _prepare(terms: Terms, *, native_threads: int) -> None:
+    """Give this thread its native threads, and the process the storage that the work needs."""
+    import faiss
+
     from webapp.files.objects.connect import connect
 
     with _LOCK:
         _once(terms.log.form, terms.settings.traces)
+    # By default each worker takes all cores for each part. Its thread has a number of its own.
+    faiss.omp_set_num_threads(native_threads)
     connect(terms.settings)
 
 

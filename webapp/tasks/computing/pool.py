@@ -19,8 +19,14 @@ class Pool(Protocol):
     def at_once(self) -> int:
         """Number of parts that may have begun or wait in it, which bounds the memory."""
 
-    def submit(self, item: Any) -> Any:
-        """Begin a part; returns what stands for it."""
+    def submit(self, item: Any, *, of: int) -> Any:
+        """Begin a part; returns what stands for it.
+
+        Parameters
+        ----------
+        of : int
+            Number of parts that are submitted or about to be: where there are few, each gets more cores.
+        """
 
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
         """Give the results of the first parts that are finished, after a short wait for the first one."""
