@@ -1,12 +1,13 @@
 """Kills parts of a cluster at random under load, and looks whether anything is lost, double or damaged.
 
-    python -m benchmarks.chaos [--minutes 20] [--editors 20] [--robots 20] [--uploaders 2] [--every 10]
+    python -m benchmarks.chaos [--minutes 20] [--editors 20] [--robots 20] [--uploaders 2] [--every 10] [--s3]
 
 Starts PostgreSQL, a scheduler with two workers of Dask, and two web nodes with a worker each, all on this
 machine, with a temporary library. Every few seconds one of these is killed with SIGKILL and started again: a
 web node with all its processes, one of its processes, a worker, a worker of Dask, or PostgreSQL (SIGQUIT, as
 by a power cut). Meanwhile people edit maps, robots send poses, and photos are uploaded, placed and built into
-indexes by jobs on Dask.
+indexes by jobs on Dask. With --s3 photos and indexes are in S3, each node has a cache of its own, and the S3
+server falls silent now and then.
 
 Printed is a JSON object. Right is: each acknowledged edit is in the database unless a later one changed the
 same photo; no revision was given twice; all are in `map.cfg`; each pose is stored once, in order; each
@@ -40,10 +41,14 @@ from benchmarks.client import Client
 from benchmarks.editing_checks import Final, check_seen, place, read_final
 from benchmarks.editing_load import sign_in_links
 from benchmarks.robots_load import Robot, stored_problems
+from benchmarks.s3_server import BUCKET, ObjectServer
 from tests.cluster.dask_cluster import DaskCluster
 from tests.ports import reserved_port
 from tests.postgresql_server import PostgresqlServer
+from webapp.files.objects import storage
+from webapp.files.objects.connect import connect
 from webapp.missions.store import missions
+from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import Library, open_library
 from webapp.store.maps import maps
@@ -72,11 +77,14 @@ class Site:
         Of the library.
     database : str
         Its address.
+    storage : str or None
+        Address of the photos, unless they are in the folder.
     """
 
     address: str
     folder: Path
     database: str
+    storage: str | None
 
     def library(self) -> Library:
         """Open the library; it is to be closed."""
@@ -119,13 +127,26 @@ def main() -> None:
         database = PostgresqlServer()
         stack.callback(database.remove)
         url = database.new_database(empty=True)
+        objects = stack.enter_context(ObjectServer(mb_s=100.0, ms=5.0)) if arguments.s3 else None
+        os.environ.update(objects.environ if objects else {})
         dask = DaskCluster(_made(folder / "dask"), workers=_DASK_WORKERS)
         stack.callback(dask.stop)
         environ = {"EXPMAP_DATABASE": url, "EXPMAP_DASK": dask.address}
+        if objects:
+            environ["EXPMAP_STORAGE"] = f"s3://{BUCKET}/library"
         ports = [stack.enter_context(reserved_port()) for _ in range(_NODES)]
-        nodes = [WebNode(folder / "maps", port, environ=environ, log=folder / "log") for port in ports]
-        cluster = Cluster(database, dask, nodes)
-        site = Site(stack.enter_context(Balancer(ports)).url, folder / "maps", url)
+        nodes = [
+            WebNode(
+                folder / "maps",
+                port,
+                environ={**environ, "EXPMAP_CACHE_FOLDER": str(folder / f"cache-{port}")},
+                log=folder / "log",
+            )
+            for port in ports
+        ]
+        cluster = Cluster(database, dask, nodes, objects)
+        address = stack.enter_context(Balancer(ports)).url
+        site = Site(address, folder / "maps", url, environ.get("EXPMAP_STORAGE"))
         token, missions_ = _make_library(site, arguments.robots)
         cluster.start()
         stack.callback(cluster.end)
@@ -133,6 +154,7 @@ def main() -> None:
         with Chaos(cluster, every_s=arguments.every, seed=arguments.seed) as chaos:
             load.work(arguments)
         library = site.library()
+        connect(Settings(database=url, storage=site.storage, cache_folder=folder / "cache"))
         problems = [*chaos.problems, *load.refusals.errors, *_wait_for_jobs(library)]
         served = {slug: load.editors[0].client.ask("GET", f"/maps/{slug}")["photos"] for slug in first}
         for slug in first:
@@ -166,6 +188,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--longest", type=float, default=10, help="seconds without an answer that are allowed"
     )
+    parser.add_argument("--s3", action="store_true", help="photos and indexes are in S3")
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args()
 
@@ -238,7 +261,7 @@ def _answer_problems(library: Library, one: Uploader) -> list[str]:
         ).first()
     if photo is None:
         return [f"{slug} has no placed photo"]
-    data = (library.map_folder(slug) / photo.path).read_bytes()
+    data = storage.local(library.map_folder(slug) / photo.path).read_bytes()
     answer = one.client.call("POST", f"/maps/{slug}/localize", files={"file": ("query.jpg", data)})
     found = answer.json().get("hypotheses", []) if answer.ok else []
     if found and np.hypot(found[0]["x_px"] - photo.x_px, found[0]["y_px"] - photo.y_px) < _NEAR_PX:
@@ -289,7 +312,7 @@ def _upload_problems(library: Library, one: Uploader) -> list[str]:
     problems += [f"{one.slug}: photo {sha[:12]} is there {n} times" for sha, n in rows.items() if n > 1]
     problems += [f"{one.slug}: photo {sha[:12]} comes from nowhere" for sha in set(rows) - one.tried]
     for photo in photos:
-        data = (library.map_folder(one.slug) / photo.path).read_bytes()
+        data = storage.local(library.map_folder(one.slug) / photo.path).read_bytes()
         if hashlib.sha256(data).hexdigest() != photo.sha256:
             problems.append(f"{one.slug}: {photo.path} is damaged")
     there = {photo.id: (photo.x_px, photo.y_px) for photo in photos}

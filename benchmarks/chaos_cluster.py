@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from benchmarks.killer import descendants
+from benchmarks.s3_server import ObjectServer
 from tests.cluster.dask_cluster import DaskCluster
 from tests.postgresql_server import PostgresqlServer
 
@@ -147,6 +148,8 @@ class Cluster:
 
     Attributes
     ----------
+    objects : ObjectServer or None
+        Where photos are in S3.
     outages : list of tuple of float
         From when to when the database was away, by the monotonic clock.
     """
@@ -154,6 +157,7 @@ class Cluster:
     database: PostgresqlServer
     dask: DaskCluster
     nodes: list[WebNode]
+    objects: ObjectServer | None = None
     outages: list[tuple[float, float]] = field(default_factory=list)
 
     def start(self) -> None:
@@ -214,6 +218,9 @@ class Chaos:
             "worker of Dask": self._kill_dask_worker,
             "database": self._cluster.restart_database,
         }
+        objects = self._cluster.objects
+        if objects:
+            parts["S3, silent"] = lambda: objects.be_silent(self._random.uniform(*_DOWN_S))
         while not self._end.wait(self._random.uniform(0.3, 1.7) * self._every_s):
             name = self._random.choice(sorted(parts))
             try:

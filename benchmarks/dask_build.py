@@ -88,7 +88,10 @@ def cluster(folder: Path, *, workers: int) -> Iterator[str]:
     while not facts.exists():
         time.sleep(0.1)
     own = ["--nthreads", "1", "--no-nanny", "--local-directory", str(folder)]
-    started += [subprocess.Popen([*command, "worker", *own, *here], cwd=folder) for _ in range(workers)]
+    env = {**os.environ, "MALLOC_ARENA_MAX": "1"}  # as docs/cluster.md has it
+    started += [
+        subprocess.Popen([*command, "worker", *own, *here], cwd=folder, env=env) for _ in range(workers)
+    ]
     try:
         time.sleep(8.0)
         yield json.loads(facts.read_text())["address"]

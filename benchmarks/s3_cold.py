@@ -26,14 +26,11 @@ import multiprocessing
 import os
 import shutil
 import statistics
-import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +38,7 @@ from typing import Any
 from PIL import Image
 
 from benchmarks.dask_build import first_photos
+from benchmarks.s3_server import BUCKET, ObjectServer
 from webapp.errors import PhotoError
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.folder import read_map
@@ -53,14 +51,6 @@ from webapp.tasks.localize.build_map import build_map
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
-_BUCKET = "maps"
-_BLOCK = 1 << 18
-_CREDENTIALS = {
-    "AWS_ACCESS_KEY_ID": "test",
-    "AWS_SECRET_ACCESS_KEY": "test",
-    "AWS_DEFAULT_REGION": "us-east-1",
-    "AWS_EC2_METADATA_DISABLED": "true",
-}
 _OPTIONS = OpenOptions(method="verified", features="sift")
 _EDGE = 0.04
 """Of a photo, which queries lack on each side."""
@@ -78,8 +68,8 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="of the built copy, to measure it again")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name, _server(asked.mb_s, asked.ms) as address:
-        os.environ.update(_CREDENTIALS, AWS_ENDPOINT_URL=address)
+    with tempfile.TemporaryDirectory() as name, ObjectServer(asked.mb_s, asked.ms) as server:
+        os.environ.update(server.environ)
         kept = asked.keep or Path(name, "local")
         if not (kept / "map.cfg").is_file():
             first_photos(asked.cfg, kept, photos=asked.photos)
@@ -105,7 +95,7 @@ class _Places:
         """Return the settings of a machine; the database is named, and nobody connects to it."""
         return Settings(
             database="postgresql+psycopg://nobody@localhost/none",
-            storage=f"s3://{_BUCKET}/library",
+            storage=f"s3://{BUCKET}/library",
             cache_folder=self.caches / cache,
         )
 
@@ -113,12 +103,12 @@ class _Places:
 def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
     """Build a map, and move a copy of it to S3."""
     report = build_map(local, _OPTIONS, settings=Settings(), progress=Progress())
-    asked = tuple(_cut_photos(local, folder / "queries", queries))
+    asked = tuple(cut_photos(local, folder / "queries", queries))
     library = folder / "library"
     shutil.copytree(local.parent, library / "map")
     places = _Places(local, library / "map" / local.name, asked, folder / "caches")
     (library / ".library").mkdir()
-    (library / ".library" / MARKER).write_text(f"s3://{_BUCKET}/library benchmark\n", "utf-8")
+    (library / ".library" / MARKER).write_text(f"s3://{BUCKET}/library benchmark\n", "utf-8")
     connect(places.settings("builder"))
     for experience in read_map(places.stored).experiences:
         storage.publish(places.stored.parent / experience.photo)
@@ -130,7 +120,8 @@ def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
     return places
 
 
-def _cut_photos(cfg: Path, folder: Path, count: int) -> Iterator[Path]:
+def cut_photos(cfg: Path, folder: Path, count: int) -> Iterator[Path]:
+    """Make queries of photos of a map, evenly spread: cut at the edges."""
     folder.mkdir()
     experiences = read_map(cfg).experiences
     for number in range(min(count, len(experiences))):
@@ -226,67 +217,6 @@ def _table(result: dict[str, Any]) -> str:
         )
     lines.append("answers are equal" if result["equal"] else "ANSWERS DIFFER")
     return "\n".join([*lines, f"load of this machine at the end: {result['load']:.1f}"])
-
-
-@contextmanager
-def _server(mb_s: float, ms: float) -> Iterator[str]:
-    """Start the server in a process of its own."""
-    code = f"from benchmarks.s3_cold import serve; serve({mb_s}, {ms})"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-    assert process.stdout is not None
-    try:
-        yield process.stdout.readline().strip()
-    finally:
-        process.kill()
-        process.wait()
-
-
-def serve(mb_s: float, ms: float) -> None:
-    """Serve one bucket, and print the address; never ends."""
-    import boto3
-    from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
-    from werkzeug.serving import make_server
-
-    whole = DomainDispatcherApplication(create_backend_app)
-    server = make_server("127.0.0.1", 0, _Throttled(whole, mb_s * 1e6, ms / 1e3), threaded=True)
-    address = f"http://127.0.0.1:{server.server_port}"
-    serving = threading.Thread(target=server.serve_forever)
-    serving.start()
-    boto3.client(
-        "s3",
-        endpoint_url=address,
-        aws_access_key_id="test",
-        aws_secret_access_key="test",
-        region_name="us-east-1",
-    ).create_bucket(Bucket=_BUCKET)
-    print(address, flush=True)
-    serving.join()
-
-
-class _Throttled:
-    """Gives answers of an application late, and no more bytes a second than it may."""
-
-    def __init__(self, application: Any, bytes_per_s: float, wait_s: float) -> None:
-        self._application, self._bytes_per_s, self._wait_s = application, bytes_per_s, wait_s
-        self._lock, self._free_at = threading.Lock(), 0.0
-
-    def __call__(self, environ: dict[str, Any], start: Callable[..., Any]) -> Iterator[bytes]:
-        """Answer as WSGI has it."""
-        time.sleep(self._wait_s)
-        return self._slowly(self._application(environ, start))
-
-    def _slowly(self, pieces: Iterable[bytes]) -> Iterator[bytes]:
-        for piece in pieces:
-            for begin in range(0, len(piece), _BLOCK):
-                block = piece[begin : begin + _BLOCK]
-                with self._lock:
-                    now = time.monotonic()
-                    self._free_at = max(now, self._free_at) + len(block) / self._bytes_per_s
-                    wait = self._free_at - now
-                time.sleep(wait)
-                yield block
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ class DaskCluster:
         process = self._start(
             *("worker", self.address, "--nthreads", 1, "--no-nanny", "--no-dashboard"),
             *("--local-directory", self._folder),
-            **environment,
+            **{"MALLOC_ARENA_MAX": "1", **environment},
         )
         self.workers.append(process)
         return process

@@ -29,7 +29,7 @@ from webapp.tasks.maps.adopt_map import adopt_map
 _BUCKET, _REGION, _KEY = "photos", "us-east-1", "demo"
 _STOP_S = 15.0
 _HERE = "127.0.0.1"
-_QUIET = {"DASK_LOGGING__DISTRIBUTED": "warning"}
+_DASK = {"DASK_LOGGING__DISTRIBUTED": "warning", "MALLOC_ARENA_MAX": "1"}
 
 
 class DemoCluster:
@@ -163,7 +163,7 @@ class DemoCluster:
 
     def _start_dask(self, name: str, role: str, *arguments: object) -> DemoProcess:
         command = module("dask", *arguments, "--no-dashboard")
-        more = {"env": self._environment | _QUIET, "cwd": self._logs}
+        more = {"env": self._environment | _DASK, "cwd": self._logs}
         return self._add(DemoProcess(name, command, role=role, folder=self._logs, more=more))
 
     @property
