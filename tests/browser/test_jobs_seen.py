@@ -43,6 +43,16 @@ def test_progress_and_cancel_in_two_pages(make_page, context, api):
     expect(listed.get_by_text("done", exact=True)).to_be_visible(timeout=180_000)
 
 
+def test_what_a_job_waits_for_and_when_it_is_tried_again(make_page, api):
+    edit = make_page(3)
+    (job, *_) = api.ask("GET", f"/jobs?map={edit.slug}")["jobs"]
+    job |= {"state": "queued", "note": "the scheduler of Dask cannot be reached", "next_try_s": 79.6}
+    edit.page.route(re.compile(r"/api/v1/jobs\?map="), lambda route: route.fulfill(json={"jobs": [job]}))
+    edit.page.goto(f"/maps/{edit.slug}/jobs")
+    shown = edit.page.locator("#jobs").get_by_test_id("job-progress")
+    expect(shown).to_have_text("the scheduler of Dask cannot be reached · tried again in 80 seconds")
+
+
 def test_the_card_of_jobs_leaves_image_and_photos_free_on_a_wide_screen(make_page):
     edit = make_page(30, placed=True)
     card = edit.page.locator("#activity")
@@ -81,7 +91,7 @@ def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_ma
 
 def test_the_menu_asks_on_after_the_server_was_away(page):
     job = {
-        **dict.fromkeys(("map", "map_name", "by", "error", "result", "seconds_left")),
+        **dict.fromkeys(("map", "map_name", "by", "error", "result", "seconds_left", "next_try_s")),
         "id": 1,
         "kind": "export",
         "state": "running",

@@ -3,7 +3,7 @@
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
-import { REASONS } from "../shared/job-list.js";
+import { REASONS, waitingFor } from "../shared/job-list.js";
 import { isInside } from "../shared/map/coords.js";
 import { rafThrottle } from "../shared/timing.js";
 import { sentence, toastError } from "../shared/toast.js";
@@ -139,7 +139,7 @@ export class Activity {
     const name = (JOBS[kind] || (() => sentence(kind)))();
     const going = state === "queued" || state === "running";
     const words = {
-      queued: () => t("waiting"),
+      queued: () => waitingFor(job) || t("waiting"),
       running: () => [note, job.seconds_left !== null && leftText(job.seconds_left)].filter(Boolean).join(" · "),
       done: () => t("done"),
       failed: () => t("failed"),

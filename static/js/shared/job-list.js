@@ -110,10 +110,16 @@ function update(row, job) {
 }
 
 function words(job) {
-  if (job.state === "queued") return t("Queued");
+  if (job.state === "queued") return waitingFor(job) || t("Queued");
   const parts = [job.total > 0 && t("{done} of {total}", { done: job.done, total: job.total }), job.note];
   if (job.seconds_left !== null) parts.push(t("about {time} left", { time: duration(job.seconds_left) }));
   return parts.filter(Boolean).join(" · ");
+}
+
+/** What is away for which a job waits, and when it is tried again; "" where it waits for nothing but its turn. */
+export function waitingFor({ state, note, next_try_s: pause }) {
+  if (state !== "queued" || pause === null) return "";
+  return [note, t("tried again in {time}", { time: duration(pause) })].join(" · ");
 }
 
 function reason(error) {

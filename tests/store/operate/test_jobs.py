@@ -19,7 +19,8 @@ ERROR = {"message": "no", "where": None, "hint": None}
 def at(monkeypatch):
     """Set the clock of the jobs; gives a function that lets seconds pass."""
     time = [clock.now()]
-    monkeypatch.setattr(jobs, "moment", lambda _: time[0])
+    for module in (jobs, job_views):
+        monkeypatch.setattr(module, "moment", lambda _: time[0])
 
     def later(seconds):
         time[0] += timedelta(seconds=seconds)
@@ -216,12 +217,15 @@ def test_a_job_for_which_something_is_away_lets_others_go_first(do, take, at, se
     assert held.job_id == first
     assert do(jobs.put_off, held, **AWAY)
     assert (seen(first)["state"], seen(first)["note"]) == ("queued", AWAY["note"])
+    assert (seen(first)["next_try_s"], seen(second)["next_try_s"]) == (10.0, None)
+    at(4)
+    assert seen(first)["next_try_s"] == 6.0
     other = take()
     assert other.job_id == second
     assert take() is None, "its pause is not over"
     assert do(jobs.finish, other)
     assert not do(jobs.anything_to_do) and do(jobs.anything_to_do, early=True)
-    at(10)
+    at(6)
     assert do(jobs.anything_to_do)
     third = do(jobs.enqueue, "x", key="2").id
     again = take()
@@ -372,7 +376,7 @@ def test_time_left():
 
 def test_the_object_for_pages(do, take, park, seen):
     id = do(jobs.enqueue, "index", map_id=park).id
-    names = "id kind map state done total note error result created_at seconds seconds_left mine"
+    names = "id kind map state done total note error result created_at seconds seconds_left next_try_s mine"
     assert seen(id).keys() == set(names.split())
     assert (seen(id)["map"], seen(id)["state"], seen(id)["seconds_left"]) == ("park", "queued", None)
 

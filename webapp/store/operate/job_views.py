@@ -90,15 +90,17 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
     Returns
     -------
     dict
-        `id, kind, state, done, total, note, error, result, seconds, seconds_left, created_at, mine, map`;
-        `seconds` is how long it works, or worked; `mine` says whether the caller has started it, `map` is
-        the slug.
+        `id, kind, state, done, total, note, error, result, seconds, seconds_left, next_try_s, created_at,
+        mine, map`; `seconds` is how long it works, or worked, `next_try_s` how long until it is tried again;
+        `mine` says whether the caller has started it, `map` is the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     left = seconds = None
     if job.started_at is not None:
         at = job.ended_at or moment(session)
         left, seconds = seconds_left(job, at=at), (at - job.started_at).total_seconds()
+    waits_until = job.not_before if job.state == "queued" else None
+    pause = None if waits_until is None else max((waits_until - moment(session)).total_seconds(), 0.0)
     return {
         "id": job.id,
         "kind": job.kind,
@@ -110,6 +112,7 @@ def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dic
         "result": job.result,
         "seconds": None if seconds is None else round(seconds, 1),
         "seconds_left": None if left is None else round(left, 1),
+        "next_try_s": None if pause is None else round(pause, 1),
         "created_at": job.created_at.isoformat(timespec="seconds"),
         "mine": account_id is not None and job.account_id == account_id,
         "map": None if record is None else record.slug,

@@ -196,6 +196,10 @@ class JobSchema(Schema):
     result = Dict(allow_none=True, metadata={"description": "Depends on the kind."})
     seconds = Float(allow_none=True, metadata={"description": "So long it works, or worked; null: not yet."})
     seconds_left = Float(allow_none=True)
+    next_try_s = Float(
+        allow_none=True,
+        metadata={"description": "Seconds until it is tried again because something was away; else null."},
+    )
     created_at = String()
     mine = Boolean(metadata={"description": "Whether you have started it, and so may cancel it."})
     map = String(allow_none=True, metadata={"description": "Its slug."})
