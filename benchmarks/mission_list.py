@@ -14,17 +14,12 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import time
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
-from uuid import uuid4
 
-import numpy as np
 from sqlalchemy import insert
 
-from webapp.app.web import create_app
+from benchmarks.answers import reader, timed
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, Track
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -41,7 +36,9 @@ def main() -> None:
         settings = Settings(library=Path(folder) / "maps")
         library = open_library(settings.library)
         _fill(library, arguments.missions)
-        get = _reader(library, settings)
+        with library.database.write() as session:
+            owner = accounts.ensure_owner(session)
+        get = reader(library, settings, owner)
         list_ = "/api/v1/missions"
         middle = get(f"{list_}?limit={arguments.missions // 2}").json["next"]
         addresses = {
@@ -55,7 +52,7 @@ def main() -> None:
             "all": list_,
             "all_drawn": f"{list_}?previews=true",
         }
-        figures = {name: _measure(get, address, arguments.repeat) for name, address in addresses.items()}
+        figures = {name: timed(get, [address] * arguments.repeat) for name, address in addresses.items()}
         library.database.close()
     print(json.dumps({"missions": arguments.missions, **figures}, indent=2))
 
@@ -87,39 +84,6 @@ def _mission(id: int, owner: int) -> dict[str, object]:
         "account_id": owner,
         "changed_at": at,
         "binned_at": at if id % 10 == 0 else None,
-    }
-
-
-def _reader(library: Library, settings: Settings) -> Callable[[str], Any]:
-    """Return what fetches an address as the owner."""
-    client = create_app(settings, library=library).test_client()
-    with library.database.write() as session:
-        owner = accounts.ensure_owner(session)
-    with client.session_transaction() as session:
-        session["_user_id"] = f"{owner.id}.{owner.epoch}"
-        session["session_id"] = uuid4().hex
-
-    def get(address: str) -> Any:
-        answer = client.get(address)
-        assert answer.status_code == 200, answer.get_data(as_text=True)
-        return answer
-
-    return get
-
-
-def _measure(get: Callable[[str], Any], address: str, repeat: int) -> dict[str, float]:
-    seconds, processor_s = [], []
-    for _ in range(repeat):
-        begin, worked = time.perf_counter(), time.process_time()
-        answer = get(address)
-        seconds.append(time.perf_counter() - begin)
-        processor_s.append(time.process_time() - worked)
-    p50, p95 = np.quantile(seconds, [0.5, 0.95]) * 1000
-    return {
-        "p50_ms": round(p50, 1),
-        "p95_ms": round(p95, 1),
-        "processor_ms": round(float(np.median(processor_s)) * 1000, 1),
-        "kb": round(len(answer.data) / 1000, 1),
     }
 
 

@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.browser import axe
@@ -152,3 +153,41 @@ def test_each_undo_brings_back_what_its_message_is_about(page, api):
     expect(card(page, "Kampa 2")).to_have_count(0)
     page.get_by_role("button", name="Undo").click()
     expect(page.locator(".map-card h2").filter(has_text="Kampa")).to_have_text(["Kampa 2", "Kampa 1"])
+
+
+@pytest.fixture
+def many_maps(api):
+    """More maps than the page lists at once; the one made last is listed first."""
+    slugs = [api.ask("POST", "/maps", data={"name": f"Row {number:02}"})["slug"] for number in range(60)]
+    yield slugs
+    for slug in slugs:
+        api.ask("DELETE", f"/maps/{slug}")
+        api.ask("DELETE", f"/maps/{slug}?forever=true")
+
+
+def test_a_long_list_comes_in_parts_and_is_searched_on_the_server(page, many_maps):
+    page.goto("/")
+    cards = page.locator("#maps > [data-slug]")
+    expect(cards).to_have_count(48)
+    page.get_by_test_id("list-search").fill("row 03")
+    expect(page.locator("#maps > [data-slug]:visible")).to_have_count(1)
+    expect(card(page, "Row 03")).to_be_visible()
+    page.get_by_test_id("list-search").fill("")
+    expect(cards).to_have_count(48)
+    expect(card(page, "Row 03")).to_have_count(0)
+    page.get_by_test_id("more-maps").click()
+    expect(card(page, "Row 03")).to_have_count(1)
+    choose(page, "Row 03", "Rename")
+    page.get_by_label("Name", exact=True).fill("Row of old")
+    page.keyboard.press("Enter")
+    expect(cards.first).to_have_attribute("data-name", "Row of old")
+    assert axe.findings(page) == []
+
+
+def test_a_long_list_is_sorted_as_a_whole(page, many_maps):
+    page.goto("/")
+    page.locator("#list-sort").select_option("name")
+    expect(page.get_by_test_id("more-maps")).to_be_hidden()
+    names = page.locator("#maps > [data-slug]").evaluate_all("cards => cards.map(c => c.dataset.name)")
+    rows = [name for name in names if name.startswith("Row ")]
+    assert rows == [f"Row {number:02}" for number in range(60)]

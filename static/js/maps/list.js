@@ -1,36 +1,93 @@
 /** What people do with whole maps: in the list, in the bin, and on the settings page. */
 
-import { byId, queryAll } from "../shared/dom.js";
+import { queryAll } from "../shared/dom.js";
 import { del, patch, post, upload } from "../shared/api.js";
-import { askDialog, confirmDialog } from "../shared/dialogs.js";
+import { askDialog, busy, confirmDialog } from "../shared/dialogs.js";
 import { t, tn } from "../shared/i18n.js";
 import { byName, largest, ListTools } from "../shared/list-tools.js";
 import { toastError } from "../shared/toast.js";
 import { findPhoto } from "./find-photo.js";
 
-const tools = document.getElementById("list-tools") && new ListTools(byId("maps"), {
+const cards = document.getElementById("maps");
+const more = document.getElementById("more"); // leads to the part that follows, where there is one
+let searched = new URLSearchParams(location.search).get("search") ?? ""; // what the server has looked for
+let asked = 0; // an answer that another question has overtaken is not shown
+const tools = document.getElementById("list-tools") && new ListTools(cards, {
   kept: "expmap.maps-sort",
   orders: { name: byName, photos: largest("photos") },
   bin: (slug) => del(`/maps/${slug}`),
   restore: (slug) => post(`/maps/${slug}/restore`, {}),
   binned: (n) => tn("{n} map is in the bin.", "{n} maps are in the bin.", n),
+  search: (text) => show({ search: text }),
+  whole: () => show({ whole: "true" }),
 });
+const search = document.getElementById("list-search");
+if (search instanceof HTMLInputElement) search.value = searched;
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
-for (const button of queryAll("[data-action]", HTMLButtonElement)) {
-  button.addEventListener("click", () => {
-    const { slug, name } = /** @type {HTMLElement} */ (button.closest("[data-slug]")).dataset;
-    button.closest("details")?.removeAttribute("open");
-    actions[button.dataset.action](slug, name).catch(toastError);
-  });
-  button.disabled = false; // until now a click would have been lost
-}
+if (cards) goOn(cards);
+else connect(document.body);
+more?.addEventListener("click", (event) => {
+  event.preventDefault();
+  busy(more, showMore).catch(toastError);
+});
 const finder = document.getElementById("find");
 if (finder instanceof HTMLButtonElement) {
   finder.addEventListener("click", findPhoto);
   finder.disabled = false;
 }
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
+
+/** The buttons below an element. @param {HTMLElement} place */
+function connect(place) {
+  for (const button of queryAll("[data-action]", HTMLButtonElement, place)) {
+    button.addEventListener("click", () => {
+      const { slug, name } = /** @type {HTMLElement} */ (button.closest("[data-slug]")).dataset;
+      button.closest("details")?.removeAttribute("open");
+      actions[button.dataset.action](slug, name).catch(toastError);
+    });
+    button.disabled = false; // until now a click would have been lost
+  }
+}
+
+/** Cards have come: those of a list of which the address of the next part is known. @param {HTMLElement} place */
+function goOn(place) {
+  connect(place);
+  tools?.refresh({ whole: more.hidden, searched });
+}
+
+/** Show another part of the list instead of this one. @param {Object<string, string>} part */
+async function show(part) {
+  const page = await fetchPart(`/?${new URLSearchParams(part)}`);
+  if (!page) return;
+  searched = part.search ?? "";
+  cards.replaceChildren(...page.cards);
+  goOn(cards);
+}
+
+async function showMore() {
+  const page = await fetchPart(more.getAttribute("href"));
+  if (!page) return;
+  cards.append(...page.cards);
+  for (const card of page.cards) connect(card);
+  tools?.refresh({ whole: more.hidden, searched });
+  queryAll("a, button", HTMLElement, page.cards[0])[0]?.focus();
+}
+
+/** Ask the server for the page that an address names; null where another question has overtaken this one. @param {string} address */
+async function fetchPart(address) {
+  asked += 1;
+  const question = asked;
+  const answer = await fetch(address);
+  if (answer.redirected) location.reload(); // signed out meanwhile
+  if (!answer.ok) throw new Error(t("The list could not be loaded."));
+  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  if (question !== asked) return null;
+  const next = page.getElementById("more");
+  more.hidden = !next?.hasAttribute("href");
+  more.setAttribute("href", next?.getAttribute("href") ?? "");
+  return { cards: queryAll("#maps > li", HTMLElement, page.documentElement) };
+}
 
 async function rename(slug, name) {
   askDialog({ title: t("Rename the map"), label: t("Name"), value: name, action: t("Rename") }, async (wanted) => {

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from sqlalchemy import Connection, Select, and_, event, func, or_, select
 from sqlalchemy.orm import Session
@@ -19,6 +18,7 @@ from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, O
 from webapp.store.clock import now
 from webapp.store.database import announce
 from webapp.store.library import Library
+from webapp.store.list_cursor import ListCursor, last_changed_first
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES, Role
 from webapp.store.operate import jobs
@@ -36,7 +36,7 @@ MOST_SIGHTINGS = 5000
 _MAX_NAME = 120
 _MAX_NOTE = 10_000
 
-_LAST_CHANGED_FIRST = (Mission.changed_at.desc(), Mission.id.desc())
+_LAST_CHANGED_FIRST = last_changed_first(Mission.changed_at, Mission.id)
 _MOST_PARAMETERS = 10_000
 
 
@@ -246,13 +246,6 @@ def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
     return found
 
 
-class ListCursor(NamedTuple):
-    """A place in the list: just after a mission as it was then, wherever that mission is now."""
-
-    changed_at: datetime
-    id: int
-
-
 @dataclass(frozen=True, slots=True)
 class Entry:
     """A mission in a list.
@@ -280,7 +273,7 @@ class Entry:
         return sum(track.poses for track in self.tracks)
 
     @property
-    def spot(self) -> ListCursor:
+    def cursor(self) -> ListCursor:
         """Where the list continues after it."""
         return ListCursor(self.mission.changed_at, self.mission.id)
 
@@ -319,8 +312,7 @@ def list_missions(session: Session, account: Account, *, part: ListPart = _ALL) 
     if part.map_id is not None:
         ids = ids.where(Mission.map_id == part.map_id)
     if after is not None:
-        same = and_(Mission.changed_at == after.changed_at, Mission.id < after.id)
-        ids = ids.where(or_(Mission.changed_at < after.changed_at, same))
+        ids = ids.where(after.follow(Mission.changed_at, Mission.id))
     if part.search.strip():
         some = _searched(session, ids, text=part.search, most=part.limit)
         blocks = (some[begin : begin + _MOST_PARAMETERS] for begin in range(0, len(some), _MOST_PARAMETERS))

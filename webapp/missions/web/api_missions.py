@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.validators import Range
 
 from webapp.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
@@ -20,13 +20,12 @@ from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
 from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, CheckedText
+from webapp.web.fields import Boolean
+from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps.schemas import SatelliteOut
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
-_MOST = 10_000
-_MOST_SEARCHED = 120
 _FINE = 500
 """Below this size of a preview its lines are not whole numbers."""
 
@@ -150,27 +149,10 @@ class MissionState(MissionSummary):
     cursor = String(metadata={"description": "For the events: the state of the mission that is known."})
 
 
-class ListQuery(Schema):
+class MissionListQuery(ListPartQuery):
     """Which missions are listed."""
 
     map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
-    bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
-    search = String(
-        load_default="",
-        validate=Length(max=_MOST_SEARCHED),
-        metadata={"description": "Only those with it in their name or that of their map, in any case."},
-    )
-    after = CheckedText(
-        load_default=None,
-        check=state.is_spot,
-        refusal="This is no `next` of an earlier answer.",
-        metadata={"description": "`next` of an earlier answer: those that follow."},
-    )
-    limit = Integer(
-        load_default=None,
-        validate=Range(1, _MOST),
-        metadata={"description": "Maximum number; by default all."},
-    )
     previews = Boolean(load_default=False, metadata={"description": "Whether small pictures come with them."})
 
 
@@ -209,28 +191,21 @@ class NewMission(MissionChange):
 
 
 @blueprint.get("")
-@blueprint.input(ListQuery, location="query", arg_name="query")
+@blueprint.input(MissionListQuery, location="query", arg_name="query")
 @blueprint.output(MissionList)
 def list_missions(query: dict[str, Any]) -> dict[str, Any]:
     """List the missions that you may see, in pages where a `limit` is given."""
-    who, limit, after = account(), query["limit"], query["after"]
-    wanted = missions.ListPart(
-        map_id=None if query["map"] is None else open_map(query["map"], binned=True).id,
-        binned=query["bin"],
-        search=query["search"],
-        after=None if after is None else state.read_spot(after),
-        limit=None if limit is None else limit + 1,  # the one more shows whether any follow
-    )
+    who, map_ = account(), query["map"]
+    map_id = None if map_ is None else open_map(map_, binned=True).id
+    part = missions.ListPart(map_id=map_id, **wanted_part(query))
     with library().database.read() as session:
-        found = missions.list_missions(session, who, part=wanted)
-        shown = found[:limit]
-        follow = state.spot_text(shown[-1].spot) if len(found) > len(shown) else None
+        shown, last = split(missions.list_missions(session, who, part=part), query["limit"])
         drawn = preview_missions(session, shown) if query["previews"] else [None] * len(shown)
         listed = [
             {**state.entry_json(entry), "preview": None if preview is None else _preview_json(preview)}
             for entry, preview in zip(shown, drawn, strict=True)
         ]
-        return {"missions": listed, "next": follow}
+        return {"missions": listed, "next": None if last is None else last.cursor.text()}
 
 
 @blueprint.post("")

@@ -68,10 +68,7 @@ def show(mission_id: int) -> str:
 def _list(*, binned: bool) -> str:
     who = account()
     with library().database.read() as session:
-        found = [
-            {"slug": record.slug, "name": record.name}
-            for record in maps.list_maps(session, who, binned=False)
-        ]
+        found = [{"slug": record.slug, "name": record.name} for record in maps.list_maps(session, who)]
         in_bin = missions.count_binned(session, who)
     return render_template("missions/index.html", page={"maps": found, "binned": binned}, in_bin=in_bin)
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 from flask import url_for
@@ -15,18 +14,13 @@ from webapp.core.trajectory.drift import LoopClosure, measure_closure
 from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
 from webapp.missions.store import missions, tracks
-from webapp.missions.store.missions import Entry, ListCursor
+from webapp.missions.store.missions import Entry
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.web.api_objects import object_json, sighting_json
 from webapp.store.schema import Account, MapRecord
 from webapp.web.maps import state as map_state
 from webapp.web.sharing.shared_state import answer_for_visitors
-
-SPOT = r"^[0-9]{1,17}\.[0-9]{1,10}$(?!\n)"  # which `$` alone would let pass
-"""What a place in a list looks like: microseconds since 1970, and the id of a mission."""
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 """Of a georeference: how it was found is left out."""
@@ -120,22 +114,6 @@ def satellite(session: Session, mission: Mission, *, base: str | None = None) ->
 def cursor(revision: int, poses: dict[int, int]) -> str:
     """Return the cursor of a mission: its revision, and how many poses of each track."""
     return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
-
-
-def spot_text(spot: ListCursor) -> str:
-    """Return the cursor at which a list of missions continues; `read_spot` reads it."""
-    return f"{(spot.changed_at - _EPOCH) // timedelta(microseconds=1)}.{spot.id}"
-
-
-def is_spot(text: str) -> bool:
-    """Return whether a text is of the form `SPOT`, with an id that a record can have."""
-    return re.match(SPOT, text) is not None and int(text.partition(".")[2]) <= MAX_NUMBER
-
-
-def read_spot(text: str) -> ListCursor:
-    """Read what `spot_text` has made, where `is_spot` says so."""
-    changed, id = map(int, text.split("."))
-    return ListCursor(_EPOCH + timedelta(microseconds=changed), id)
 
 
 def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, func, select
@@ -13,6 +15,7 @@ from sqlalchemy.orm import Session
 from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
+from webapp.store.list_cursor import ListCursor, last_changed_first
 from webapp.store.schema import Account, MapRecord, Member, Photo
 
 Role = Literal["owner", "editor", "viewer"]
@@ -23,6 +26,7 @@ _MAX_NAME = 120
 _MAX_SLUG = 60
 _MOST_PARAMETERS = 5000
 """Of one statement; SQLite takes 32766."""
+_LAST_CHANGED_FIRST = last_changed_first(MapRecord.changed_at, MapRecord.id)
 RESERVED = frozenset({"new", "import", "bin"})
 
 
@@ -114,10 +118,64 @@ def _role(name: str) -> Role | None:
     return next((role for role in ROLES if role == name), None)
 
 
-def list_maps(session: Session, account: Account, *, binned: bool = False) -> list[MapRecord]:
-    """List the maps that an account may see, the last changed first."""
-    found = select(MapRecord).where(MapRecord.id.in_(visible(account, binned=binned)))
-    return list(session.scalars(found.order_by(MapRecord.changed_at.desc(), MapRecord.id)))
+@dataclass(frozen=True, slots=True)
+class MapListPart:
+    """Which maps are listed.
+
+    Attributes
+    ----------
+    binned : bool
+        Those in the bin instead of those in use.
+    search : str
+        Only those with this text in their name; case and accents do not matter.
+    after : ListCursor or None
+        Only those after it.
+    limit : int or None
+        Maximum number; None for all.
+    """
+
+    binned: bool = False
+    search: str = ""
+    after: ListCursor | None = None
+    limit: int | None = None
+
+
+_ALL = MapListPart()
+
+
+def list_maps(session: Session, account: Account, *, part: MapListPart = _ALL) -> list[MapRecord]:
+    """List maps that an account may see, the last changed first."""
+    ids = visible(account, binned=part.binned)
+    if part.after is not None:
+        ids = ids.where(part.after.follow(MapRecord.changed_at, MapRecord.id))
+    ids = ids.order_by(*_LAST_CHANGED_FIRST)
+    if part.search.strip():
+        found = _searched(session, ids, text=part.search, most=part.limit)
+        records = {
+            record.id: record
+            for begin in range(0, len(found), _MOST_PARAMETERS)
+            for record in session.scalars(
+                select(MapRecord).where(MapRecord.id.in_(found[begin : begin + _MOST_PARAMETERS]))
+            )
+        }
+        return [records[id] for id in found]
+    some = select(MapRecord).where(MapRecord.id.in_(ids.limit(part.limit)))
+    return list(session.scalars(some.order_by(*_LAST_CHANGED_FIRST)))
+
+
+def cursor(record: MapRecord) -> ListCursor:
+    """Return where the list continues after a map."""
+    return ListCursor(record.changed_at, record.id)
+
+
+def _searched(session: Session, ids: Select[Any], *, text: str, most: int | None) -> list[int]:
+    """Return the ids of maps that a search finds, in the order of the list.
+
+    Names are compared here: what a database takes for the same letter depends on the database.
+    """
+    wanted = texts.folded(text)
+    rows = session.execute(ids.add_columns(MapRecord.name))
+    return list(islice((id for id, name in rows if wanted in texts.folded(name)), most))
 
 
 def visible(account: Account, *, binned: bool = False) -> Select[Any]:

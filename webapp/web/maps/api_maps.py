@@ -16,6 +16,7 @@ from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
 from webapp.web.context import account, if_match, library, open_map
 from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
 from webapp.web.openapi import json_answer
@@ -34,12 +35,6 @@ class NewMap(Schema):
     """A map that shall be made, or its new name."""
 
     name = String(required=True, metadata={"example": "Stromovka park"})
-
-
-class MapQuery(Schema):
-    """Which maps are listed."""
-
-    bin = Boolean(load_default=False, metadata={"description": "Those in the bin instead."})
 
 
 class DeleteQuery(Schema):
@@ -65,6 +60,7 @@ class MapList(Schema):
     """Maps, the last changed first."""
 
     maps = List(Nested(MapSummary))
+    next = String(allow_none=True, metadata={"description": "`after` for those that follow; null: none do."})
 
 
 class PhotoChange(Schema):
@@ -126,14 +122,18 @@ class Since(Schema):
 
 
 @blueprint.get("")
-@blueprint.input(MapQuery, location="query", arg_name="query")
+@blueprint.input(ListPartQuery, location="query", arg_name="query")
 @blueprint.output(MapList)
 def list_maps(query: dict[str, Any]) -> dict[str, Any]:
-    """List the maps that you may see."""
+    """List the maps that you may see, in pages where a `limit` is given."""
     who = account()
     with library().database.read() as session:
-        found = maps.list_maps(session, who, binned=query["bin"])
-        return {"maps": state.summaries(session, found, account=who)}
+        found = maps.list_maps(session, who, part=maps.MapListPart(**wanted_part(query)))
+        shown, last = split(found, query["limit"])
+        return {
+            "maps": state.summaries(session, shown, account=who),
+            "next": None if last is None else maps.cursor(last).text(),
+        }
 
 
 @blueprint.post("")

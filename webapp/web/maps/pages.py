@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from flask import Blueprint, flash, redirect, render_template, url_for
+from flask import Blueprint, flash, redirect, render_template, request, url_for
 from flask_babel import gettext as _
+from marshmallow import ValidationError
 from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
 
-from webapp.errors import ExpMapError
+from webapp.errors import ExpMapError, UsageError
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
@@ -17,12 +19,15 @@ from webapp.store.schema import Account, MapRecord
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.web import errors
 from webapp.web.context import account, library, open_map
+from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps import state as map_state
 from webapp.web.pages import back, text
 from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("map_pages", __name__)
 
+_PAGE = 48
+"""Maps that are listed at once."""
 _MOST_DOTS = 200
 """In the preview of a map."""
 
@@ -48,11 +53,11 @@ class MapCard:
 
 @blueprint.get("/")
 def index() -> str:
-    """List the maps that are shared with the caller."""
+    """List the maps that are shared with the caller, a part of them where they are many."""
     with library().database.read() as session:
-        cards = _cards(session, account(), binned=False)
+        listed = _listed(session, account(), binned=False)
         binned = maps.count_binned(session, account())
-    return render_template("maps/index.html", cards=cards, binned=binned)
+    return render_template("maps/index.html", **listed, binned=binned)
 
 
 @blueprint.get("/new")
@@ -63,14 +68,27 @@ def new() -> str:
 
 @blueprint.get("/bin")
 def trash() -> str:
-    """List the maps in the bin."""
+    """List the maps in the bin, a part of them where they are many."""
     with library().database.read() as session:
-        cards = _cards(session, account(), binned=True)
-    return render_template("maps/bin.html", cards=cards)
+        listed = _listed(session, account(), binned=True)
+    return render_template("maps/bin.html", **listed)
 
 
-def _cards(session: Session, who: Account, *, binned: bool) -> list[MapCard]:
-    records = maps.list_maps(session, who, binned=binned)
+def _listed(session: Session, who: Account, *, binned: bool) -> dict[str, Any]:
+    """Read the part of the list that the address names; where it continues, too."""
+    asked = {name: request.args[name] for name in ("search", "after") if name in request.args}
+    try:
+        query = ListPartQuery().load(asked)
+    except ValidationError as error:
+        raise UsageError("this part of the list does not exist", hint="open the list again") from error
+    limit = None if "whole" in request.args else _PAGE
+    part = maps.MapListPart(**wanted_part({**query, "bin": binned, "limit": limit}))
+    shown, last = split(maps.list_maps(session, who, part=part), limit)
+    more = {**asked, "after": maps.cursor(last).text()} if last else None
+    return {"cards": _cards(session, shown, who=who), "search": query["search"], "more": more}
+
+
+def _cards(session: Session, records: list[MapRecord], *, who: Account) -> list[MapCard]:
     roles, counts = maps.roles_of(session, records, account=who), maps.counts_of(session, records)
     dots = maps.some_positions(session, records, most=_MOST_DOTS)
     return [
