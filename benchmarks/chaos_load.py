@@ -25,6 +25,8 @@ PATIENCE_S = 120.0
 _PAUSE_S = 0.1
 _UNSURE = (429, 500, 502, 503, 504)
 """Nothing is certain after these: a database can be lost while it commits."""
+_AWAY = ("database_unavailable", "storage_unavailable")
+"""Codes of a photo's result that say the same."""
 
 
 @dataclass
@@ -148,15 +150,26 @@ class Uploader:
             data = self._photo()
             sha = hashlib.sha256(data).hexdigest()
             self.tried.add(sha)
-            files = {"file": (f"{sha[:8]}.jpg", data)}
-            answer = self.client.repeat("POST", f"/maps/{self.slug}/photos", files=files)
-            result = answer.json()[0] if answer.status_code == 207 else {"error": answer.text[:300]}
+            result = self._upload(f"{sha[:8]}.jpg", data)
             if "error" in result:
                 self.errors.append(f"{self.slug}: upload: {result['error']}")
                 return
             self.uploaded.add(sha)
             self._place(result["id"])
             time.sleep(self._random.expovariate(1 / self._pause_s))
+
+    def _upload(self, name: str, data: bytes) -> dict[str, Any]:
+        """Send a photo until its result is not that something was away; gives the result."""
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            answer = self.client.repeat("POST", f"/maps/{self.slug}/photos", files={"file": (name, data)})
+            if answer.status_code != 207:
+                return {"error": answer.text[:300]}
+            result: dict[str, Any] = answer.json()[0]
+            is_away = result.get("error", {}).get("code") in _AWAY
+            if not is_away or time.monotonic() > until:
+                return result
+            time.sleep(_PAUSE_S)
 
     def _photo(self) -> bytes:
         """Draw a photo of coarse noise, which has features."""

@@ -63,6 +63,10 @@ def seconds(text):
     return float(text.removesuffix("s"))
 
 
+_WORKER = "MALLOC_ARENA_MAX=1"
+"""What a worker of Dask has in its environment; see "Computing on other machines"."""
+
+
 def test_the_services_of_systemd(project, page):
     units = [unit(text) for text in blocks(page, "[Unit]")]
     units += [unit(text) for text in blocks((project / "docs" / "operating.md").read_text("utf-8"), "[Unit]")]
@@ -73,10 +77,12 @@ def test_the_services_of_systemd(project, page):
         service = one["Service"]
         if "ExecStart" in service:
             check_command(shlex.split(service["ExecStart"]))
+            computes = " worker tcp://" in service["ExecStart"]
+            assert (service.get("Environment") == _WORKER) == computes
             assert (service["User"], service["ProtectSystem"]) == ("expmap", "strict")
             assert service["NoNewPrivileges"] == service["PrivateTmp"] == "true"
         for setting in service.get("Environment", "").split():
-            assert setting.partition("=")[0] in VARIABLES
+            assert setting.partition("=")[0] in VARIABLES or setting == _WORKER
 
 
 def test_a_service_has_time_to_drain(page):
@@ -105,6 +111,7 @@ def test_the_composition_of_several_servers(project, compose):
         assert {key for key in one["environment"] if key.startswith("EXPMAP_")} <= VARIABLES
         drained = float(one["environment"]["EXPMAP_SERVE_DRAIN_S"])
         assert seconds(one["stop_grace_period"]) > drained + settings_table()["serve.stop_s"].default
+        assert ("MALLOC_ARENA_MAX" in one["environment"]) == (name == "dask-worker")
         command = one.get("command", "expmap serve")
         check_command(shlex.split(command) if isinstance(command, str) else command)
     assert all("command" not in services[name] for name in ("web-1", "web-2")), "that of the image"

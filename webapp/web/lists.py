@@ -11,7 +11,7 @@ from apiflask.validators import Length, Range
 from webapp.store.list_cursor import is_cursor, read_cursor
 from webapp.web.fields import Boolean, CheckedText
 
-_MOST_SEARCHED = 120
+MOST_SEARCHED = 120
 _MOST = 10_000
 
 Item = TypeVar("Item")
@@ -23,7 +23,7 @@ class ListPartQuery(Schema):
     bin = Boolean(load_default=False, metadata={"description": "What is in the bin instead."})
     search = String(
         load_default="",
-        validate=Length(max=_MOST_SEARCHED),
+        validate=Length(max=MOST_SEARCHED),
         metadata={"description": "Only those with it in their name, or a mission's map, in any case."},
     )
     after = CheckedText(

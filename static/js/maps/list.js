@@ -1,7 +1,7 @@
 /** What people do with whole maps: in the list, in the bin, and on the settings page. */
 
 import { queryAll } from "../shared/dom.js";
-import { del, patch, post, upload } from "../shared/api.js";
+import { del, page, patch, post, upload } from "../shared/api.js";
 import { askDialog, busy, confirmDialog } from "../shared/dialogs.js";
 import { t, tn } from "../shared/i18n.js";
 import { byName, largest, ListTools } from "../shared/list-tools.js";
@@ -25,7 +25,7 @@ const search = document.getElementById("list-search");
 if (search instanceof HTMLInputElement) search.value = searched;
 const actions = { rename, duplicate, delete: bin, restore, "delete-forever": deleteForever };
 
-if (cards) goOn(cards);
+if (cards) goOn(queryAll(":scope > li", HTMLElement, cards));
 else connect(document.body);
 more?.addEventListener("click", (event) => {
   event.preventDefault();
@@ -50,43 +50,39 @@ function connect(place) {
   }
 }
 
-/** Cards have come: those of a list of which the address of the next part is known. @param {HTMLElement} place */
-function goOn(place) {
-  connect(place);
+/** Cards have come. @param {HTMLElement[]} come */
+function goOn(come) {
+  for (const card of come) connect(card);
   tools?.refresh({ whole: more.hidden, searched });
 }
 
 /** Show another part of the list instead of this one. @param {Object<string, string>} part */
 async function show(part) {
-  const page = await fetchPart(`/?${new URLSearchParams(part)}`);
-  if (!page) return;
+  const come = await fetchCards(`/?${new URLSearchParams(part)}`);
+  if (!come) return;
   searched = part.search ?? "";
-  cards.replaceChildren(...page.cards);
-  goOn(cards);
+  cards.replaceChildren(...come);
+  goOn(come);
 }
 
 async function showMore() {
-  const page = await fetchPart(more.getAttribute("href"));
-  if (!page) return;
-  cards.append(...page.cards);
-  for (const card of page.cards) connect(card);
-  tools?.refresh({ whole: more.hidden, searched });
-  queryAll("a, button", HTMLElement, page.cards[0])[0]?.focus();
+  const come = await fetchCards(more.getAttribute("href"));
+  if (!come) return;
+  cards.append(...come);
+  goOn(come);
+  queryAll("a, button", HTMLElement, come[0])[0]?.focus();
 }
 
-/** Ask the server for the page that an address names; null where another question has overtaken this one. @param {string} address */
-async function fetchPart(address) {
+/** Fetch a part of the list; null where another question has overtaken this one. @param {string} address */
+async function fetchCards(address) {
   asked += 1;
   const question = asked;
-  const answer = await fetch(address);
-  if (answer.redirected) location.reload(); // signed out meanwhile
-  if (!answer.ok) throw new Error(t("The list could not be loaded."));
-  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  const answer = await page(address);
   if (question !== asked) return null;
-  const next = page.getElementById("more");
+  const next = answer.getElementById("more");
   more.hidden = !next?.hasAttribute("href");
   more.setAttribute("href", next?.getAttribute("href") ?? "");
-  return { cards: queryAll("#maps > li", HTMLElement, page.documentElement) };
+  return queryAll("#maps > li", HTMLElement, answer.documentElement);
 }
 
 async function rename(slug, name) {

@@ -70,6 +70,19 @@ export async function file(path) {
 }
 
 /**
+ * Fetch a page of this site; who is signed out meanwhile is led to the sign-in.
+ * @param {string} address
+ * @returns {Promise<Document>}
+ * @throws {ApiError}
+ */
+export async function page(address) {
+  const response = await patiently(address, { credentials: "same-origin" }, "");
+  if (response.redirected) location.reload();
+  if (!response.ok) await read(response);
+  return new DOMParser().parseFromString(await response.text(), "text/html");
+}
+
+/**
  * Send a file with progress, which fetch cannot report.
  * @param {string} path
  * @param {Object} options
@@ -122,9 +135,9 @@ function answerOf(request) {
   return { status: request.status, headers: { "Content-Type": type } };
 }
 
-async function once(path, options) {
+async function once(path, options, base = BASE) {
   try {
-    const response = await fetch(BASE + path, options);
+    const response = await fetch(base + path, options);
     announce("online");
     return response;
   } catch (error) {
@@ -135,10 +148,10 @@ async function once(path, options) {
 }
 
 /** What changes nothing can be asked again when the network fails, or when a busy server asks for it. */
-async function patiently(path, options) {
+async function patiently(path, options, base = BASE) {
   for (let wait of WAIT_MS) {
     try {
-      const response = await once(path, options);
+      const response = await once(path, options, base);
       const asked = busyMs(response);
       if (asked === null) return response;
       wait = Math.max(wait, asked);
@@ -148,7 +161,7 @@ async function patiently(path, options) {
     await new Promise((resolve) => setTimeout(resolve, wait));
     options.signal?.throwIfAborted();
   }
-  return once(path, options);
+  return once(path, options, base);
 }
 
 /** How long a busy server asks to wait, where that is a moment; else null. @param {Response} response */

@@ -7,19 +7,19 @@ from typing import Any
 
 from flask import Blueprint, flash, redirect, render_template, request, url_for
 from flask_babel import gettext as _
-from marshmallow import ValidationError
 from sqlalchemy.orm import Session
 from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError, UsageError
 from webapp.store.accounts import accounts
+from webapp.store.list_cursor import is_cursor
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.web import errors
 from webapp.web.context import account, library, open_map
-from webapp.web.lists import ListPartQuery, split, wanted_part
+from webapp.web.lists import MOST_SEARCHED, split, wanted_part
 from webapp.web.maps import state as map_state
 from webapp.web.pages import back, text
 from webapp.web.satellite.layers import offered_layers
@@ -76,16 +76,14 @@ def trash() -> str:
 
 def _listed(session: Session, who: Account, *, binned: bool) -> dict[str, Any]:
     """Read the part of the list that the address names; where it continues, too."""
-    asked = {name: request.args[name] for name in ("search", "after") if name in request.args}
-    try:
-        query = ListPartQuery().load(asked)
-    except ValidationError as error:
-        raise UsageError("this part of the list does not exist", hint="open the list again") from error
+    search, after = request.args.get("search", ""), request.args.get("after")
+    if len(search) > MOST_SEARCHED or (after is not None and not is_cursor(after)):
+        raise UsageError("this part of the list does not exist", hint="open the list again")
     limit = None if "whole" in request.args else _PAGE
-    part = maps.MapListPart(**wanted_part({**query, "bin": binned, "limit": limit}))
-    shown, last = split(maps.list_maps(session, who, part=part), limit)
-    more = {**asked, "after": maps.cursor(last).text()} if last else None
-    return {"cards": _cards(session, shown, who=who), "search": query["search"], "more": more}
+    part = wanted_part({"bin": binned, "search": search, "after": after, "limit": limit})
+    shown, last = split(maps.list_maps(session, who, part=maps.MapListPart(**part)), limit)
+    more = {"search": search or None, "after": maps.cursor(last).text()} if last else None
+    return {"cards": _cards(session, shown, who=who), "search": search, "more": more}
 
 
 def _cards(session: Session, records: list[MapRecord], *, who: Account) -> list[MapCard]:
