@@ -79,7 +79,7 @@ def check_ground(edit):
     """Without the image, the same is seen at the same places: a few pixels beside each edge, in and out."""
     page, (width, height) = edit.page, SMALL
     expect(page.locator(".map-background img").first).to_be_attached()
-    page.wait_for_function(ALL_CAME)
+    page.wait_for_function(f"() => {ALL_CAME}")
     for n, (x, y) in enumerate(((-8, -8), (8, -8), (-8, 8), (8, 8))):
         assert colour_at(page, edit.screen(width / 2 + x, height / 2 + y)) == n
     assert colour_at(page, edit.screen(8, height / 4)) == 0
