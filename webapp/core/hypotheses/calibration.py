@@ -48,7 +48,7 @@ class Calibration:
     slope: tuple[float, ...]
     offset: float
     radius_scale: float
-    photo_sigma: float = 0.5
+    photo_sigma: float = 1.5
     schematic: bool = False
     cases: int = 0
 

@@ -25,6 +25,9 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.core.retrieval.shortlist import ShortlistedPhoto
 from webapp.core.tuning import PlacesTuning
 
+_SCHEMATIC_SIGMA = 0.5
+"""How far a query is from its best photo on a map that is not to scale, place radii."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedPhoto:
@@ -123,7 +126,7 @@ def locate(place: PlaceCandidate, *, calibration: Calibration, place_radius_px: 
     if place.kind != "position":
         return LocatedPlace(place.kind, place.position, place.sigma_px, None)
     if calibration.schematic:
-        return LocatedPlace("photo", place.anchor, calibration.photo_sigma * place_radius_px, None)
+        return LocatedPlace("photo", place.anchor, _SCHEMATIC_SIGMA * place_radius_px, None)
     computed = place.sigma_px**-2
     photo = (calibration.photo_sigma * place_radius_px) ** -2 if place.anchor != place.position else 0.0
     x, y = (

@@ -16,7 +16,7 @@ from webapp.files import atomic
 TrialRecord = dict[str, Any] | None
 """Plain values; None for a photo that cannot be used."""
 
-FORMAT = 15
+FORMAT = 16
 """Another one where the evidence that the slopes belong to means something else, or the radii do."""
 
 TRIALS_FORMAT = 14

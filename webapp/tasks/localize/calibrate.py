@@ -36,11 +36,11 @@ _PREFIX = 8
 _FEWEST_RADII = 10
 """Photos from which on radii are fitted, in all; of one kind, from which on it has its whole weight."""
 
-_PHOTO_SIGMAS = (0.5, 0.25, 1.0, 3.0)
+_PHOTO_SIGMAS = (DEFAULT.photo_sigma, 0.25, 0.5, 3.0)
 """How far a query may be from its best photo, place radii; the first unless another is better."""
 
-_BETTER = 0.025
-"""By so much of the answers, at least."""
+_BETTER = 0.01
+"""By so much of the place radius in the mean, at least."""
 
 _OFF, _CONTRADICTED, _PER_ERROR = 0.525, 0.1, 2
 """A map is schematic where computed positions are off by more than this, place radii, and photos are not, for
@@ -214,7 +214,11 @@ def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
 
 
 def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
-    """Choose the weight of the best photo's place against a computed position."""
+    """Choose the weight of the best photo's place against a computed position.
+
+    By the mean error, in which one that is farther off than the place radius counts as that. The photos of a
+    walk stand evenly apart, so that counts of errors below a limit do not tell weights from each other there.
+    """
     chosen, least = DEFAULT.photo_sigma, math.inf
     firsts = _first_positions(trials)
     if len(firsts) < _FEWEST_RADII:
@@ -228,9 +232,9 @@ def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
                 for p, t in firsts
             ]
         )
-        off = float((errors > radius).mean() + (errors > radius / 2.0).mean())
-        if off < least - _BETTER:
-            chosen, least = sigma, off
+        mean = float(np.minimum(errors / radius, 1.0).mean())
+        if mean < least - _BETTER:
+            chosen, least = sigma, mean
     return chosen
 
 
