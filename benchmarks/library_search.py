@@ -1,35 +1,47 @@
 """Measures which map of a library is searched first for a photo, and how long that takes in large libraries.
 
     python -m benchmarks.library_search FOLDER... [--index FOLDER] [--limit N] [--photos N] [--maps N]
+        [--postgresql]
 
 Each FOLDER holds a `map.cfg` with its index and a `queries.csv` of photos that were taken on it. The basis is
 trained on a sample of all of them, as in a library, and, with "map left out", on those of the other maps.
 
 Then there are as many photos as are asked for, on as many maps: vectors of the real ones with noise. A search
-on them is timed, without the extraction of the query.
+on them is timed, without the extraction of the query: in memory and, with --postgresql, by pgvector in a
+server that this starts, for somebody who sees all maps and for one who sees a tenth of them. Of that is also
+printed how many of the 20 maps that are most alike, and of the 20 photos, it finds.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.many_maps import fill
+from tests.postgresql_server import PostgresqlServer
 from webapp.core.features.extract import extract
 from webapp.core.retrieval import photo_vectors
 from webapp.files.photos.photo import read_gray
 from webapp.settings import Settings
+from webapp.store.backends import photo_search
+from webapp.store.library import Library, open_library
+from webapp.store.maps import photo_vectors as stored
 from webapp.tasks.find import rank_maps
 from webapp.tasks.find.describe_library import SAMPLE_PHOTOS, features, indexed_photos
 
 NOISE = 0.05
 """Standard deviation added to each number of a real vector, whose length is 1."""
 
-REPEATS = 20
+REPEATS, RECALL_AT = 20, 20
+ROUNDING = 1e-5
+"""Of a cosine that the database computes."""
+
 Descriptors = NDArray[np.uint8]
 
 
@@ -41,6 +53,7 @@ def main() -> None:
     parser.add_argument("--limit", type=int, default=40, help="queries of each map, evenly spread")
     parser.add_argument("--photos", type=int, default=1_000_000)
     parser.add_argument("--maps", type=int, default=10_000)
+    parser.add_argument("--postgresql", action="store_true", help="search in a database, too")
     arguments = parser.parse_args()
     settings = Settings()
     maps: dict[str, list[Descriptors]] = {}
@@ -58,7 +71,11 @@ def main() -> None:
         others = _ranks(name, maps, queries[name], basis=_basis(maps, leave_out=name))
         shares = "   ".join(f"{np.mean(r < 1):14.3f} / {np.mean(r < 3):.3f}" for r in (ranks, others))
         print(f"{name:18s} {len(maps[name]):6d}  {shares}", flush=True)
-    _time(basis, maps, queries, photos=arguments.photos, count=arguments.maps)
+    library = _library(basis, maps, photos=arguments.photos, count=arguments.maps)
+    asked = [photo_vectors.vector(basis, q) for some in queries.values() for q in some][:REPEATS]
+    _time(library, asked)
+    if arguments.postgresql:
+        _time_postgresql(library, asked, basis=basis)
 
 
 def _queries(folder: Path, limit: int, settings: Settings) -> list[Descriptors]:
@@ -97,29 +114,119 @@ def _ranks(
     return np.array(ranks)
 
 
-def _time(
-    basis: photo_vectors.Basis,
-    maps: dict[str, list[Descriptors]],
-    queries: dict[str, list[Descriptors]],
-    *,
-    photos: int,
-    count: int,
-) -> None:
+def _library(
+    basis: photo_vectors.Basis, maps: dict[str, list[Descriptors]], *, photos: int, count: int
+) -> list[NDArray[np.float16]]:
+    """Make the vectors of a large library, map by map."""
     rng = np.random.default_rng(1)
     real = np.concatenate([_matrix(basis, some) for some in maps.values()]).astype(np.float32)
     library = []
     for rows in np.array_split(np.arange(photos), count):
         some = real[rows % len(real)] + rng.normal(0.0, NOISE, (len(rows), real.shape[1])).astype(np.float32)
         library.append((some / np.linalg.norm(some, axis=1, keepdims=True)).astype(np.float16))
-    size = sum(vectors.nbytes for vectors in library) / 1e6
+    return library
+
+
+def _time(library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]]) -> None:
     seconds = []
-    asked = [photo_vectors.vector(basis, q) for some in queries.values() for q in some][:REPEATS]
     for query in asked:
         begun = time.perf_counter()
-        sorted(range(count), key=[-rank_maps.likeness(vectors, query) for vectors in library].__getitem__)
+        sorted(range(len(library)), key=[-rank_maps.likeness(v, query) for v in library].__getitem__)
         seconds.append(time.perf_counter() - begun)
+    photos, size = sum(map(len, library)), sum(vectors.nbytes for vectors in library) / 1e6
+    print(f"{photos} photos on {len(library)} maps, in memory: {_spread(seconds)}; {size:.0f} MB", flush=True)
+
+
+def _time_postgresql(
+    library: list[NDArray[np.float16]], asked: list[NDArray[np.float32]], *, basis: photo_vectors.Basis
+) -> None:
+    server = PostgresqlServer()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            there = open_library(Path(folder), url=server.new_database(empty=True))
+            basis_id = _keep(there, library, basis)
+            search = there.database.photo_search
+            assert search is not None
+            begun = time.perf_counter()
+            search.refresh()
+            print(f"first filled in {time.perf_counter() - begun:.0f} s", flush=True)
+            begun = time.perf_counter()
+            _keep_map(there, 1, np.concatenate([library[0], library[1]]), basis_id=basis_id)
+            search.refresh()
+            print(f"{len(library[1])} photos more in {time.perf_counter() - begun:.2f} s")
+            _keep_map(there, 1, library[0], basis_id=basis_id)
+            search.refresh()
+            for name, step in (("all", 1), ("a tenth", 10)):
+                _compare(there, library, asked, basis_id=basis_id, name=name, step=step)
+            there.database.close()
+    finally:
+        server.remove()
+
+
+def _keep(there: Library, library: list[NDArray[np.float16]], basis: photo_vectors.Basis) -> int:
+    fill(there, maps=len(library), photos=0)
+    with there.database.write() as session:
+        basis_id = stored.add_basis(session, basis, photos=1)
+        stored.use_basis(session, basis_id)
+    for number, vectors in enumerate(library):
+        _keep_map(there, number + 1, vectors, basis_id=basis_id)
+    return basis_id
+
+
+def _keep_map(there: Library, map_id: int, vectors: NDArray[np.float16], *, basis_id: int) -> None:
+    named = {f"{map_id:032x}{number:032x}": vector for number, vector in enumerate(vectors)}
+    with there.database.write() as session:
+        stored.keep_vectors(session, map_id, basis_id=basis_id, vectors=named)
+
+
+def _compare(
+    there: Library,
+    library: list[NDArray[np.float16]],
+    asked: list[NDArray[np.float32]],
+    *,
+    basis_id: int,
+    name: str,
+    step: int,
+) -> None:
+    """Time the searches of somebody who sees each `step`-th map, and compare them with those in memory."""
+    search = there.database.photo_search
+    assert search is not None
+    seen = [*range(step, len(library) + 1, step)]
+    seconds, maps, photos = [], [], []
+    for query in asked:
+        begun = time.perf_counter()
+        found = search.likeness(query, basis_id=basis_id, map_ids=seen)
+        seconds.append(time.perf_counter() - begun)
+        exact = {id: rank_maps.likeness(library[id - 1], query) for id in seen}
+        maps.append(len(_first(found) & _first(exact)) / RECALL_AT)
+        every = np.concatenate([library[id - 1].astype(np.float32) @ query for id in seen])
+        photos.append(_recall(there, query, basis_id=basis_id, seen=seen, every=every))
+    print(
+        f"{name} of {len(library)} maps seen, pgvector: {_spread(seconds)}; "
+        f"recall@{RECALL_AT} of maps {np.mean(maps):.3f}, of photos {np.mean(photos):.3f}",
+        flush=True,
+    )
+
+
+def _recall(
+    there: Library, query: NDArray[np.float32], *, basis_id: int, seen: list[int], every: NDArray[np.float32]
+) -> float:
+    """Compute how many of the photos that are most alike the index has, as many as `RECALL_AT`."""
+    vector = f"[{','.join(map(repr, query.tolist()))}]"
+    values = {"query": vector, "basis": basis_id, "maps": seen, "nearest": photo_search.NEAREST}
+    with there.database.engine.begin() as connection:
+        nearest = photo_search._nearest(connection, values)
+    least = float(np.partition(every, -RECALL_AT)[-RECALL_AT]) - ROUNDING
+    return min(sum(likeness >= least for _, likeness in nearest) / RECALL_AT, 1.0)
+
+
+def _first(likeness: dict[int, float]) -> set[int]:
+    return {*sorted(likeness, key=likeness.__getitem__, reverse=True)[:RECALL_AT]}
+
+
+def _spread(seconds: list[float]) -> str:
     median, p95 = np.percentile(seconds, [50, 95])
-    print(f"{photos} photos on {count} maps: {median:.3f} s, 95 % {p95:.3f} s; {size:.0f} MB")
+    return f"{median:.3f} s, 95 % {p95:.3f} s"
 
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ def test_the_composition_of_several_servers(project, compose):
     assert ports and all(port.startswith("127.0.0.1:") for port in ports)
     for name, one in services.items():
         if "build" not in one:
-            assert re.fullmatch(r"[a-z]+:\d+\.\d+[\w.-]*", one["image"]), "an exact version"
+            assert re.fullmatch(r"[a-z]+(/[a-z]+)?:\d+\.\d+[\w.-]*", one["image"]), "an exact version"
             continue
         assert (project / ".docker" / one["build"]["context"] / one["build"]["dockerfile"]).is_file()
         assert one["read_only"] and one["cap_drop"] == ["ALL"], name

@@ -43,8 +43,8 @@ from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Lease, Limits
 from webapp.store.schema import Job, MapRecord
-from webapp.tasks.maps import photo_files
-from webapp.tasks.maps.delete_map import delete_orphans
+from webapp.tasks.find.queue_refresh import queue_refresh
+from webapp.tasks.maps import delete_map, photo_files
 from webapp.tasks.maps.export import export_late_maps
 from webapp.tasks.operate import objects, sweep_uploads
 from webapp.tasks.satellite import files
@@ -232,7 +232,7 @@ class Worker:
         heart.beat(always=True)
         self._log_end(job, self._end(job, context, work), time.monotonic() - begun)
         if context.progress.cancelled():
-            _sweep([partial(delete_orphans, self._library)])
+            _sweep([partial(delete_map.delete_orphans, self._library)])
         return work.exception()
 
     def _work(self, job: Job, context: Context) -> Mapping[str, Any] | None:
@@ -347,7 +347,7 @@ def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Swe
     sweeps += [partial(photo_files.sweep_orphans, library, map_id=id) for id in ids]
     keep = timedelta(hours=settings.upload.keep_hours)
     sweeps += [partial(files.sweep, library, map_id=id, keep=keep) for id in ids]
-    _sweep([*sweeps, partial(delete_orphans, library)])
+    _sweep([*sweeps, partial(delete_map.delete_orphans, library), partial(queue_refresh, library)])
 
 
 def _sweep(sweeps: Sequence[Callable[[], object]]) -> None:

@@ -63,6 +63,7 @@ class Database:
         self._turn = self.backend.turn()
         self._listener = self.backend.listener(self.engine)
         self.request_counts = self.backend.request_counts(self.engine)
+        self.photo_search = self.backend.photo_search(self.engine)
 
     @contextmanager
     def read(self) -> Iterator[Session]:

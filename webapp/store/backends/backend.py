@@ -13,6 +13,7 @@ from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
 from webapp.errors import ExpMapError, NotFound, StorageError
+from webapp.store.backends.photo_search import PhotoSearch
 from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import Listener
 
@@ -104,6 +105,10 @@ class Backend(ABC):
     @abstractmethod
     def request_counts(self, engine: Engine) -> RequestCounts | None:
         """Make what counts requests for all machines; None for a database of one, which counts in memory."""
+
+    @abstractmethod
+    def photo_search(self, engine: Engine) -> PhotoSearch | None:
+        """Make what searches for similar photos; None for a database that cannot: it is done in memory."""
 
     @abstractmethod
     def insert(

@@ -26,6 +26,7 @@ from webapp.store.backends.backend import (
     has_moved,
     too_large,
 )
+from webapp.store.backends.photo_search import PhotoSearch
 from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import CHANNEL, Listener
 
@@ -234,6 +235,10 @@ class Postgresql(Backend):
     def request_counts(self, engine: Engine) -> RequestCounts:
         """Make what counts in a table of its own."""
         return RequestCounts(engine)
+
+    def photo_search(self, engine: Engine) -> PhotoSearch:
+        """Make what searches by pgvector."""
+        return PhotoSearch(engine)
 
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]

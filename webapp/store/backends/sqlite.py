@@ -94,6 +94,9 @@ class Sqlite(Backend):
     def request_counts(self, engine: Engine) -> None:
         """Make nothing: each process counts for itself, which costs no write."""
 
+    def photo_search(self, engine: Engine) -> None:
+        """Make nothing: the photos of one machine are compared in its memory."""
+
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:

@@ -32,7 +32,7 @@ from sqlalchemy.types import TypeEngine
 
 from webapp.errors import StorageError, UsageError
 from webapp.progress import Progress
-from webapp.store.backends import request_counts
+from webapp.store.backends import photo_search, request_counts
 from webapp.store.database import Database, backend_of
 from webapp.store.library import has_tables, migrate
 from webapp.store.moving import marks
@@ -40,7 +40,7 @@ from webapp.store.moving import marks
 _ROWS, _LARGE_ROWS = 2000, 50
 """At once, of plain tables and of those with rows of any size."""
 
-_NOT_RECORDS = marks.MARKS | {"alembic_version", request_counts.TABLE}
+_NOT_RECORDS = marks.MARKS | photo_search.TABLES | {"alembic_version", request_counts.TABLE}
 
 Row = Sequence[Any]
 Convert = Callable[[Any], Any]
@@ -95,7 +95,7 @@ def prepare(target: Database, *, key: str, again: bool = False) -> None:
             )
         if again:
             there = MetaData()
-            there.reflect(connection)
+            there.reflect(connection, only=lambda name, _: name not in photo_search.TABLES)
             there.drop_all(connection)
         if again or earlier is None:
             marks.mark_filling(connection, key)
@@ -138,8 +138,8 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
 def _tables(source: Connection) -> list[Table]:
     """Read which tables there are, those that others refer to first."""
     there = MetaData()
-    there.reflect(source)
-    return [table for table in there.sorted_tables if table.name not in _NOT_RECORDS]
+    there.reflect(source, only=lambda name, _: name not in _NOT_RECORDS)
+    return there.sorted_tables
 
 
 def _copied(source: Connection, target: Connection, table: Table, *, progress: Progress) -> TableCopy:

@@ -31,9 +31,9 @@ from webapp.store.maps import photo_vectors as stored
 from webapp.store.maps.photo_vectors import StoredBasis
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord
+from webapp.tasks.find.queue_refresh import JOB
 from webapp.tasks.localize.index_location import index_bases, index_folder
 
-JOB = "describe-library"
 GROWTH = 4
 """A basis is trained anew when there are so many times as many photos."""
 
@@ -66,6 +66,7 @@ def describe_map(
         return
     for basis in there:
         _describe(library, record, basis=basis, settings=settings, writes=writes, progress=progress)
+    _refresh_search(library, progress)
     with library.database.read() as session:
         due = _is_outgrown(session, there)
     if due:
@@ -87,6 +88,7 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
     ------
     StorageError, Cancelled
     """
+    _refresh_search(library, progress)  # for maps that a move, or an older version, has brought
     with library.database.read() as session:
         there = stored.bases(session)
         if not any(not b.ready for b in there) and not _is_outgrown(session, there):
@@ -105,9 +107,18 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
         progress.note(record.name)
         _describe(library, record, basis=new, settings=settings, writes=writes, progress=progress)
         progress.advance()
+    _refresh_search(library, progress)  # before searches use it
     with writes() as session:
         stored.use_basis(session, new.id)
         return stored.described_photos(session, basis_id=new.id)
+
+
+def _refresh_search(library: Library, progress: Progress) -> None:
+    """Have the database search what is described now, where it can."""
+    database = library.database
+    if database.photo_search is not None:
+        with database.translated_errors():
+            database.photo_search.refresh(check=progress.check)
 
 
 def _is_outgrown(session: Session, there: list[StoredBasis]) -> bool:

@@ -14,14 +14,12 @@ from webapp.core.features.extract import extract
 from webapp.core.retrieval import photo_vectors
 from webapp.files.photos.photo import read_gray
 from webapp.settings import Settings
+from webapp.store.backends.photo_search import COMPARED
 from webapp.store.library import Library
 from webapp.store.maps import photo_vectors as stored
 from webapp.store.maps.photo_vectors import StoredBasis
 from webapp.store.schema import MapRecord
 from webapp.tasks.find.describe_library import features
-
-_BEST = 3
-"""A map counts as its photos that are most alike, in the mean: one may be so by chance."""
 
 _READ_AT_ONCE = 100
 _BLOCK = 16_384
@@ -45,10 +43,11 @@ class RankedMaps:
 
 
 class MapRanking:
-    """The vectors of a library's photos, in memory: 256 bytes a photo.
+    """Compares a photo with those of a library: in the database where that can search for similar photos.
 
-    They are compared one by one, which takes a quarter of a second for a million photos; what has changed
-    since the last query is read again, map by map.
+    Elsewhere, and those of maps that it does not have yet, they are in memory, 256 bytes a photo, and are
+    compared one by one, which takes a quarter of a second for a million; what has changed since the last
+    query is read again, map by map.
     """
 
     def __init__(self, library: Library, settings: Settings) -> None:
@@ -72,9 +71,19 @@ class MapRanking:
         if basis is None or len(records) < 2:
             return RankedMaps((), tuple(records))
         query = photo_vectors.vector(basis.basis, self._descriptors(photo))
-        score = {id: likeness(vectors, query) for id, vectors in maps.items()}
+        score = self._in_database(query, records, basis_id=basis.id)
+        score |= {id: likeness(vectors, query) for id, vectors in maps.items()}
         alike = sorted((r for r in records if r.id in score), key=lambda record: -score[record.id])
         return RankedMaps(tuple(alike), tuple(r for r in records if r.id not in score))
+
+    def _in_database(
+        self, query: NDArray[np.float32], records: Sequence[MapRecord], *, basis_id: int
+    ) -> dict[int, float]:
+        database = self._library.database
+        if database.photo_search is None:
+            return {}
+        with database.translated_errors():
+            return database.photo_search.likeness(query, basis_id=basis_id, map_ids=[r.id for r in records])
 
     def _refresh(self) -> None:
         """Read what has changed."""
@@ -84,13 +93,22 @@ class MapRanking:
                 self._basis, self._maps = ready, {}
             if ready is None:
                 return
-            versions = stored.versions(session, basis_id=ready.id)
+            versions = stored.versions(session, basis_id=ready.id, of=self._not_in_database(ready.id))
             old = {id for id, (version, _) in self._maps.items() if versions.get(id) != version}
             self._maps = {id: found for id, found in self._maps.items() if id not in old}
             missing = [id for id in versions if id not in self._maps]
             for start in range(0, len(missing), _READ_AT_ONCE):
                 some = missing[start : start + _READ_AT_ONCE]
                 self._maps |= stored.matrices(session, some, basis_id=ready.id)
+
+    def _not_in_database(self, basis_id: int) -> list[int] | None:
+        """List the maps that the database cannot search as they are; None for all."""
+        database = self._library.database
+        if database.photo_search is None:
+            return None
+        with database.translated_errors():
+            stale = database.photo_search.stale()
+        return None if stale is None else [map_id for map_id, of in stale if of == basis_id]
 
     def _descriptors(self, photo: Path) -> NDArray[np.uint8]:
         asked = self._settings.extract
@@ -105,6 +123,6 @@ def likeness(vectors: NDArray[np.float16], query: NDArray[np.float32]) -> float:
     """Return the mean cosine of the photos that are most alike."""
     blocks = (vectors[start : start + _BLOCK] for start in range(0, len(vectors), _BLOCK))
     cosines = np.concatenate([np.zeros(0, np.float32), *(b.astype(np.float32) @ query for b in blocks)])
-    if len(cosines) > _BEST:
-        cosines = np.partition(cosines, -_BEST)[-_BEST:]
+    if len(cosines) > COMPARED:
+        cosines = np.partition(cosines, -COMPARED)[-COMPARED:]
     return float(cosines.mean()) if len(cosines) else -1.0

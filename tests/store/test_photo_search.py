@@ -1,0 +1,161 @@
+"""PostgreSQL searches for similar photos by pgvector, as it is done in memory elsewhere."""
+
+import logging
+
+import numpy as np
+import pytest
+from sqlalchemy import text
+
+from webapp.core.retrieval.engines.vlad import Codebook
+from webapp.core.retrieval.photo_vectors import DIMENSIONS, Basis
+from webapp.store.backends import photo_search
+from webapp.store.maps import photo_vectors
+from webapp.tasks.find.rank_maps import likeness
+
+MAPS, PHOTOS = 12, 40
+
+pytestmark = pytest.mark.usefixtures("postgresql_only")
+
+
+@pytest.fixture
+def search(library):
+    return library.database.photo_search
+
+
+@pytest.fixture
+def basis_id(library):
+    codebook = Codebook(np.zeros((1, 4), np.float32), np.zeros((1, 4), np.float32))
+    with library.database.write() as session:
+        return photo_vectors.add_basis(
+            session, Basis(codebook, np.zeros((4, DIMENSIONS), np.float32)), photos=1
+        )
+
+
+@pytest.fixture
+def maps(new_account, new_map):
+    """Ids of some maps without photos."""
+    ana = new_account("ana", is_owner=True)
+    return [new_map(ana, photos=0, name=f"Map {number}") for number in range(MAPS)]
+
+
+@pytest.fixture
+def keep(library, basis_id):
+    """Keep so many vectors of a map, round a direction of its own; gives them."""
+
+    def run(map_id, count=PHOTOS, *, draw=0):
+        rng = np.random.default_rng([map_id, draw])
+        direction = np.random.default_rng(map_id).normal(size=DIMENSIONS)
+        rows = direction + rng.normal(size=(count, DIMENSIONS))
+        rows = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float16)
+        named = {f"{map_id:032x}{number:032x}": row for number, row in enumerate(rows)}
+        with library.database.write() as session:
+            photo_vectors.keep_vectors(session, map_id, basis_id=basis_id, vectors=named)
+        return rows
+
+    return run
+
+
+def _query(map_id):
+    direction = np.random.default_rng(map_id).normal(size=DIMENSIONS)
+    return (direction / np.linalg.norm(direction)).astype(np.float32)
+
+
+@pytest.mark.parametrize("few", [10**6, 0], ids=["all compared", "by the index"])
+def test_maps_are_as_much_alike_as_in_memory(search, basis_id, maps, keep, few, monkeypatch):
+    monkeypatch.setattr(photo_search, "_FEW", few)
+    rows = {id: keep(id, count=2 if id == maps[4] else PHOTOS) for id in maps}
+    search.refresh()
+    for wanted in (maps[0], maps[4], maps[7]):
+        query = _query(wanted)
+        found = search.likeness(query, basis_id=basis_id, map_ids=maps)
+        expected = {id: likeness(rows[id], query) for id in maps}
+        assert max(found, key=found.get) == wanted
+        assert found == pytest.approx(expected, abs=2e-3)
+
+
+def test_maps_beyond_the_nearest_photos_come_last(search, basis_id, maps, keep, monkeypatch):
+    monkeypatch.setattr(photo_search, "_FEW", 0)
+    monkeypatch.setattr(photo_search, "NEAREST", PHOTOS // 2)
+    for id in maps:
+        keep(id)
+    search.refresh()
+    found = search.likeness(_query(maps[3]), basis_id=basis_id, map_ids=maps)
+    assert found.keys() == {*maps} and max(found, key=found.get) == maps[3]
+    assert [*found.values()].count(-1.0) == MAPS - 1, "its own photos are the nearest"
+
+
+@pytest.mark.parametrize("few", [10**6, 0], ids=["all compared", "by the index"])
+def test_photos_of_maps_that_one_may_not_see_are_not_looked_at(
+    search, basis_id, maps, keep, few, monkeypatch
+):
+    monkeypatch.setattr(photo_search, "_FEW", few)
+    monkeypatch.setattr(photo_search, "NEAREST", 10)
+    for id in maps:
+        keep(id)
+    search.refresh()
+    mine = maps[6:8]
+    found = search.likeness(_query(maps[0]), basis_id=basis_id, map_ids=mine)
+    assert found.keys() == {*mine} and max(found.values()) > -1.0
+
+
+def test_what_changes_is_taken_over_and_what_is_gone_is_deleted(library, search, basis_id, maps, keep):
+    keep(maps[0], count=5)
+    keep(maps[1], count=5)
+    assert search.stale() is None and search.is_behind(), "nothing is there yet"
+    search.refresh()
+    assert search.stale() == [] and not search.is_behind()
+    before = _rows(library)
+    keep(maps[0], count=8)
+    assert search.stale() == [(maps[0], basis_id)] and search.is_behind()
+    search.refresh()
+    after = _rows(library)
+    assert len(after) == 13 and before < after, "rows of photos that stay are not written again"
+    keep(maps[0], count=3)
+    with library.database.write() as session:
+        session.execute(text("DELETE FROM map WHERE id = :id"), {"id": maps[1]})
+    search.refresh()
+    assert {(map_id, content) for map_id, content, _ in _rows(library)} == {
+        (maps[0], bytes.fromhex(f"{maps[0]:032x}{number:032x}")) for number in range(3)
+    }
+
+
+def _rows(library):
+    """Where each row is: another place when it was written again."""
+    with library.database.read() as session:
+        return {
+            (map_id, bytes(content), place)
+            for map_id, content, place in session.execute(
+                text("SELECT map_id, content, ctid::text FROM photo_vector")
+            )
+        }
+
+
+def test_a_refresh_that_is_stopped_goes_on(search, maps, keep, basis_id):
+    for id in maps:
+        keep(id, count=4)
+    calls = []
+
+    def stop():
+        calls.append(1)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search.refresh(check=stop)
+    assert [id for id, _ in search.stale()] == maps[3:]
+    found = search.likeness(_query(maps[0]), basis_id=basis_id, map_ids=maps)
+    assert found.keys() == {*maps[:3]}, "the others are left to who compares in memory"
+    search.refresh()
+    assert search.stale() == []
+
+
+def test_a_server_without_the_extension_is_said_once(search, maps, keep, basis_id, caplog, monkeypatch):
+    keep(maps[0], count=4)
+    monkeypatch.setattr(photo_search, "_ADD_EXTENSION", 'CREATE EXTENSION IF NOT EXISTS "no such extension"')
+    with caplog.at_level(logging.INFO):
+        search.refresh()
+        search.refresh()
+    (line,) = [record.getMessage() for record in caplog.records if "in memory" in record.getMessage()]
+    assert "no such extension" in line
+    assert search.stale() is None
+    assert search.likeness(_query(maps[0]), basis_id=basis_id, map_ids=maps) == {}
