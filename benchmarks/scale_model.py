@@ -35,6 +35,9 @@ BUILD_DAYS = 30
 """The first indexes may take so long."""
 ALL_MAPS_MB = 256.0
 """Memory of a process that searches all maps, for a million photos: `python -m benchmarks.library_search`."""
+IN_MEMORY_UP_TO, IN_DATABASE_KB = 100_000, 1.0
+"""Photos up to which that is done in memory; beyond by pgvector, which takes so much a photo (the same
+benchmark prints it) and is planned to be in the database server's memory."""
 COMPRESSED_UP_TO = 9_600
 """Photos of a map that are searched by compressed descriptors; with more, by signatures."""
 TIERS = {"compressed": "500", "signatures": "0"}
@@ -113,14 +116,16 @@ def plan(
     build_hours = photos * tier.build_s / 3600
     build_cores = max(1.0, build_hours / (BUILD_DAYS * 24))
     open_mb = min(maps, options.open_maps) * (tier.process_mb - measured.empty_mb)
-    process_mb = measured.empty_mb + open_mb + photos / 1e6 * ALL_MAPS_MB
+    in_memory = photos <= IN_MEMORY_UP_TO
+    process_mb = measured.empty_mb + open_mb + in_memory * photos / 1e6 * ALL_MAPS_MB
+    search_gb = 0.0 if in_memory else photos * IN_DATABASE_KB / 1e6
     memory_gb = math.ceil(answer_cores) * process_mb / 1000
     objects_tb = photos * (measured.photo_mb * 1e6 + tier.index_kb * 1000) / 1e12
     folder_tb = photos * measured.previews_kb * 1000 / 1e12
     rows_gb = photos * measured.row_kb * 1000 / 1e9
     money = {
         "cores": (answer_cores + build_cores) * options.core,
-        "memory": memory_gb * options.gb_memory,
+        "memory": (memory_gb + search_gb) * options.gb_memory,
         "objects": objects_tb * options.tb_objects,
         "disk": (folder_tb + rows_gb / 1000) * options.tb_disk,
     }
@@ -135,6 +140,7 @@ def plan(
         f"cores for these in {BUILD_DAYS} days": build_cores,
         "cores for answers": answer_cores,
         "memory for answers, GB": memory_gb,
+        "search on all maps, GB": search_gb,
         **{f"{name}, a month": value for name, value in money.items()},
         "all, a month": sum(money.values()),
     }

@@ -8,7 +8,7 @@ from apiflask import Schema
 from apiflask.fields import Integer, String
 from apiflask.validators import Length, Range
 
-from webapp.store.list_cursor import is_cursor, read_cursor
+from webapp.store.list_parts import is_cursor, read_cursor
 from webapp.web.fields import Boolean, CheckedText
 
 MOST_SEARCHED = 120

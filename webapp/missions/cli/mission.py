@@ -55,7 +55,7 @@ def list_missions(slug: str | None, library: Path | None) -> None:
     with _opened(library) as place, place.database.read() as session:
         owner = _owner(place)
         on = None if slug is None else maps.find(session, slug, account=owner).id
-        for entry in missions.list_missions(session, owner, part=missions.ListPart(map_id=on)):
+        for entry in missions.list_missions(session, owner, part=missions.MissionListPart(map_id=on)):
             mission = entry.mission
             given = (mission.id, mission.name, entry.poses, entry.objects)
             click.echo("\t".join(map(str, [*given, f"{mission.changed_at:%Y-%m-%d %H:%M}"])))

@@ -18,7 +18,7 @@ from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, O
 from webapp.store.clock import now
 from webapp.store.database import announce
 from webapp.store.library import Library
-from webapp.store.list_cursor import ListCursor, last_changed_first
+from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES, Role
 from webapp.store.operate import jobs
@@ -279,34 +279,22 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class ListPart:
-    """Which missions are listed.
+class MissionListPart(ListPart):
+    """Which missions are listed; they are searched by the name of their map, too.
 
     Attributes
     ----------
     map_id : int or None
         Only those on that map.
-    binned : bool
-        Those in the bin instead.
-    search : str
-        Only those with this text in their name or that of their map; case and accents do not matter.
-    after : ListCursor or None
-        Only those after it.
-    limit : int or None
-        Maximum number; None for all.
     """
 
     map_id: int | None = None
-    binned: bool = False
-    search: str = ""
-    after: ListCursor | None = None
-    limit: int | None = None
 
 
-_ALL = ListPart()
+_ALL = MissionListPart()
 
 
-def list_missions(session: Session, account: Account, *, part: ListPart = _ALL) -> list[Entry]:
+def list_missions(session: Session, account: Account, *, part: MissionListPart = _ALL) -> list[Entry]:
     """List missions that an account may see, the last changed first."""
     ids, after = visible(session, account, binned=part.binned), part.after
     if part.map_id is not None:

@@ -197,7 +197,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
     """List the missions that you may see, in pages where a `limit` is given."""
     who, map_ = account(), query["map"]
     map_id = None if map_ is None else open_map(map_, binned=True).id
-    part = missions.ListPart(map_id=map_id, **wanted_part(query))
+    part = missions.MissionListPart(map_id=map_id, **wanted_part(query))
     with library().database.read() as session:
         shown, last = split(missions.list_missions(session, who, part=part), query["limit"])
         drawn = preview_missions(session, shown) if query["previews"] else [None] * len(shown)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Literal, NamedTuple
 
@@ -15,7 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
-from webapp.store.list_cursor import ListCursor, last_changed_first
+from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
 from webapp.store.schema import Account, MapRecord, Member, Photo
 
 Role = Literal["owner", "editor", "viewer"]
@@ -118,32 +117,10 @@ def _role(name: str) -> Role | None:
     return next((role for role in ROLES if role == name), None)
 
 
-@dataclass(frozen=True, slots=True)
-class MapListPart:
-    """Which maps are listed.
-
-    Attributes
-    ----------
-    binned : bool
-        Those in the bin instead of those in use.
-    search : str
-        Only those with this text in their name; case and accents do not matter.
-    after : ListCursor or None
-        Only those after it.
-    limit : int or None
-        Maximum number; None for all.
-    """
-
-    binned: bool = False
-    search: str = ""
-    after: ListCursor | None = None
-    limit: int | None = None
+_ALL = ListPart()
 
 
-_ALL = MapListPart()
-
-
-def list_maps(session: Session, account: Account, *, part: MapListPart = _ALL) -> list[MapRecord]:
+def list_maps(session: Session, account: Account, *, part: ListPart = _ALL) -> list[MapRecord]:
     """List maps that an account may see, the last changed first."""
     ids = visible(account, binned=part.binned)
     if part.after is not None:

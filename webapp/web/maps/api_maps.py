@@ -10,6 +10,7 @@ from apiflask.validators import Length, OneOf
 
 from webapp.core.mapmodel.notes import MOST_TEXT
 from webapp.errors import Conflict
+from webapp.store.list_parts import ListPart
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
@@ -128,7 +129,7 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
     """List the maps that you may see, in pages where a `limit` is given."""
     who = account()
     with library().database.read() as session:
-        found = maps.list_maps(session, who, part=maps.MapListPart(**wanted_part(query)))
+        found = maps.list_maps(session, who, part=ListPart(**wanted_part(query)))
         shown, last = split(found, query["limit"])
         return {
             "maps": state.summaries(session, shown, account=who),

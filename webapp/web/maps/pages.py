@@ -12,7 +12,7 @@ from werkzeug.wrappers import Response
 
 from webapp.errors import ExpMapError, UsageError
 from webapp.store.accounts import accounts
-from webapp.store.list_cursor import is_cursor
+from webapp.store.list_parts import ListPart, is_cursor
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
@@ -81,7 +81,7 @@ def _listed(session: Session, who: Account, *, binned: bool) -> dict[str, Any]:
         raise UsageError("this part of the list does not exist", hint="open the list again")
     limit = None if "whole" in request.args else _PAGE
     part = wanted_part({"bin": binned, "search": search, "after": after, "limit": limit})
-    shown, last = split(maps.list_maps(session, who, part=maps.MapListPart(**part)), limit)
+    shown, last = split(maps.list_maps(session, who, part=ListPart(**part)), limit)
     more = {"search": search or None, "after": maps.cursor(last).text()} if last else None
     return {"cards": _cards(session, shown, who=who), "search": search, "more": more}
 

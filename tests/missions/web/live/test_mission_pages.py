@@ -130,7 +130,7 @@ def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library,
     try:
         with library.database.write() as session:
             account = session.query(Account).filter_by(is_owner=True).one()
-            page = missions.list_missions(session, account, part=missions.ListPart(limit=2))
+            page = missions.list_missions(session, account, part=missions.MissionListPart(limit=2))
     finally:
         event.remove(library.database.engine, "before_cursor_execute", batch)
     assert [(entry.mission.id, entry.poses) for entry in page] == [(ids[2], 3), (ids[1], 3)]

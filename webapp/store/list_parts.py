@@ -1,8 +1,9 @@
-"""Lists that are given in parts, the last changed first: where the next part begins."""
+"""Lists that are given in parts, the last changed first."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -32,6 +33,28 @@ class ListCursor(NamedTuple):
         """Select the records after it in the order of `last_changed_first`."""
         same = and_(changed_at == self.changed_at, id < self.id)
         return or_(changed_at < self.changed_at, same)
+
+
+@dataclass(frozen=True, slots=True)
+class ListPart:
+    """Which records are listed.
+
+    Attributes
+    ----------
+    binned : bool
+        Those in the bin instead of those in use.
+    search : str
+        Only those with this text in their name; case and accents do not matter.
+    after : ListCursor or None
+        Only those after it.
+    limit : int or None
+        Maximum number; None for all.
+    """
+
+    binned: bool = False
+    search: str = ""
+    after: ListCursor | None = None
+    limit: int | None = None
 
 
 def is_cursor(text: str) -> bool:
