@@ -137,10 +137,11 @@ def keep_vectors(
     )
 
 
-def versions(session: Session, *, basis_id: int, of: Collection[int] | None = None) -> dict[int, str]:
-    """Return the versions of maps' vectors, by the ids of the maps; of all maps, or of those in `of`."""
-    query = select(MapVectors.map_id, MapVectors.version).where(MapVectors.basis_id == basis_id)
-    rows = session.execute(query if of is None else query.where(MapVectors.map_id.in_(of)))
+def versions(session: Session, *, basis_id: int) -> dict[int, str]:
+    """Return the versions of all maps' vectors, by the ids of the maps."""
+    rows = session.execute(
+        select(MapVectors.map_id, MapVectors.version).where(MapVectors.basis_id == basis_id)
+    )
     return {id: str(version) for id, version in rows}
 
 

@@ -93,7 +93,9 @@ class MapRanking:
                 self._basis, self._maps = ready, {}
             if ready is None:
                 return
-            versions = stored.versions(session, basis_id=ready.id, of=self._not_in_database(ready.id))
+            wanted = self._not_in_database(ready.id)
+            versions = {} if wanted == set() else stored.versions(session, basis_id=ready.id)
+            versions = {id: version for id, version in versions.items() if wanted is None or id in wanted}
             old = {id for id, (version, _) in self._maps.items() if versions.get(id) != version}
             self._maps = {id: found for id, found in self._maps.items() if id not in old}
             missing = [id for id in versions if id not in self._maps]
@@ -101,14 +103,14 @@ class MapRanking:
                 some = missing[start : start + _READ_AT_ONCE]
                 self._maps |= stored.matrices(session, some, basis_id=ready.id)
 
-    def _not_in_database(self, basis_id: int) -> list[int] | None:
+    def _not_in_database(self, basis_id: int) -> set[int] | None:
         """List the maps that the database cannot search as they are; None for all."""
         database = self._library.database
         if database.photo_search is None:
             return None
         with database.translated_errors():
             stale = database.photo_search.stale()
-        return None if stale is None else [map_id for map_id, of in stale if of == basis_id]
+        return None if stale is None else {map_id for map_id, of in stale if of == basis_id}
 
     def _descriptors(self, photo: Path) -> NDArray[np.uint8]:
         asked = self._settings.extract
