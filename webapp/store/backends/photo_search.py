@@ -6,6 +6,7 @@ records themselves: a map whose rows are missing, or old, is compared in memory 
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,9 @@ COMPARED = 3
 
 _FEW = 50_000
 """Photos up to which all are compared instead of asking the index."""
+
+_NOT_COMPARED = -2.0
+"""Added to the likeness of a map that is only estimated, so that it comes after those that are compared."""
 
 _OLDEST = (0, 8)
 """Version of pgvector that goes on searching where permissions leave out what it has found."""
@@ -171,8 +175,9 @@ class PhotoSearch:
         Returns
         -------
         dict of int to float
-            Mean cosine of the photos of each map that are most alike; -1 for maps none of whose photos are
-            among the `NEAREST`. Maps that the search does not have are left out.
+            Mean cosine of the photos of each map that are most alike. Where there are too many to compare
+            all, those of the maps that the index finds likely are compared; others are below -1, in the order
+            of what the index found of them. Maps that the search does not have are left out.
         """
         values = {
             "query": f"[{','.join(map(repr, query.tolist()))}]",
@@ -184,13 +189,15 @@ class PhotoSearch:
                 return {}
             photos = {int(id): int(n) for id, n in connection.execute(_COUNT, values)}
             values["maps"] = [*photos]
+            found = dict.fromkeys(photos, -1.0)
             wanted = min(NEAREST, sum(photos.values()))
             if sum(photos.values()) > _FEW:
                 nearest = _nearest(connection, {**values, "nearest": wanted})
                 if len(nearest) >= wanted:
-                    return _by_nearest(nearest, photos)
+                    found = _by_nearest(nearest, photos)
+                    values["maps"] = _likely(found, photos)
             means = connection.execute(_ALL, {**values, "compared": COMPARED}).all()
-        return dict.fromkeys(photos, -1.0) | {int(id): float(mean) for id, mean in means}
+        return found | {int(id): float(mean) for id, mean in means}
 
     @staticmethod
     def _is_there(connection: Connection) -> bool:
@@ -299,14 +306,21 @@ def _nearest(connection: Connection, values: Mapping[str, Any]) -> list[tuple[in
 
 
 def _by_nearest(nearest: list[tuple[int, float]], photos: Mapping[int, int]) -> dict[int, float]:
-    """Compute the likeness of maps from the photos that are most alike of all."""
+    """Estimate the likeness of maps from the photos that are most alike of all, shifted below -1."""
     each: dict[int, list[float]] = {}
     for id, likeness in nearest:
         each.setdefault(id, []).append(likeness)
     farthest = min(likeness for _, likeness in nearest)
-    means = dict.fromkeys(photos, -1.0)
+    found = dict.fromkeys(photos, _NOT_COMPARED - 1.0)
     for id, some in each.items():
         # Photos of it that were not found are at most as much alike as the last one that was.
         best = sorted(some, reverse=True)[:COMPARED] + [farthest] * (min(COMPARED, photos[id]) - len(some))
-        means[id] = sum(best) / len(best)
-    return means
+        found[id] = sum(best) / len(best) + _NOT_COMPARED
+    return found
+
+
+def _likely(found: Mapping[int, float], photos: Mapping[int, int]) -> list[int]:
+    """List the maps that are likely by what was found, as many as can be compared photo by photo."""
+    ordered = sorted(found, key=found.__getitem__, reverse=True)
+    sums = itertools.accumulate(photos[id] for id in ordered)
+    return [id for id, total in zip(ordered, sums, strict=True) if total <= _FEW] or ordered[:1]
