@@ -42,6 +42,7 @@ _DIMENSIONS, _SHA256_BYTES, _LOCK = 128, 32, 0x657870
 _NO_EXTENSION = ("0A000", "42501", "58P01")
 """Codes of PostgreSQL: the server does not have it, or the account may not add it to the database."""
 
+_UNLIMITED = "SET LOCAL statement_timeout = 0"
 _IS_THERE = """
 SELECT to_regclass('searchable_map') IS NOT NULL
        AND EXISTS (SELECT FROM pg_extension WHERE extname = 'vector')
@@ -68,6 +69,7 @@ _MAKE = (
     )
     """,
 )
+_HAS_INDEX = "SELECT to_regclass('photo_vector_hnsw') IS NOT NULL"
 _MAKE_INDEX = (
     "CREATE INDEX IF NOT EXISTS photo_vector_hnsw ON photo_vector USING hnsw (vector halfvec_ip_ops)",
     "ANALYZE photo_vector",
@@ -132,6 +134,8 @@ class PhotoSearch:
 
     def is_behind(self) -> bool:
         """Return whether `refresh` has something to do: not where the server lacks the extension."""
+        if self._said:
+            return False
         with self._engine.connect() as connection:
             if self._is_there(connection):
                 return connection.exec_driver_sql(_STALE).first() is not None
@@ -155,10 +159,11 @@ class PhotoSearch:
             with self._engine.begin() as connection:
                 _refresh_map(connection, map_id, basis_id)
         with self._engine.begin() as connection:
-            connection.exec_driver_sql("SET LOCAL statement_timeout = 0")
+            connection.exec_driver_sql(_UNLIMITED)
             connection.exec_driver_sql(_TIDY)
-            for statement in _MAKE_INDEX:  # when the first rows are there: that is much faster
-                connection.exec_driver_sql(statement)
+            if not connection.exec_driver_sql(_HAS_INDEX).scalar_one():
+                for statement in _MAKE_INDEX:  # when the first rows are there: that is much faster
+                    connection.exec_driver_sql(statement)
 
     def likeness(
         self, query: NDArray[np.float32], *, basis_id: int, map_ids: Collection[int]
@@ -208,18 +213,17 @@ class PhotoSearch:
         try:
             with self._engine.begin() as connection:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK}, 0)")
-                if not self._is_there(connection):
-                    connection.exec_driver_sql(_ADD_EXTENSION)
-                    for statement in _MAKE:
-                        connection.exec_driver_sql(statement)
+                connection.exec_driver_sql(_ADD_EXTENSION)
                 version = str(connection.exec_driver_sql(_VERSION).scalar_one())
+                if tuple(map(int, version.split(".")[:2])) < _OLDEST:
+                    self._say(f"pgvector is {version}, and 0.8 or newer is needed")
+                    return False
+                for statement in _MAKE:
+                    connection.exec_driver_sql(statement)
         except DBAPIError as error:
             if getattr(error.orig, "sqlstate", None) not in _NO_EXTENSION:
                 raise
             self._say(str(error.orig).partition("\n")[0])
-            return False
-        if tuple(map(int, version.split(".")[:2])) < _OLDEST:
-            self._say(f"pgvector is {version}, and 0.8 or newer is needed")
             return False
         return True
 
@@ -231,6 +235,7 @@ class PhotoSearch:
 
 def _refresh_map(connection: Connection, map_id: int, basis_id: int) -> None:
     """Add the rows of photos that are new, and delete those of photos that are gone."""
+    connection.exec_driver_sql(_UNLIMITED)  # a large map takes minutes
     connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK}, {map_id})")
     key = {"map": map_id, "basis": basis_id}
     record = connection.execute(_RECORD, key).one_or_none()

@@ -217,7 +217,7 @@ def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
     """Choose the weight of the best photo's place against a computed position.
 
     By the mean error, in which one that is farther off than the place radius counts as that. The photos of a
-    walk stand evenly apart, so that counts of errors below a limit do not tell weights from each other there.
+    walk stand evenly apart, so that counts of errors below a limit hardly differ between weights there.
     """
     chosen, least = DEFAULT.photo_sigma, math.inf
     firsts = _first_positions(trials)
