@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from flask import Flask, current_app, request
+from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, NotSignedIn, UsageError
 from webapp.store.maps import maps
@@ -55,12 +57,21 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
     ------
     NotSignedIn, NotFound, NotAllowed
     """
+    with reading_map(slug, role, binned=binned) as (_, record):
+        return record
+
+
+@contextmanager
+def reading_map(
+    slug: str, role: Role = "viewer", *, binned: bool = False
+) -> Iterator[tuple[Session, MapRecord]]:
+    """Find a map as `open_map` does, and read more of it in the same session."""
     who = account()
     with library().database.read() as session:
         record = maps.find(session, slug, account=who, role=role)
-    if record.binned_at is not None and not binned:
-        raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
-    return record
+        if record.binned_at is not None and not binned:
+            raise NotFound("this map is in the bin", where=slug, hint="restore it from the bin first")
+        yield session, record
 
 
 def if_match() -> int | None:

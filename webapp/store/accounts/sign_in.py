@@ -6,7 +6,7 @@ import secrets
 from datetime import timedelta
 from functools import cache
 
-from sqlalchemy import delete, func, or_, select
+from sqlalchemy import bindparam, delete, exists, func, or_, select
 from sqlalchemy.orm import Session
 from werkzeug.security import check_password_hash, generate_password_hash
 
@@ -183,6 +183,13 @@ def end_session(session: Session, session_id: str, *, days: int) -> None:
     session.merge(EndedSession(id_hash=accounts.hashed(session_id)))
 
 
-def has_ended(session: Session, session_id: str) -> bool:
-    """Return whether a session was signed out of."""
-    return session.get(EndedSession, accounts.hashed(session_id)) is not None
+_SIGNED_IN = select(Account).where(
+    Account.id == bindparam("account_id"), ~exists().where(EndedSession.id_hash == bindparam("id_hash"))
+)
+
+
+def account_of_session(session: Session, session_id: str, *, account_id: int) -> Account | None:
+    """Return the account of a session; None if it was signed out of, or the account is gone."""
+    return session.scalars(
+        _SIGNED_IN, {"account_id": account_id, "id_hash": accounts.hashed(session_id)}
+    ).first()

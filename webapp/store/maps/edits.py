@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Select, func, select, update
+from sqlalchemy import Select, bindparam, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from webapp.errors import Conflict, NotFound
@@ -161,30 +161,34 @@ def redo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult 
 
 def newest_done(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
     """Find the edit that undo would take back."""
-    return session.scalars(_newest_done(select(Edit), record, account_id)).first()
+    return session.scalars(_NEWEST_DONE, {"map_id": record.id, "account_id": account_id}).first()
 
 
 def oldest_undone(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
     """Find the edit that redo would do again: undone edits are always the account's last ones."""
-    return session.scalars(_oldest_undone(select(Edit), record, account_id)).first()
+    return session.scalars(_OLDEST_UNDONE, {"map_id": record.id, "account_id": account_id}).first()
 
 
 def next_steps(session: Session, record: MapRecord, *, account_id: int) -> dict[str, NextStep | None]:
     """Say what `undo` and `redo` would be about, without reading the edits: they may name every photo."""
-    brief = select(Edit.kind, func.json_array_length(Edit.changes))
-    found = {"undo": _newest_done, "redo": _oldest_undone}
-    rows = {way: session.execute(query(brief, record, account_id)).first() for way, query in found.items()}
-    return {way: None if row is None else NextStep(*row) for way, row in rows.items()}
+    rows = session.execute(_NEXT_STEPS, {"map_id": record.id, "account_id": account_id})
+    steps = {state: NextStep(kind, count) for state, kind, count in rows}
+    return {"undo": steps.get("done"), "redo": steps.get("undone")}
 
 
-def _newest_done(query: Select[Any], record: MapRecord, account_id: int) -> Select[Any]:
-    own = query.where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "done")
-    return own.order_by(Edit.id.desc()).limit(1)
+def _own(column: Any, state: str) -> Select[Any]:
+    there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
+    return select(column).where(*there, Edit.state == state).limit(1)
 
 
-def _oldest_undone(query: Select[Any], record: MapRecord, account_id: int) -> Select[Any]:
-    own = query.where(Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone")
-    return own.order_by(Edit.id).limit(1)
+_NEWEST_DONE = _own(Edit, "done").order_by(Edit.id.desc())
+_OLDEST_UNDONE = _own(Edit, "undone").order_by(Edit.id)
+_NEXT_STEPS = select(Edit.state, Edit.kind, func.json_array_length(Edit.changes)).where(
+    or_(
+        Edit.id == _own(Edit.id, "done").order_by(Edit.id.desc()).scalar_subquery(),
+        Edit.id == _own(Edit.id, "undone").order_by(Edit.id).scalar_subquery(),
+    )
+)
 
 
 def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
@@ -228,8 +232,18 @@ def _next_revision(record: MapRecord) -> None:
 
 def _close_undone(session: Session, record: MapRecord, account_id: int | None) -> None:
     """A new edit ends what could be redone."""
-    undone = (Edit.map_id == record.id, Edit.account_id == account_id, Edit.state == "undone")
-    session.execute(update(Edit).where(*undone).values(state="closed"))
+    if account_id is not None:
+        session.execute(_CLOSE_UNDONE, {"of_map": record.id, "of_account": account_id})
+
+
+_CLOSE_UNDONE = (
+    update(Edit)
+    .where(
+        Edit.map_id == bindparam("of_map"), Edit.account_id == bindparam("of_account"), Edit.state == "undone"
+    )
+    .values(state="closed")
+    .execution_options(synchronize_session=False)
+)
 
 
 class _Rows:

@@ -10,6 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, func, select
 from sqlalchemy.orm import Session
+from sqlalchemy.orm.util import identity_key
 
 from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
@@ -250,8 +251,9 @@ def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
 
 def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
     """Fetch many photos together, removed ones included; those that the map has not are missing."""
-    wanted = sorted(ids)
-    found: dict[int, Photo] = {}
+    known = {id: session.identity_map.get(identity_key(Photo, (record.id, id))) for id in ids}
+    found: dict[int, Photo] = {id: photo for id, photo in known.items() if photo is not None}
+    wanted = sorted(id for id in ids if id not in found)
     for start in range(0, len(wanted), _MOST_PARAMETERS):
         some = wanted[start : start + _MOST_PARAMETERS]
         rows = select(Photo).where(Photo.map_id == record.id, Photo.id.in_(some))

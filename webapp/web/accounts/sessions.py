@@ -125,7 +125,5 @@ def _load(user_id: str) -> User | None:
     if not (id_.isdecimal() and epoch.isdecimal() and _ID in session) or "expmap_unread" in g:
         return None
     with library().database.read() as db:
-        if ways_in.has_ended(db, session[_ID]):
-            return None
-        account = db.get(Account, int(id_))
+        account = ways_in.account_of_session(db, session[_ID], account_id=int(id_))
     return User(account) if account is not None and account.epoch == int(epoch) else None

@@ -5,8 +5,7 @@ from __future__ import annotations
 from flask import Blueprint, render_template
 
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, reading_map
 from webapp.web.landmarks.api_cloud import preview_address
 from webapp.web.maps import state as map_state
 
@@ -16,9 +15,7 @@ blueprint = Blueprint("landmarks_pages", __name__)
 @blueprint.get("/maps/<slug>/landmarks")
 def show(slug: str) -> str:
     """Show the page; `?photo=ID` chooses a camera."""
-    record = open_map(slug)
-    with library().database.read() as session:
-        record = session.get_one(MapRecord, record.id)
+    with reading_map(slug) as (session, record):
         role = maps.role_of(session, record, account=account())
         photos = maps.counts(session, record)[0]
         page = {
@@ -33,9 +30,7 @@ def show(slug: str) -> str:
 @blueprint.get("/maps/<slug>/control-points")
 def control_points(slug: str) -> str:
     """Show the control points, and how well these and the placed photos fit."""
-    record = open_map(slug)
-    with library().database.read() as session:
-        record = session.get_one(MapRecord, record.id)
+    with reading_map(slug) as (session, record):
         role = maps.role_of(session, record, account=account())
         photos = [
             {

@@ -20,7 +20,7 @@ from webapp.tasks.exchange import export_answers
 from webapp.tasks.exchange.export_answers import AnswerFormat, AnswerRange
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, open_map, reading_map, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
@@ -111,8 +111,7 @@ class AdoptOut(Schema):
 @blueprint.output(QueryList)
 def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
     """List what was asked of a map."""
-    record = open_map(slug)
-    with library().database.read() as session:
+    with reading_map(slug) as (session, record):
         return {"queries": _queries_json(session, record, queries.list_queries(session, record, **query))}
 
 
@@ -130,8 +129,7 @@ def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:
 @blueprint.output(QueryOut)
 def show(slug: str, id: int) -> dict[str, Any]:
     """Get one answer."""
-    record = open_map(slug)
-    with library().database.read() as session:
+    with reading_map(slug) as (session, record):
         return _queries_json(session, record, [queries.find(session, record, id)])[0]
 
 
@@ -139,8 +137,7 @@ def show(slug: str, id: int) -> dict[str, Any]:
 @blueprint.output(MatchesList)
 def matches(slug: str, id: int) -> dict[str, Any]:
     """Return the matches with photos of the map."""
-    record = open_map(slug)
-    with library().database.read() as session:
+    with reading_map(slug) as (session, record):
         return {"matches": queries.find(session, record, id).evidence}
 
 
@@ -228,8 +225,7 @@ def _one(slug: str, row: QueryRecord, who: str | None) -> dict[str, Any]:
 
 
 def _find(slug: str, id: int) -> QueryRecord:
-    record = open_map(slug)
-    with library().database.read() as session:
+    with reading_map(slug) as (session, record):
         return queries.find(session, record, id)
 
 

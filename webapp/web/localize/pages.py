@@ -25,7 +25,7 @@ from webapp.tasks.landmarks.on_demand import can_reconstruct
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.library_map import georeference
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, reading_map, settings
 from webapp.web.localize.answers import answer_colours
 from webapp.web.maps import state as map_state
 from webapp.web.satellite.layers import offered_layers
@@ -41,9 +41,8 @@ _SURE = 0.5
 @blueprint.get("/maps/<slug>/localize")
 def localize(slug: str) -> str:
     """Show the page; `?query=ID` opens an earlier answer."""
-    record, who = open_map(slug), account()
-    with library().database.read() as session:
-        state = map_state.of_page(session, session.get_one(MapRecord, record.id), account=who)
+    with reading_map(slug) as (session, record):
+        state = map_state.of_page(session, record, account=account())
     return render_template(
         "localize/localize.html",
         map=record,
@@ -97,8 +96,7 @@ class Part:
 @blueprint.get("/maps/<slug>/quality")
 def quality(slug: str) -> str:
     """Show the last evaluation, and a button for a new one."""
-    record = open_map(slug)
-    with library().database.read() as session:
+    with reading_map(slug) as (session, record):
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
         placed = maps.counts(session, record)[1]
         names = {

@@ -15,7 +15,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
-from webapp.web.context import account, if_match, library, open_map
+from webapp.web.context import account, if_match, library, open_map, reading_map
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps import state
@@ -154,9 +154,8 @@ def create(data: dict[str, str]) -> dict[str, Any]:
 @blueprint.doc(responses=json_answer("The whole state of a map.", MapState))
 def show(slug: str) -> dict[str, Any]:
     """Get everything about a map."""
-    record, who = open_map(slug, binned=True), account()
-    with library().database.read() as session:
-        return state.whole(session, session.get_one(MapRecord, record.id), account=who)
+    with reading_map(slug, binned=True) as (session, record):
+        return state.whole(session, record, account=account())
 
 
 @blueprint.patch("/<slug>")
@@ -197,10 +196,8 @@ def restore(slug: str) -> dict[str, Any]:
 @blueprint.doc(responses=json_answer("What changed, and the jobs of the map.", MapChanges))
 def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
     """Get what changed since a revision."""
-    record, who = open_map(slug), account()
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.changes(session, row, account=who, since=query["since"])
+    with reading_map(slug) as (session, record):
+        return state.changes(session, record, account=account(), since=query["since"])
 
 
 @blueprint.patch("/<slug>/experiences")

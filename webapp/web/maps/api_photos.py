@@ -33,7 +33,7 @@ from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
 from webapp.web import pieces
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, open_map, reading_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
 from webapp.web.maps.schemas import PageQuery, PhotoPage
@@ -103,10 +103,8 @@ def limit_parts() -> None:
 @photos_api.doc(responses=json_answer("Some photos, by id.", PhotoPage))
 def list_photos(slug: str, query: dict[str, int]) -> dict[str, Any]:
     """List photos, some at a time."""
-    record = open_map(slug, binned=True)
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        return state.photos_after(session, row, query["after"], most=query["limit"])
+    with reading_map(slug, binned=True) as (session, record):
+        return state.photos_after(session, record, query["after"], most=query["limit"])
 
 
 @photos_api.post("")
@@ -165,8 +163,7 @@ def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
 
 
 def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
-    record = open_map(slug, binned=True)
-    with library().database.read() as session:
+    with reading_map(slug, binned=True) as (session, record):
         return record, maps.photo(session, record, id)
 
 

@@ -18,7 +18,7 @@ from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
 from webapp.tasks.localize.landmarks import has_landmarks
 from webapp.web import errors
-from webapp.web.context import account, library, open_map
+from webapp.web.context import account, library, open_map, reading_map
 from webapp.web.lists import MOST_SEARCHED, split, wanted_part
 from webapp.web.maps import state as map_state
 from webapp.web.pages import back, text
@@ -109,9 +109,8 @@ def show(slug: str) -> Response:
 @blueprint.get("/maps/<slug>/edit")
 def editor(slug: str) -> str:
     """Show the editor, with the state of the map in the page; who may only look finds nothing to change."""
-    record, who = open_map(slug), account()
-    with library().database.read() as session:
-        state = map_state.of_page(session, session.get_one(MapRecord, record.id), account=who)
+    with reading_map(slug) as (session, record):
+        state = map_state.of_page(session, record, account=account())
     return render_template("maps/editor.html", map=record, tab="edit", state=state, services=offered_layers())
 
 

@@ -13,7 +13,7 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import RequestedPose, find_spots, image_of
 from webapp.tasks.satellite.georeference import on_earth
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, reading_map, settings
 from webapp.web.maps.state import satellite_json
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import offered_layers
@@ -29,12 +29,10 @@ _MOST_DRAWN = 1000
 @blueprint.get("/maps/<slug>/image")
 def show(slug: str) -> str:
     """Show the image, the three ways to another one, and the three ways to a georeference."""
-    record = open_map(slug)
     geocoder = settings().geocoder
-    with library().database.read() as session:
-        row = session.get_one(MapRecord, record.id)
-        can_edit = maps.role_of(session, row, account=account()) in ("editor", "owner")
-        photos = [photo for photo in maps.photos(session, row) if not photo.removed]
+    with reading_map(slug) as (session, record):
+        can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
+        photos = [photo for photo in maps.photos(session, record) if not photo.removed]
     services = offered_layers() if can_edit else ()
     placed = [photo for photo in photos if photo.x_px is not None]
     page = {
