@@ -53,7 +53,7 @@ def features() -> FeatureChoice:
 def describe_map(
     library: Library, map_id: int, *, settings: Settings, writes: Writes, progress: Progress
 ) -> None:
-    """Describe the photos of a map's index that are new; have a basis trained where that is due.
+    """Describe the photos of a map's index that are new; have a basis trained where one is due.
 
     Raises
     ------
@@ -122,8 +122,11 @@ def _refresh_search(library: Library, progress: Progress) -> None:
 
 
 def _is_outgrown(session: Session, there: list[StoredBasis]) -> bool:
+    """Return whether a basis is due; a library of one map has nothing to compare."""
     ready = [b for b in there if b.ready]
-    return not ready or _described(session, ready) >= GROWTH * ready[-1].photos
+    if ready:
+        return _described(session, ready) >= GROWTH * ready[-1].photos
+    return len(session.scalars(select(MapRecord.id).limit(2)).all()) == 2
 
 
 def _described(session: Session, there: list[StoredBasis]) -> int:
