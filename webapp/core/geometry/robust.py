@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+GATE_2D = 13.816
+"""Squared Mahalanobis distance in the plane that one inlier in a thousand exceeds (chi-square, 2 degrees)."""
+
 
 def geman_mcclure(squared: Array, sigma: float | Array) -> Array:
     """Compute the Geman-McClure weight, 1 to 0: outliers are rejected altogether (redescending)."""

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.geometry.robust import GATE_2D
 from webapp.core.trajectory.motion import CURVE, HEADING, POSITION, SCALE, SIZE, TURN_SCALE, VELOCITY, Noise
 from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
-
-GATE = 13.816
-"""Squared Mahalanobis distance in the plane of which one good fix in a thousand has more (chi-square)."""
 
 MOST_FIXES = 24
 FAR = 10.0
@@ -115,13 +113,13 @@ def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: No
     reach = _reach(steps, begin, last=int(nodes[-1]), noise=noise)[nodes - begin]
     apart = np.linalg.norm(at[:, None] - at, axis=2)
     off = apart**2 / (variance[:, None] + variance + (reach[:, None] - reach) ** 2)
-    chosen = int(np.minimum(off, GATE).sum(axis=1).argmin())
+    chosen = int(np.minimum(off, GATE_2D).sum(axis=1).argmin())
     state, covariance = np.zeros(SIZE), _prior(noise)
     state[POSITION] = at[chosen]
     before = np.eye(2) * float(reach[chosen]) ** 2
     covariance[POSITION, POSITION] = fixes.covariance[chosen] * WIDER + before
     agrees = np.zeros(len(fixes), dtype=bool)
-    agrees[few] = off[chosen] <= GATE
+    agrees[few] = off[chosen] <= GATE_2D
     return InitialState(state, covariance, agrees)
 
 
@@ -191,7 +189,7 @@ def _agreeing(
     turns = np.exp(1j * np.angle((z[two] - z[one]) / (p[two] - p[one])))
     middle = (z[one] + z[two] - (p[one] + p[two]) * turns) / 2
     off = np.abs(z - middle[:, None] - p * turns[:, None]) ** 2 / variance
-    agrees = np.asarray(off[np.minimum(off, GATE).sum(axis=1).argmin()] <= GATE)
+    agrees = np.asarray(off[np.minimum(off, GATE_2D).sum(axis=1).argmin()] <= GATE_2D)
     return agrees if agrees.sum() >= 3 else None
 
 

@@ -4,7 +4,7 @@ An object is taken to stand still, so its position is the mean of its detections
 their covariances. A detection with the covariance C, v metres away from an object of the same class whose
 position has the covariance P, may belong to it where
 
-    d^2 = v' S^-1 v <= GATE,   S = P + C + (FLOOR_M^2 + min(DRIFT_M2_S dt, DRIFT_M^2)) I
+    d^2 = v' S^-1 v <= GATE_2D,   S = P + C + (FLOOR_M^2 + min(DRIFT_M2_S dt, DRIFT_M^2)) I
 
 and dt is the time between the detection and the span in which the object was seen. Among the objects that
 may be, the likeliest one is that of the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data
@@ -23,12 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
+from webapp.core.geometry.robust import GATE_2D
 from webapp.core.trajectory.assignment import MOST_TOGETHER, Costs, assign
 from webapp.core.trajectory.distance import metres_per_degree
 from webapp.core.trajectory.records import Sighting
-
-GATE = 13.82
-"""99.9 % of chi squared with two degrees of freedom: one true match in a thousand is missed."""
 
 FLOOR_M = 0.5
 """What the robot's own position and the detector get wrong however often they look."""
@@ -192,7 +190,7 @@ class _Kind:
         east, north = offset.T
         distance = (d * east**2 - 2 * b * east * north + a * north**2) / determinant
         costs = distance + np.log(determinant)
-        inside = np.flatnonzero(distance <= GATE)
+        inside = np.flatnonzero(distance <= GATE_2D)
         likeliest = inside[np.argsort(costs[inside], kind="stable")[:MOST_TOGETHER]]
         return dict(zip(near[likeliest].tolist(), costs[likeliest].tolist(), strict=True))
 
@@ -200,7 +198,7 @@ class _Kind:
         """Mark the objects that may be inside the gate, by latitude alone, as a mission may have many."""
         most = self.covariance[:, 1, 1] + (noise[1, 1] + FLOOR_M**2 + DRIFT_M**2)
         north = (self.latlon[:, 0] - one.latlon.lat) * _LEAST_M_PER_DEGREE
-        inside: Bools = north**2 <= GATE * most
+        inside: Bools = north**2 <= GATE_2D * most
         return inside
 
     def _update(self, number: int, one: Sighting) -> None:

@@ -19,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.alignment import GATE, start
+from webapp.core.geometry.robust import GATE_2D
+from webapp.core.trajectory.alignment import start
 from webapp.core.trajectory.motion import POSITION, Noise
 from webapp.core.trajectory.smoother import AGREEING, AGREEING_S, Filter, Judgement
 from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
@@ -143,8 +144,8 @@ def _consistent(steps: Steps, fixes: Fixes, *, mine: NDArray[np.bool_], noise: N
 
 def _weights(distance: Floats, control: float) -> Floats:
     """Return the weights of the truncated loss at a degree of convexity (equation 14 of the paper)."""
-    low, high = control / (control + 1.0) * GATE, (control + 1.0) / control * GATE
-    middle = np.sqrt(GATE * control * (control + 1.0) / np.maximum(distance, 1e-12)) - control
+    low, high = control / (control + 1.0) * GATE_2D, (control + 1.0) / control * GATE_2D
+    middle = np.sqrt(GATE_2D * control * (control + 1.0) / np.maximum(distance, 1e-12)) - control
     return np.where(distance <= low, 1.0, np.where(distance >= high, 0.0, middle))
 
 
@@ -153,7 +154,7 @@ def _far(filter: Filter, fixes: Fixes, weight: Floats) -> NDArray[np.bool_]:
     off = fixes.position - filter.state[fixes.node, POSITION]
     spread = filter.covariance[fixes.node, POSITION, POSITION]
     around = fixes.covariance + np.where(weight[:, None, None] < 0.5, spread, 0.0)
-    return np.asarray(np.einsum("mi,mi->m", off, np.linalg.solve(around, off[:, :, None])[:, :, 0]) > GATE)
+    return np.asarray(np.einsum("mi,mi->m", off, np.linalg.solve(around, off[:, :, None])[:, :, 0]) > GATE_2D)
 
 
 def _carried(

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.alignment import GATE, InitialState, start
+from webapp.core.geometry.robust import GATE_2D
+from webapp.core.trajectory.alignment import InitialState, start
 from webapp.core.trajectory.motion import POSITION, SIZE, Noise, predict
 from webapp.core.trajectory.steps import Fixes, Floats, Steps
 
@@ -243,7 +244,7 @@ class Filter:
         self.log_determinant[at] = math.log(np.linalg.det(around))
         weight = float(self.weight[at])
         by_distance = math.isnan(weight)
-        self.gated[at] = self.distance[at] > GATE if by_distance else weight < LEAST_WEIGHT
+        self.gated[at] = self.distance[at] > GATE_2D if by_distance else weight < LEAST_WEIGHT
         if self.gated[at]:
             return state, covariance
         weight = 1.0 if by_distance else weight

@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.alignment import GATE
+from webapp.core.geometry.robust import GATE_2D
 from webapp.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
 from webapp.core.trajectory.records import Poses, Source, join
 from webapp.core.trajectory.smoother import mean_distance_bounds
@@ -204,7 +204,7 @@ def _gated(fusion: Fusion, source: Source, fixes: SourceFixes) -> list[dict[str,
         number = int(gating.number[at])
         track_id, kept = fixes.kept[number].tolist()
         off, distance = float(gating.innovation_m[at]), float(gating.distance[at])
-        most = off * math.sqrt(GATE / distance)
+        most = off * math.sqrt(GATE_2D / distance)
         lat, lon = fixes.poses.latlon[number].tolist()
         expected_lat, expected_lon = gating.expected[at].tolist()
         rejected.append(
