@@ -27,7 +27,7 @@ from webapp.core.geometry import so3
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.landmarks.absolute_pose import Lens, project, solve_camera
 from webapp.core.landmarks.cloud import LaidCloud, LandmarkCloud
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def make_scene(points: int, *, photos: int, rng: np.random.Generator) -> Scene:
         np.full(photos, LENS.focal_px),
         np.full(photos, LENS.distortion),
     )
-    laid = LaidCloud(cloud, "", np.arange(photos), (RigidPiece(np.arange(photos), centre, rotation),), ())
+    laid = LaidCloud(cloud, "", np.arange(photos), (Submodel(np.arange(photos), centre, rotation),), ())
     return Scene(laid, centre, rotation, look)
 
 

@@ -27,7 +27,7 @@ from webapp.core.mapmodel.model import Map, UnplacedPhoto
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.place_rest import RestReport, suggest_from
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
@@ -108,15 +108,15 @@ def main() -> None:
         count = round(options.share * len(ids))
         placed = {ids[round(i)] for i in np.linspace(0, len(ids) - 1, count)}
     given = with_placed(the_map, placed)
-    joined, _ = adjust_pieces(with_photos_of(found, given), given, progress=Progress())
+    joined, _ = adjust_submodels(with_photos_of(found, given), given, progress=Progress())
     report = suggest_from(joined, given)
     joining = time.perf_counter() - started - seconds
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     print(
         json.dumps(
             {
-                "pieces": [len(piece) for piece in found.pieces],
-                "joined": [len(piece) for piece in joined.pieces],
+                "pieces": [len(submodel) for submodel in found.submodels],
+                "joined": [len(submodel) for submodel in joined.submodels],
                 **figures(report, the_map, placed=placed, unit=options.unit),
                 "seconds": round(seconds, 1),
                 "joining_seconds": round(joining, 1),

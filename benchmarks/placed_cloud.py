@@ -30,7 +30,7 @@ from webapp.files.localize.queries_csv import Query
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
@@ -60,15 +60,15 @@ def cloud_figures(cfg: Path, *, unit: float) -> dict[str, object]:
     """Reconstruct the map's photos with their places as priors, and compare the two."""
     the_map, started = read_map(cfg), time.perf_counter()
     found = reconstruct(cfg, the_map, settings=load_settings(), progress=Progress())
-    before = [len(piece) for piece in found.pieces]
-    found, adjusted = adjust_pieces(found, the_map, progress=Progress())
-    largest = max(adjusted, key=lambda piece: len(piece.photos) if not piece.problem else 0)
+    before = [len(submodel) for submodel in found.submodels]
+    found, adjusted = adjust_submodels(found, the_map, progress=Progress())
+    largest = max(adjusted, key=lambda submodel: len(submodel.photos) if not submodel.problem else 0)
     residual = np.array([*largest.residual_px.values()]) / unit
     quarters = np.percentile(residual, (25, 50, 75)) if len(residual) else np.full(3, np.nan)
     return {
         "photos": len(found.photos),
         "pieces_before": before,
-        "pieces": [len(piece) for piece in found.pieces],
+        "pieces": [len(submodel) for submodel in found.submodels],
         "share_in_largest": round(len(largest.photos) / len(found.photos), 3),
         "camera_residual_quartiles": [round(float(one), 3) for one in quarters],
         "seconds": round(time.perf_counter() - started, 1),

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, write_submodels
 from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.files.part_file import sha256_of
 from webapp.store.library import open_library
@@ -40,8 +40,8 @@ def write_landmarks(
     folder = landmarks_folder(cfg)
     folder.mkdir(parents=True, exist_ok=True)
     centre = np.column_stack([at[:, 0], -at[:, 1], np.zeros(photos)])
-    piece = RigidPiece(np.arange(photos), centre, np.tile(UP, (photos, 1, 1)))
-    write_pieces(folder / PIECES_FILE, StoredPieces((piece,), contents, "key"))
+    submodel = Submodel(np.arange(photos), centre, np.tile(UP, (photos, 1, 1)))
+    write_submodels(folder / SUBMODELS_FILE, StoredSubmodels((submodel,), contents, "key"))
     seen = photos * count
     cloud = LandmarkCloud(
         contents,

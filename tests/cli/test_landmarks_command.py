@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from webapp.cli import landmarks
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 from webapp.files.maps.folder import read_map
-from webapp.tasks.landmarks.adjust import AdjustedPiece
+from webapp.tasks.landmarks.adjust import AdjustedSubmodel
 from webapp.tasks.landmarks.export_models import ExportedModel
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 
@@ -18,16 +18,16 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction
 def cfg(tmp_path, make_map, monkeypatch):
     """A map of five photos, three of which are joined and one of which cannot be read."""
     cfg = make_map(tmp_path, 5)
-    piece = RigidPiece(np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3, 3)))
+    submodel = Submodel(np.array([0, 2, 3]), np.zeros((3, 3)), np.zeros((3, 3, 3)))
     photos = read_map(cfg).experiences
-    found = Reconstruction(photos, (piece,), {4: "it is not an image"}, tmp_path, tmp_path, {})
+    found = Reconstruction(photos, (submodel,), {4: "it is not an image"}, tmp_path, tmp_path, {})
     monkeypatch.setattr(landmarks, "reconstruct", lambda *_, **__: found)
     report = [
-        AdjustedPiece((0, 2, 3), "", {0: 1.234, 3: 140.0}),
-        AdjustedPiece((1,), "none of them is placed", {}),
-        AdjustedPiece((4,), "none of them is placed", {}),
+        AdjustedSubmodel((0, 2, 3), "", {0: 1.234, 3: 140.0}),
+        AdjustedSubmodel((1,), "none of them is placed", {}),
+        AdjustedSubmodel((4,), "none of them is placed", {}),
     ]
-    monkeypatch.setattr(landmarks, "adjust_pieces", lambda found, *_, **__: (found, report))
+    monkeypatch.setattr(landmarks, "adjust_submodels", lambda found, *_, **__: (found, report))
     monkeypatch.setattr(landmarks, "colour_cloud", lambda *_, **__: None)
     monkeypatch.setattr(landmarks, "export_models", lambda _, out, **__: [ExportedModel(out / "0", 3, 700)])
     return cfg

@@ -15,7 +15,7 @@ from webapp.cli.options import MAP_FILE
 from webapp.cli.progressbar import terminal_progress
 from webapp.files.maps.folder import read_map
 from webapp.settings import keep_freed_memory
-from webapp.tasks.landmarks.adjust import AdjustedPiece, adjust_pieces
+from webapp.tasks.landmarks.adjust import AdjustedSubmodel, adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
@@ -40,20 +40,20 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
         the_map = read_map(cfg)
         settings = settings_in_use(cfg)
         found = reconstruct(cfg, the_map, settings=settings, progress=progress)
-        found, adjusted = adjust_pieces(found, the_map, progress=progress)
+        found, adjusted = adjust_submodels(found, the_map, progress=progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=progress)
     models = [] if out is None else export_models(found.folder, out, names=names_of_photos(found))
-    joined = sum(len(piece) for piece in found.pieces)
+    joined = sum(len(submodel) for submodel in found.submodels)
     if as_json:
-        pieces = [[found.photos[n].id for n in piece.photo.tolist()] for piece in found.pieces]
+        submodels = [[found.photos[n].id for n in submodel.photo.tolist()] for submodel in found.submodels]
         failed = [{"id": found.photos[n].id, "reason": why} for n, why in sorted(found.problems.items())]
         written = [{"folder": str(m.folder), "photos": m.photos, "points": m.points} for m in models]
         seconds = round(time.perf_counter() - started, 3)
-        result = {"photos": len(found.photos), "pieces": pieces, "failed": failed, "models": written}
-        result["adjusted"] = [_as_json(piece, found) for piece in adjusted]
+        result = {"photos": len(found.photos), "pieces": submodels, "failed": failed, "models": written}
+        result["adjusted"] = [_as_json(submodel, found) for submodel in adjusted]
         click.echo(json.dumps(result | {"seconds": seconds}))
     else:
-        sizes = ", ".join(str(len(piece)) for piece in found.pieces) or "none"
+        sizes = ", ".join(str(len(submodel)) for submodel in found.submodels) or "none"
         click.echo(f"{joined} of {len(found.photos)} photos joined; photos of each piece: {sizes}")
         for outcome, photos in _outcomes(adjusted).items():
             click.echo(f"{photos} photos {outcome}")
@@ -63,19 +63,19 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
         click.echo(f"{found.photos[number].photo} (id {found.photos[number].id}): {reason}", err=True)
 
 
-def _as_json(piece: AdjustedPiece, found: Reconstruction) -> dict[str, object]:
-    """Give what came of a piece, with its known positions, the farthest off first."""
+def _as_json(submodel: AdjustedSubmodel, found: Reconstruction) -> dict[str, object]:
+    """Give what came of a submodel, with its known positions, the farthest off first."""
     anchors = [
         {"id": found.photos[n].id, "photo": found.photos[n].photo, "residual_px": round(residual, 2)}
-        for n, residual in sorted(piece.residual_px.items(), key=lambda pair: -pair[1])
+        for n, residual in sorted(submodel.residual_px.items(), key=lambda pair: -pair[1])
     ]
-    return {"photos": len(piece.photos), "problem": piece.problem or None, "anchors": anchors}
+    return {"photos": len(submodel.photos), "problem": submodel.problem or None, "anchors": anchors}
 
 
-def _outcomes(adjusted: Iterable[AdjustedPiece]) -> Counter[str]:
+def _outcomes(adjusted: Iterable[AdjustedSubmodel]) -> Counter[str]:
     """Count the photos that were adjusted, and those that were not by the reason."""
     counted: Counter[str] = Counter()
-    for piece in adjusted:
-        outcome = f"as they were: {piece.problem}" if piece.problem else "on the map"
-        counted[outcome] += len(piece.photos)
+    for submodel in adjusted:
+        outcome = f"as they were: {submodel.problem}" if submodel.problem else "on the map"
+        counted[outcome] += len(submodel.photos)
     return counted

@@ -25,7 +25,7 @@ from webapp.tasks.exchange import import_map
 from webapp.tasks.exchange.import_map import archive_path
 from webapp.tasks.find import describe_library
 from webapp.tasks.landmarks import stored as stored_places
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
@@ -224,10 +224,10 @@ def build_landmarks(context: Context) -> dict[str, Any]:
     if not context.arguments.get("only_lay"):
         the_map = read_map(cfg)
         found = reconstruct(cfg, the_map, settings=settings, progress=context.progress)
-        found, _ = adjust_pieces(found, the_map, progress=context.progress)
+        found, _ = adjust_submodels(found, the_map, progress=context.progress)
         colour_cloud(cfg, found, limits=settings.photo, progress=context.progress)
-        joined = sum(len(piece) for piece in found.pieces)
-        result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.pieces)}
+        joined = sum(len(submodel) for submodel in found.submodels)
+        result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.submodels)}
     context.progress.note("laying them on the map")
     lay_in_library(library, record)
     return result

@@ -12,7 +12,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from webapp.errors import DatabaseUnavailable, NotFound, UsageError
-from webapp.store.backends.backend import ALONE, MOVING, TOGETHER, TURN, Backend, too_large
+from webapp.store.backends.backend import ALONE, LOCK_MODE, MOVING, TOGETHER, Backend, too_large
 from webapp.store.backends.postgresql import Postgresql
 from webapp.store.backends.sqlite import Sqlite
 from webapp.store.backends.watching import Polling, Watch
@@ -57,10 +57,10 @@ class Database:
         self.engine = self.backend.make_engine(made, threads=threads)
         reading = self.backend.reading  # options cost a little on each connection
         self._reading = self.engine.execution_options(**reading) if reading else self.engine
-        self._alone = self.engine.execution_options(**{TURN: ALONE})
-        self._together = self.engine.execution_options(**{TURN: TOGETHER})
-        self._for_moves = self.engine.execution_options(**{TURN: MOVING})
-        self._turn = self.backend.turn()
+        self._alone = self.engine.execution_options(**{LOCK_MODE: ALONE})
+        self._together = self.engine.execution_options(**{LOCK_MODE: TOGETHER})
+        self._for_moves = self.engine.execution_options(**{LOCK_MODE: MOVING})
+        self._writer_lock = self.backend.writer_lock()
         self._listener = self.backend.listener(self.engine)
         self.request_counts = self.backend.request_counts(self.engine)
         self.photo_search = self.backend.photo_search(self.engine)
@@ -100,7 +100,7 @@ class Database:
             The database cannot be written.
         """
         engine = self._together if locks_rows else self._alone
-        with self._turn, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
+        with self._writer_lock, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
             yield session
             session.commit()
 
@@ -115,7 +115,7 @@ class Database:
         StorageError
             The database cannot be written.
         """
-        with self._turn, self.translated_errors(), self._for_moves.begin() as connection:
+        with self._writer_lock, self.translated_errors(), self._for_moves.begin() as connection:
             self.backend.unlimited(connection)
             yield connection
 

@@ -259,8 +259,8 @@ class Edit(Base):
     """`{"target": "photo/3", "before": {...}, "after": {...}}` each."""
     state: Mapped[str] = mapped_column(default="done")
     """`done`, `undone`, or `closed`: can be neither undone nor redone any more."""
-    turn: Mapped[int]
-    """Revision that did, undid or redid it last: orders the redo."""
+    revision: Mapped[int] = mapped_column("turn")
+    """Of the map, by which it was done, undone or redone last: orders the redo."""
 
 
 class Upload(Base):

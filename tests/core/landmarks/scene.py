@@ -1,10 +1,10 @@
-"""Pieces with a known truth."""
+"""Submodels with a known truth."""
 
 import numpy as np
 
 from webapp.core.geometry import so3
-from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.landmarks.placing import KnownPositions
+from webapp.core.landmarks.submodels import Submodel
 
 
 def random_rotation(rng):
@@ -23,12 +23,12 @@ def level_cameras(headings, *, tilt=0.0, rng=None):
     return rotation
 
 
-def piece_of(at, headings, *, rng, tilt=0.0, heights=0.0):
-    """A piece whose cameras are at map pixels `at` (complex), in a world of its own."""
+def submodel_of(at, headings, *, rng, tilt=0.0, heights=0.0):
+    """A submodel whose cameras are at map pixels `at` (complex), in a world of its own."""
     world = np.stack([at.real, rng.normal(0.0, heights, len(at)) if heights else 0.0 * at.real, -at.imag], 1)
     turn, scale, shift = random_rotation(rng), 0.037, rng.normal(0.0, 5.0, 3)
     rotation = level_cameras(headings, tilt=tilt, rng=rng) @ turn.T
-    return RigidPiece(np.arange(len(at)), scale * world @ turn.T + shift, rotation)
+    return Submodel(np.arange(len(at)), scale * world @ turn.T + shift, rotation)
 
 
 def known_at(at, which, *, sigma_px=1.0):

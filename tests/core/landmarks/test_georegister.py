@@ -1,16 +1,16 @@
-"""Control points that are clicked in photos lay a piece on the map, alone or with placed photos."""
+"""Control points that are clicked in photos lay a submodel on the map, alone or with placed photos."""
 
 import numpy as np
 import pytest
 
-from tests.core.landmarks.scene import known_at, piece_of
+from tests.core.landmarks.scene import known_at, submodel_of
 from webapp.core.geometry import so3
 from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
 from webapp.core.landmarks.georegister import georegister, odd_ones
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import LaidPiece, lay_piece
+from webapp.core.landmarks.placing import LaidSubmodel, lay_submodel
 from webapp.core.landmarks.similarity import fit_similarity
+from webapp.core.landmarks.submodels import Submodel
 
 SPOTS = {
     "gate": (150 + 180j, 3.0),
@@ -27,13 +27,13 @@ def court(rng):
     return rng.uniform(100.0, 900.0, 40) + 1j * rng.uniform(100.0, 900.0, 40), rng.uniform(-3.0, 3.0, 40)
 
 
-def clicked(piece, at, name, photos, *, rng, sigma_rad=0.0, height=True):
-    """A control point, clicked in some photos of a piece whose cameras are at `at`."""
+def clicked(submodel, at, name, photos, *, rng, sigma_rad=0.0, height=True):
+    """A control point, clicked in some photos of a submodel whose cameras are at `at`."""
     spot, up = SPOTS[name]
     world = np.array([spot.real, -up, -spot.imag])
     cameras = np.stack([at.real, 0.0 * at.real, -at.imag], 1)
-    there = fit_similarity(cameras, piece.centre).apply(world[None])
-    ray = np.einsum("rij,rj->ri", piece.rotation[photos], there - piece.centre[photos])
+    there = fit_similarity(cameras, submodel.centre).apply(world[None])
+    ray = np.einsum("rij,rj->ri", submodel.rotation[photos], there - submodel.centre[photos])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     off = so3.retract(np.tile(np.eye(3), (len(photos), 1, 1)), rng.normal(0.0, sigma_rad, (len(photos), 3)))
     ray = np.einsum("rij,rj->ri", off, ray)
@@ -46,14 +46,14 @@ def nothing(count):
 
 
 @pytest.mark.parametrize("height", [True, False])
-def test_three_control_points_lay_a_piece_without_any_placed_photo(court, rng, height):
+def test_three_control_points_lay_a_submodel_without_any_placed_photo(court, rng, height):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
+    submodel = submodel_of(at, headings, rng=rng)
     points = [
-        clicked(piece, at, name, [1, 7, 20], rng=rng, height=height) for name in ("gate", "well", "oak")
+        clicked(submodel, at, name, [1, 7, 20], rng=rng, height=height) for name in ("gate", "well", "oak")
     ]
-    found = georegister(piece, nothing(40), points=points)
-    assert isinstance(found.laid, LaidPiece)
+    found = georegister(submodel, nothing(40), points=points)
+    assert isinstance(found.laid, LaidSubmodel)
     assert np.abs(found.laid.at - at).max() < 1e-6
     assert not found.problems
     assert max(abs(fit.others_have - fit.at) for fit in found.points) < 1e-6
@@ -62,26 +62,28 @@ def test_three_control_points_lay_a_piece_without_any_placed_photo(court, rng, h
 
 def test_heights_say_what_is_up_where_the_cameras_do_not(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng, tilt=3.0)
-    points = [clicked(piece, at, name, [1, 7, 20], rng=rng) for name in ("gate", "well", "oak")]
-    assert np.abs(georegister(piece, nothing(40), points=points).laid.at - at).max() < 1e-6
-    points = [clicked(piece, at, name, [1, 7, 20], rng=rng, height=False) for name in ("gate", "well", "oak")]
-    refused = georegister(piece, nothing(40), points=points).laid
+    submodel = submodel_of(at, headings, rng=rng, tilt=3.0)
+    points = [clicked(submodel, at, name, [1, 7, 20], rng=rng) for name in ("gate", "well", "oak")]
+    assert np.abs(georegister(submodel, nothing(40), points=points).laid.at - at).max() < 1e-6
+    points = [
+        clicked(submodel, at, name, [1, 7, 20], rng=rng, height=False) for name in ("gate", "well", "oak")
+    ]
+    refused = georegister(submodel, nothing(40), points=points).laid
     assert "no common up" in refused.reason
 
 
 def test_clicks_that_are_a_little_off_do_little_harm(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
+    submodel = submodel_of(at, headings, rng=rng)
     sigma = np.radians(0.05)
-    points = [clicked(piece, at, name, [1, 7, 20, 33], rng=rng, sigma_rad=sigma) for name in SPOTS]
-    assert np.abs(georegister(piece, nothing(40), points=points).laid.at - at).max() < 2.0
+    points = [clicked(submodel, at, name, [1, 7, 20, 33], rng=rng, sigma_rad=sigma) for name in SPOTS]
+    assert np.abs(georegister(submodel, nothing(40), points=points).laid.at - at).max() < 2.0
 
 
 def test_a_control_point_helps_a_single_placed_photo(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    found = georegister(piece, known_at(at, [5]), points=[clicked(piece, at, "oak", [1, 7], rng=rng)])
+    submodel = submodel_of(at, headings, rng=rng)
+    found = georegister(submodel, known_at(at, [5]), points=[clicked(submodel, at, "oak", [1, 7], rng=rng)])
     assert np.abs(found.laid.at - at).max() < 1e-6
     assert found.laid.transform.row.tolist() == [5, -1]
     assert found.laid.transform.without(np.arange(40) == 5) is None
@@ -89,10 +91,10 @@ def test_a_control_point_helps_a_single_placed_photo(court, rng):
 
 def test_a_click_that_disagrees_with_the_others_is_named(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    point = clicked(piece, at, "gate", [1, 7, 20, 33], rng=rng)
+    submodel = submodel_of(at, headings, rng=rng)
+    point = clicked(submodel, at, "gate", [1, 7, 20, 33], rng=rng)
     point.ray[2] = so3.retract(np.eye(3)[None], np.radians([[4.0, 3.0, 2.0]]))[0] @ point.ray[2]
-    found = triangulate(point, piece)
+    found = triangulate(point, submodel)
     assert found.wrong == ("20.jpg",)
     assert found.row.tolist() == [1, 7, 33]
 
@@ -104,12 +106,12 @@ def test_a_click_that_disagrees_with_the_others_is_named(court, rng):
         ([77], "is clicked in no joined photo: click it in two or more"),
     ],
 )
-def test_a_point_needs_two_photos_of_a_piece(court, rng, photos, reason):
+def test_a_point_needs_two_photos_of_a_submodel(court, rng, photos, reason):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    point = clicked(piece, at, "gate", [1], rng=rng)
+    submodel = submodel_of(at, headings, rng=rng)
+    point = clicked(submodel, at, "gate", [1], rng=rng)
     point = KnownPoint("gate", point.at, 0.1, 0.0, np.array(photos), point.shown_by, point.ray)
-    found = triangulate(point, piece)
+    found = triangulate(point, submodel)
     assert not found
     assert found.reason == reason
 
@@ -117,29 +119,29 @@ def test_a_point_needs_two_photos_of_a_piece(court, rng, photos, reason):
 def test_rays_that_miss_each_other_or_are_parallel_are_no_point(court, rng):
     at, headings = court
     at[7] = at[1] + 0.01
-    piece = piece_of(at, headings, rng=rng)
-    found = triangulate(clicked(piece, at, "gate", [1, 7], rng=rng), piece)
+    submodel = submodel_of(at, headings, rng=rng)
+    found = triangulate(clicked(submodel, at, "gate", [1, 7], rng=rng), submodel)
     assert (
         found.reason
         == "1.jpg and 7.jpg show it from nearly the same direction: click it in one from the side"
     )
-    point = clicked(piece, at, "gate", [1, 20], rng=rng)
+    point = clicked(submodel, at, "gate", [1, 20], rng=rng)
     point.ray[0, 1] += 0.2
     point.ray[0] /= np.linalg.norm(point.ray[0])
-    found = triangulate(point, piece)
+    found = triangulate(point, submodel)
     assert isinstance(found, NotTriangulated)
     assert found.reason == "the clicks in 1.jpg and 20.jpg contradict each other"
 
 
 def test_a_control_point_at_a_wrong_place_of_the_map_is_named(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    points = [clicked(piece, at, name, [1, 7, 20, 33], rng=rng, sigma_rad=1e-4) for name in SPOTS]
+    submodel = submodel_of(at, headings, rng=rng)
+    points = [clicked(submodel, at, name, [1, 7, 20, 33], rng=rng, sigma_rad=1e-4) for name in SPOTS]
     wrong = points[3]
     points[3] = KnownPoint(
         "stone", wrong.at + 30.0, 0.1, wrong.height_px, wrong.photo, wrong.shown_by, wrong.ray
     )
-    found = georegister(piece, nothing(40), points=points)
+    found = georegister(submodel, nothing(40), points=points)
     assert [fit.name for fit in found.points if fit.contradicts] == ["stone"]
     stone = found.points[3]
     assert abs(stone.others_have - wrong.at) < 2.0
@@ -148,47 +150,49 @@ def test_a_control_point_at_a_wrong_place_of_the_map_is_named(court, rng):
 
 def test_a_placed_photo_that_contradicts_control_points_is_found(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
+    submodel = submodel_of(at, headings, rng=rng)
     known = known_at(at, [5, 6])
     known.at[6] += 40j
-    points = [clicked(piece, at, name, [1, 7, 20], rng=rng) for name in SPOTS]
-    found = georegister(piece, known, points=points)
+    points = [clicked(submodel, at, name, [1, 7, 20], rng=rng) for name in SPOTS]
+    found = georegister(submodel, known, points=points)
     assert np.flatnonzero(found.laid.contradicting).tolist() == [6]
     assert found.laid.residual_px[6] == pytest.approx(40.0, abs=0.5)
 
 
 def test_one_point_alone_is_too_little(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    found = georegister(piece, nothing(40), points=[clicked(piece, at, "oak", [1, 7], rng=rng)])
+    submodel = submodel_of(at, headings, rng=rng)
+    found = georegister(submodel, nothing(40), points=[clicked(submodel, at, "oak", [1, 7], rng=rng)])
     assert found.laid.reason == "only one position is known, that of the control point oak"
 
 
 def test_three_points_that_fit_nothing_are_named(court, rng):
     at, headings = court
-    piece = piece_of(at, headings, rng=rng)
-    points = [clicked(piece, at, name, [1, 7, 20], rng=rng, height=False) for name in ("gate", "well", "oak")]
+    submodel = submodel_of(at, headings, rng=rng)
+    points = [
+        clicked(submodel, at, name, [1, 7, 20], rng=rng, height=False) for name in ("gate", "well", "oak")
+    ]
     moved = [100 + 100j, 500 + 110j, 105 + 120j]
     points = [
         KnownPoint(p.name, spot, 0.1, p.height_px, p.photo, p.shown_by, p.ray)
         for p, spot in zip(points, moved, strict=True)
     ]
-    found = georegister(piece, nothing(40), points=points)
+    found = georegister(submodel, nothing(40), points=points)
     assert "gate, well, oak" in found.laid.reason
 
 
-def test_radii_of_an_adjusted_piece_stay_those_of_its_covariances(rng):
+def test_radii_of_an_adjusted_submodel_stay_those_of_its_covariances(rng):
     at = rng.uniform(100.0, 900.0, 12) + 1j * rng.uniform(100.0, 900.0, 12)
     centre = np.column_stack([at.real, at.imag, 0.0 * at.real])
     level = np.tile([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], (12, 1, 1))
     covariance = rng.uniform(1.0, 9.0, 12)[:, None, None] * np.eye(2)
-    piece = RigidPiece(np.arange(12), centre, level, covariance=covariance)
+    submodel = Submodel(np.arange(12), centre, level, covariance=covariance)
     known = known_at(at + rng.normal(0.0, 2.0, 12), np.arange(10), sigma_px=2.0)
     to = np.array([500.0, 500.0, -10.0]) - centre[:3]
     ray = np.einsum("rij,rj->ri", level[:3], to / np.linalg.norm(to, axis=1, keepdims=True))
     point = KnownPoint("oak", 500.0 + 500j, 1.0, np.nan, np.arange(3), ("0", "1", "2"), ray)
-    laid = georegister(piece, known, points=[point]).laid
-    assert laid.radius_px == pytest.approx(lay_piece(piece, known).radius_px, rel=0.2)
+    laid = georegister(submodel, known, points=[point]).laid
+    assert laid.radius_px == pytest.approx(lay_submodel(submodel, known).radius_px, rel=0.2)
 
 
 def test_a_position_far_from_all_others_is_not_wrong_for_the_uncertainty_of_the_extrapolation(rng):
@@ -205,14 +209,14 @@ def test_a_point_with_many_clicks_is_found_from_some_of_their_pairs(rng, monkeyp
         rng.uniform(100.0, 900.0, 200) + 1j * rng.uniform(100.0, 900.0, 200),
         rng.uniform(-3.0, 3.0, 200),
     )
-    piece = piece_of(at, headings, rng=rng)
-    point = clicked(piece, at, "gate", [*range(200)], rng=rng, sigma_rad=1e-4)
+    submodel = submodel_of(at, headings, rng=rng)
+    point = clicked(submodel, at, "gate", [*range(200)], rng=rng, sigma_rad=1e-4)
     point.ray[50] = point.ray[51, ::-1]
     solved = []
     nearest = control_points._nearest
     monkeypatch.setattr(
         control_points, "_nearest", lambda *given, **near: solved.append(1) or nearest(*given, **near)
     )
-    found = triangulate(point, piece)
+    found = triangulate(point, submodel)
     assert found.wrong == ("50.jpg",)
     assert len(solved) <= 3000

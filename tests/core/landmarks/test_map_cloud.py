@@ -9,8 +9,8 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.map_cloud import CloudFrame, lay_cloud
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import NotLaid, lay_piece
+from webapp.core.landmarks.placing import NotLaid, lay_submodel
+from webapp.core.landmarks.submodels import Submodel
 
 SIZE = (1000, 800)
 PARK = LatLon(50.2, 14.4)
@@ -27,7 +27,7 @@ def scene(rng):
     def world(x, y, up):
         return scale * np.stack([x, -up, -y], -1) @ turn.T + shift
 
-    piece = RigidPiece(
+    submodel = Submodel(
         np.arange(len(AT)), world(AT.real, AT.imag, 0.0 * AT.real), level_cameras(HEADINGS) @ turn.T
     )
     seen = [np.sort(rng.choice(40, 25, replace=False)) for _ in AT]
@@ -44,16 +44,16 @@ def scene(rng):
         np.ones(len(AT)),
         np.zeros(len(AT)),
     )
-    return cloud, piece, truth
+    return cloud, submodel, truth
 
 
-def laid(piece, which=(0, 1, 2, 3, 4, 5)):
-    return lay_piece(piece, known_at(AT, list(which)))
+def laid(submodel, which=(0, 1, 2, 3, 4, 5)):
+    return lay_submodel(submodel, known_at(AT, list(which)))
 
 
 def test_points_and_cameras_come_where_they_are(scene):
-    cloud, piece, truth = scene
-    found = lay_cloud(cloud, [piece], laid=[laid(piece, (0, 2, 4))], frame=CloudFrame(None, SIZE))
+    cloud, submodel, truth = scene
+    found = lay_cloud(cloud, [submodel], laid=[laid(submodel, (0, 2, 4))], frame=CloudFrame(None, SIZE))
     assert found.point.tolist() == list(range(40))
     assert found.xyz == pytest.approx(truth * (1, -1, 1) + (-500, 400, 0), abs=1e-6)
     assert found.centre == pytest.approx(
@@ -68,12 +68,12 @@ def test_points_and_cameras_come_where_they_are(scene):
 
 
 def test_a_georeference_makes_them_metres_east_north_and_up(scene):
-    cloud, piece, truth = scene
+    cloud, submodel, truth = scene
     turned = Georeference(
         LocalFrame(PARK).plane, (0.3, 0.4, 7.0, 0.4, -0.3, 5.0, 0.0, 0.0, 1.0), "similarity"
     )
     shown = CloudFrame(turned, SIZE)
-    found = lay_cloud(cloud, [piece], laid=[laid(piece)], frame=shown)
+    found = lay_cloud(cloud, [submodel], laid=[laid(submodel)], frame=shown)
     assert shown.unit == "m"
     plane = turned.enu_from_pixel(truth[:, :2], LocalFrame(shown.origin))
     assert found.xyz[:, :2] == pytest.approx(plane, abs=1e-4)
@@ -86,14 +86,14 @@ def test_a_georeference_makes_them_metres_east_north_and_up(scene):
 
 
 def test_a_point_that_is_far_off_is_left_out(scene):
-    cloud, piece, _ = scene
+    cloud, submodel, _ = scene
     cloud.point[5] += 1e4
-    found = lay_cloud(cloud, [piece], laid=[laid(piece)], frame=CloudFrame(None, SIZE))
+    found = lay_cloud(cloud, [submodel], laid=[laid(submodel)], frame=CloudFrame(None, SIZE))
     assert found.point.tolist() == [n for n in range(40) if n != 5]
 
 
-def test_a_piece_that_cannot_be_laid_is_left_out(scene):
-    cloud, piece, _ = scene
+def test_a_submodel_that_cannot_be_laid_is_left_out(scene):
+    cloud, submodel, _ = scene
     reason = NotLaid("none of them is placed")
-    found = lay_cloud(cloud, [piece], laid=[reason], frame=CloudFrame(None, SIZE))
+    found = lay_cloud(cloud, [submodel], laid=[reason], frame=CloudFrame(None, SIZE))
     assert (len(found.point), len(found.photo), found.ground) == (0, 0, 0.0)

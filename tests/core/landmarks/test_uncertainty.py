@@ -6,8 +6,8 @@ import pytest
 from webapp.core.geometry import so3
 from webapp.core.landmarks import uncertainty
 from webapp.core.landmarks.absolute_pose import Lens, project
-from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
+from webapp.core.landmarks.submodels import Submodel
 from webapp.core.landmarks.uncertainty import AdjustedCameras, position_covariances
 
 pytest.importorskip("scipy")
@@ -81,59 +81,61 @@ def test_more_cameras_than_memory_allows_have_no_covariances(monkeypatch, rng):
     assert position_covariances(cameras, keypoint_sigma_px=1.0, prior_sigma=np.ones((4, 3))) is None
 
 
-def noisy_piece(rng, *, sigma):
-    """A piece on the map whose photos are off by as much as their covariances say, times five."""
+def noisy_submodel(rng, *, sigma):
+    """A submodel on the map whose photos are off by as much as their covariances say, times five."""
     truth = rng.uniform(0.0, 500.0, (len(sigma), 2))
     centre = np.column_stack([truth + 5.0 * sigma[:, None] * rng.normal(size=truth.shape), 0.0 * sigma])
     covariance = sigma[:, None, None] ** 2 * np.eye(2)
-    return RigidPiece(
+    return Submodel(
         np.arange(len(sigma)), centre, np.tile(np.eye(3), (len(sigma), 1, 1)), 0.0, covariance
     ), truth
 
 
 def placed(row, at, *, sigma_px):
-    """Photos of a piece that somebody has placed."""
+    """Photos of a submodel that somebody has placed."""
     return PlacedPhotos(row, at, np.full(len(row), sigma_px), np.zeros(len(row), np.bool_))
 
 
 def test_radii_hold_two_thirds_and_grow_where_little_holds_a_photo(rng):
     sigma = np.where(np.arange(600) % 5, 1.0, 4.0)
-    piece, truth = noisy_piece(rng, sigma=sigma)
+    submodel, truth = noisy_submodel(rng, sigma=sigma)
     row = np.arange(0, 600, 9)
     known = placed(row, truth[row, 0] + 1j * truth[row, 1], sigma_px=0.01)
-    radius = radius_by_covariance(piece, known)
-    off = np.linalg.norm(piece.centre[:, :2] - truth, axis=1)
+    radius = radius_by_covariance(submodel, known)
+    off = np.linalg.norm(submodel.centre[:, :2] - truth, axis=1)
     assert np.mean(off <= radius) == pytest.approx(0.68, abs=0.08)
     assert radius[0] == pytest.approx(4.0 * radius[1])
 
 
 def test_a_position_that_the_adjustment_had_says_less_than_its_residual(rng):
     """A photo that its own position has pulled lies close to it, and is farther off without it."""
-    piece, _ = noisy_piece(rng, sigma=np.full(9, 1.0))
-    at = piece.centre[:, 0] + 1j * piece.centre[:, 1] + 2.0
-    left_out = radius_by_covariance(piece, placed(np.arange(9), at, sigma_px=0.01))
-    used = radius_by_covariance(piece, placed(np.arange(9), at, sigma_px=1.05))
+    submodel, _ = noisy_submodel(rng, sigma=np.full(9, 1.0))
+    at = submodel.centre[:, 0] + 1j * submodel.centre[:, 1] + 2.0
+    left_out = radius_by_covariance(submodel, placed(np.arange(9), at, sigma_px=0.01))
+    used = radius_by_covariance(submodel, placed(np.arange(9), at, sigma_px=1.05))
     assert used[0] > 2.0 * left_out[0]
 
 
-def test_errors_of_the_known_positions_are_not_taken_for_those_of_the_piece(rng):
-    piece, truth = noisy_piece(rng, sigma=np.full(200, 1.0))
+def test_errors_of_the_known_positions_are_not_taken_for_those_of_the_submodel(rng):
+    submodel, truth = noisy_submodel(rng, sigma=np.full(200, 1.0))
     noisy = truth + rng.normal(0.0, 20.0, truth.shape)
     known = placed(np.arange(200), noisy[:, 0] + 1j * noisy[:, 1], sigma_px=20.0)
-    assert 0.5 * 1.515 * 20.0 <= radius_by_covariance(piece, known)[0] < 20.0
+    assert 0.5 * 1.515 * 20.0 <= radius_by_covariance(submodel, known)[0] < 20.0
 
 
-def test_derived_positions_do_not_measure_how_far_off_a_piece_is(rng):
-    piece, truth = noisy_piece(rng, sigma=np.full(60, 1.0))
+def test_derived_positions_do_not_measure_how_far_off_a_submodel_is(rng):
+    submodel, truth = noisy_submodel(rng, sigma=np.full(60, 1.0))
     row = np.arange(60)
-    at = np.where(row < 20, truth[:, 0] + 1j * truth[:, 1], piece.centre[:, 0] + 1j * piece.centre[:, 1])
+    at = np.where(
+        row < 20, truth[:, 0] + 1j * truth[:, 1], submodel.centre[:, 0] + 1j * submodel.centre[:, 1]
+    )
     sigma_px = np.where(row < 20, 0.01, 4.0)
     given = PlacedPhotos(row, at, sigma_px, row >= 20)
     alone = given.subset(row < 20)
-    assert radius_by_covariance(piece, given) == pytest.approx(radius_by_covariance(piece, alone))
+    assert radius_by_covariance(submodel, given) == pytest.approx(radius_by_covariance(submodel, alone))
 
 
 def test_two_placed_photos_measure_nothing(rng):
-    piece, truth = noisy_piece(rng, sigma=np.full(9, 1.0))
+    submodel, truth = noisy_submodel(rng, sigma=np.full(9, 1.0))
     at = truth[:2, 0] + 1j * truth[:2, 1]
-    assert radius_by_covariance(piece, placed(np.arange(2), at, sigma_px=1.0)) is None
+    assert radius_by_covariance(submodel, placed(np.arange(2), at, sigma_px=1.0)) is None

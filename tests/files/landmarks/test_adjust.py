@@ -1,4 +1,4 @@
-"""Pieces that have drifted are joined at the positions that are known."""
+"""Submodels that have drifted are joined at the positions that are known."""
 
 import numpy as np
 import pycolmap
@@ -7,12 +7,12 @@ import pytest
 from tests.files.landmarks.drifted_walk import PHOTOS, drifted, walk, write_matches
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import georegister
-from webapp.core.landmarks.pieces import RigidPiece
 from webapp.core.landmarks.placing import KnownPositions
 from webapp.core.landmarks.similarity import fit_similarity
+from webapp.core.landmarks.submodels import Submodel
 from webapp.files.landmarks import adjust as adjusting
 from webapp.files.landmarks.adjust import adjust, agreed_rotation
-from webapp.files.landmarks.colmap import StoredPieces, as_model
+from webapp.files.landmarks.colmap import StoredSubmodels, as_model
 from webapp.tasks.landmarks.adjust import adjust_job, positions_of
 
 CONTENTS = tuple(str(number) for number in range(PHOTOS))
@@ -32,8 +32,8 @@ def scene(tmp_path):
     return tmp_path, model.centre[order], model.rotation[order]
 
 
-def make_job(scene, pieces, *, at, placed, points=()):
-    """Lay pieces, ranges of photos, by the placed ones and by control points."""
+def make_job(scene, submodels, *, at, placed, points=()):
+    """Lay submodels, ranges of photos, by the placed ones and by control points."""
     folder, centre, rotation = scene
     known = KnownPositions(
         np.where(
@@ -43,12 +43,12 @@ def make_job(scene, pieces, *, at, placed, points=()):
         np.zeros(PHOTOS, np.bool_),
     )
     rigid = [
-        RigidPiece(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, pieces)
+        Submodel(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, submodels)
     ]
-    laid = [(piece, georegister(piece, known, points=points).laid) for piece in rigid]
-    for piece, result in laid:
-        known.at[piece.photo[result.contradicting]] = complex(np.nan, np.nan)
-    stored = StoredPieces(tuple(rigid), CONTENTS, "key")
+    laid = [(submodel, georegister(submodel, known, points=points).laid) for submodel in rigid]
+    for submodel, result in laid:
+        known.at[submodel.photo[result.contradicting]] = complex(np.nan, np.nan)
+    stored = StoredSubmodels(tuple(rigid), CONTENTS, "key")
     positions = positions_of(
         CONTENTS, known, photo=np.arange(PHOTOS), turn_deg=np.zeros(PHOTOS, np.int64), points=points
     )
@@ -56,9 +56,9 @@ def make_job(scene, pieces, *, at, placed, points=()):
     return adjust_job(stored, positions, laid=laid, matches=matches, folder=folder, out=out)
 
 
-def joined(scene, pieces, *, at, placed, points=()):
-    """Lay pieces and join them; returns centres in metres by number."""
-    model = adjust(make_job(scene, pieces, at=at, placed=placed, points=points))
+def joined(scene, submodels, *, at, placed, points=()):
+    """Lay submodels and join them; returns centres in metres by number."""
+    model = adjust(make_job(scene, submodels, at=at, placed=placed, points=points))
     if model is None:
         return None
     return {int(name): at / SCALE for name, at in zip(model.contents, model.centre, strict=True)}
@@ -141,15 +141,15 @@ def test_placed_photos_and_control_points_adjust_a_walk_together(scene):
     assert sigma_px[2] < 0.7 * sigma_px[0]
 
 
-def test_two_pieces_become_one_with_the_photos_between_them(scene):
+def test_two_submodels_become_one_with_the_photos_between_them(scene):
     truth, placed = walk()[0], [0, 4, 8, 10, 13, 17, 21]
-    # 9 and 11 are unknown, 10 is placed; no piece has any of them.
+    # 9 and 11 are unknown, 10 is placed; no submodel has any of them.
     found = joined(scene, [range(9), range(12, PHOTOS)], at=truth, placed=placed)
     assert sorted(found) == [*range(PHOTOS)]
     assert off(found, truth).max() < 0.1
 
 
-def test_pieces_stay_where_their_photos_would_not_agree_any_more(scene, monkeypatch):
+def test_submodels_stay_where_their_photos_would_not_agree_any_more(scene, monkeypatch):
     monkeypatch.setattr(adjusting, "_KEPT", 1.5)
     truth = walk()[0]
     assert joined(scene, [range(PHOTOS)], at=truth, placed=[0, 5, 16, 21]) is None

@@ -1,4 +1,4 @@
-"""Pieces of the court are adjusted by the photos that are placed."""
+"""Submodels of the court are adjusted by the photos that are placed."""
 
 import shutil
 from dataclasses import replace
@@ -12,7 +12,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks import adjust
 from webapp.tasks.landmarks.accept import accept_in_folder
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_map import OpenOptions
@@ -24,7 +24,7 @@ def joined(cfg):
 
 
 def adjusted(cfg):
-    return adjust_pieces(joined(cfg), read_map(cfg), progress=Progress())
+    return adjust_submodels(joined(cfg), read_map(cfg), progress=Progress())
 
 
 def place_all(court, *, moved=()):
@@ -59,12 +59,12 @@ def cfg(adjusted_court, tmp_path):
 
 def test_the_adjusted_world_is_the_map_and_a_wrong_position_stands_out(court):
     place_all(court, moved=[3])
-    found, (piece,) = adjusted(court.cfg)
-    assert piece.problem == ""
-    residual = {found.photos[n].id: off for n, off in piece.residual_px.items()}
+    found, (submodel,) = adjusted(court.cfg)
+    assert submodel.problem == ""
+    residual = {found.photos[n].id: off for n, off in submodel.residual_px.items()}
     assert residual.pop(3) == pytest.approx(90.0, abs=1.5)
     assert max(residual.values()) < 1.5
-    (rigid,) = found.pieces
+    (rigid,) = found.submodels
     for number, centre in zip(rigid.photo, rigid.centre, strict=True):
         assert np.hypot(*(centre[:2] - court.at[found.photos[number].id])) < 1.5
 
@@ -73,17 +73,17 @@ def test_it_is_kept_until_positions_change(court, monkeypatch):
     place_all(court)
     before = joined(court.cfg)
     found, _ = adjusted(court.cfg)
-    assert np.abs(before.pieces[0].centre - found.pieces[0].centre).max() > 1.0
+    assert np.abs(before.submodels[0].centre - found.submodels[0].centre).max() > 1.0
     with monkeypatch.context() as patched:
         patched.setattr(adjust, "run_adjustment", None)
         again, _ = adjusted(court.cfg)
-        np.testing.assert_array_equal(again.pieces[0].centre, found.pieces[0].centre)
+        np.testing.assert_array_equal(again.submodels[0].centre, found.submodels[0].centre)
     moved = read_map(court.cfg)
     first, *others = moved.experiences
     first = replace(first, position=MapPixel(first.position.x + 2.0, first.position.y))
     write_map(court.cfg, replace(moved, experiences=(first, *others)))
     after, _ = adjusted(court.cfg)
-    assert np.abs(after.pieces[0].centre - found.pieces[0].centre).max() > 0.01
+    assert np.abs(after.submodels[0].centre - found.submodels[0].centre).max() > 0.01
     localizer = open_pipeline(
         court.cfg, OpenOptions(method="landmarks"), settings=Settings(), progress=Progress()
     )
@@ -95,7 +95,7 @@ def test_it_is_kept_until_positions_change(court, monkeypatch):
     ("shift", "problem"),
     [(None, "3 positions are known, 4 are needed"), ("line", "the known positions are in a line")],
 )
-def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, shift, problem):
+def test_a_submodel_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, shift, problem):
     if shift == "line":
         the_map = read_map(court.cfg)
         first, *_, last = the_map.experiences
@@ -110,18 +110,18 @@ def test_a_piece_stays_as_it_is_where_positions_are_too_few_or_in_a_line(court, 
             for e in the_map.experiences
         ]
         write_map(court.cfg, replace(the_map, experiences=tuple(placed)))
-    before = joined(court.cfg).pieces[0].centre
-    found, (piece,) = adjusted(court.cfg)
-    assert piece.problem == problem
-    np.testing.assert_array_equal(found.pieces[0].centre, before)
+    before = joined(court.cfg).submodels[0].centre
+    found, (submodel,) = adjusted(court.cfg)
+    assert submodel.problem == problem
+    np.testing.assert_array_equal(found.submodels[0].centre, before)
 
 
 def test_a_photo_that_was_removed_takes_no_part_any_more(cfg):
     the_map = read_map(cfg)
     write_map(cfg, replace(the_map, experiences=the_map.experiences[:-1]))
-    found, (piece,) = adjusted(cfg)
-    assert piece.problem == ""
-    assert {found.photos[n].id for n in piece.photos} <= {e.id for e in the_map.experiences[:-1]}
+    found, (submodel,) = adjusted(cfg)
+    assert submodel.problem == ""
+    assert {found.photos[n].id for n in submodel.photos} <= {e.id for e in the_map.experiences[:-1]}
 
 
 def test_the_model_of_earlier_positions_is_removed_when_there_is_another(cfg):

@@ -80,7 +80,7 @@ def test_a_point_at_a_wrong_place_and_a_wrong_click_are_named(court, unplaced):
     the_map = replace(unplaced, control_points=tuple(points))
     found = join(court, the_map)
     residuals = residuals_of(
-        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+        found.submodels, georegister_found(found, the_map), photos=found.photos, the_map=the_map
     )
     assert [one.name for one in residuals if one.contradicts] == ["step"]
     assert residuals[0].name == "step"
@@ -102,7 +102,7 @@ def test_a_point_that_takes_no_part_says_why(court, unplaced):
     the_map = replace(unplaced, control_points=points)
     found = join(court, the_map)
     residuals = residuals_of(
-        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+        found.submodels, georegister_found(found, the_map), photos=found.photos, the_map=the_map
     )
     name = found_name(the_map, drain.clicks[0])
     assert [one.problem for one in residuals] == [
@@ -123,7 +123,7 @@ def test_placed_photos_and_points_are_judged_together(court, unplaced):
     )
     found = join(court, the_map)
     residuals = residuals_of(
-        found.pieces, georegister_found(found, the_map), photos=found.photos, the_map=the_map
+        found.submodels, georegister_found(found, the_map), photos=found.photos, the_map=the_map
     )
     assert (residuals[0].photo, residuals[0].contradicts) == (4, True)
     assert residuals[0].residual_m(the_map) == pytest.approx(2.0, abs=0.2)

@@ -103,9 +103,9 @@ def test_no_position_passes_for_a_more_exact_one_when_correcting_is_killed(tmp_p
 @pytest.fixture
 def part(tmp_path, monkeypatch):
     """Reconstructs a part of a map, with stand-ins for what takes time."""
-    found = SimpleNamespace(pieces=("a piece",))
+    found = SimpleNamespace(submodels=("a piece",))
     monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
-    monkeypatch.setattr(surroundings, "adjust_pieces", lambda *_, **__: None)
+    monkeypatch.setattr(surroundings, "adjust_submodels", lambda *_, **__: None)
     cfg = tmp_path / "map.cfg"
 
     def run(*photos):

@@ -14,7 +14,7 @@ from tests.tasks.landmarks.rendered import FOV_DEG, PIXELS_PER_METRE, SIDE, rend
 from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE
+from webapp.files.landmarks.colmap import SUBMODELS_FILE
 from webapp.files.localize.arrays import read_arrays, write_arrays
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
@@ -152,7 +152,7 @@ def test_landmarks_that_are_missing_are_gathered_from_the_models(court):
     file.unlink()
     suggest_rest(court.cfg, settings=Settings(), progress=Progress())
     np.testing.assert_array_equal(read_cloud(file).cloud.point, points)
-    assert (file.parent / PIECES_FILE).exists()
+    assert (file.parent / SUBMODELS_FILE).exists()
 
 
 def test_photos_without_landmarks_are_named(court):

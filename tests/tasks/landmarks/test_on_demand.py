@@ -192,9 +192,9 @@ def tried(tmp_path, monkeypatch):
     cfg = tmp_path / "map.cfg"
 
     def run(names, *, joined):
-        found = SimpleNamespace(pieces=("a piece",) if joined else ())
+        found = SimpleNamespace(submodels=("a piece",) if joined else ())
         monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
-        monkeypatch.setattr(surroundings, "adjust_pieces", lambda *_, **__: None)
+        monkeypatch.setattr(surroundings, "adjust_submodels", lambda *_, **__: None)
         the_map = Map(SatelliteImage("s.png", 9, 9), ())
         return surroundings.reconstruct_part(
             cfg, the_map, photos=photos_of(names), settings=Settings(), progress=Progress()

@@ -15,7 +15,7 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.control_points import residuals_of
 from webapp.tasks.landmarks.place_rest import georegister_found, suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
@@ -85,12 +85,12 @@ def test_a_control_point_takes_part_in_their_adjustment(court, tmp_path):
         for name, spot in spots.items()
     )
     the_map = replace(read_map(cfg), control_points=points)
-    joined, (piece,) = adjust_pieces(
+    joined, (submodel,) = adjust_submodels(
         reconstruct(cfg, the_map, settings=Settings(), progress=Progress()), the_map, progress=Progress()
     )
-    assert (piece.problem, len(piece.photos)) == ("", PANORAMAS)
+    assert (submodel.problem, len(submodel.photos)) == ("", PANORAMAS)
     residuals = residuals_of(
-        joined.pieces, georegister_found(joined, the_map), photos=joined.photos, the_map=the_map
+        joined.submodels, georegister_found(joined, the_map), photos=joined.photos, the_map=the_map
     )
     assert {one.name: one.problem for one in residuals if one.name in spots} == {"corner": None, "pole": None}
     assert max(one.residual_px for one in residuals) < 0.1 * PIXELS_PER_METRE

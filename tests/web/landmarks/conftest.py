@@ -7,9 +7,9 @@ import pytest
 from PIL import Image
 
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, write_submodels
 from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.localize.index_location import landmarks_folder
@@ -63,9 +63,9 @@ def joined(yard, client, library):
     folder.mkdir(parents=True)
     centre = np.array([(x, -y, 0.0) for x, y in AT], float)
     point = np.array([(50.0, -60.0, 5.0), (150.0, -100.0, -3.0), (90.0, -20.0, 8.0), (30.0, -150.0, 0.0)])
-    write_pieces(
-        folder / PIECES_FILE,
-        StoredPieces((RigidPiece(np.arange(3), centre, np.tile(UP, (3, 1, 1))),), contents, "key"),
+    write_submodels(
+        folder / SUBMODELS_FILE,
+        StoredSubmodels((Submodel(np.arange(3), centre, np.tile(UP, (3, 1, 1))),), contents, "key"),
     )
     cloud = LandmarkCloud(
         contents,

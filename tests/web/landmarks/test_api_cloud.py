@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.web.landmarks.conftest import AT, UP, place
-from webapp.core.landmarks.pieces import RigidPiece, turn_of_view
+from webapp.core.landmarks.submodels import Submodel, turn_of_view
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.extras import install_line
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, write_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, write_submodels
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import KINDS
 from webapp.jobs.map_jobs import build_landmarks
@@ -85,8 +85,8 @@ def test_a_panorama_is_one_camera_that_looks_as_its_middle_does(client, joined, 
         contents = (*(view.content(photos[0].sha256) for view in views), photos[1].sha256)
     rotation = np.array([*(turn_of_view(view.turn_deg) @ UP for view in views), UP])
     centre = np.array([(x, -y, 0.0) for x, y in (AT[0], AT[0], AT[1])], float)
-    piece = RigidPiece(np.arange(3), centre, rotation)
-    write_pieces(folder / PIECES_FILE, StoredPieces((piece,), contents, "key"))
+    submodel = Submodel(np.arange(3), centre, rotation)
+    write_submodels(folder / SUBMODELS_FILE, StoredSubmodels((submodel,), contents, "key"))
     cloud = read_cloud(folder / CLOUD_FILE).cloud
     write_cloud(folder / CLOUD_FILE, StoredCloud(replace(cloud, contents=contents), "key"))
     lay_in_library(library, record)

@@ -85,6 +85,10 @@ def _upsample_small(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
 
 
 def _wrap(network: FeatureNetwork) -> XFeat | Aliked | Disk:
-    if isinstance(network, XFeatNetwork):
-        return XFeat(network)
-    return Aliked(network) if isinstance(network, AlikedNetwork) else Disk(network)
+    match network:
+        case XFeatNetwork():
+            return XFeat(network)
+        case AlikedNetwork():
+            return Aliked(network)
+        case DiskNetwork():
+            return Disk(network)

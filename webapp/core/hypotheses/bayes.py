@@ -37,21 +37,21 @@ def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
         wrong, too, because they are near the truth: so it can make a lone one at most twice
         as likely against that none is right.
     """
-    split_missed = sum(h.probability for h in answer.hypotheses)
-    if not split_missed:
+    listed = sum(h.probability for h in answer.hypotheses)
+    if not listed:
         return answer
-    usual = sum(h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)) / split_missed
+    usual = sum(h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)) / listed
     likelihood = [w / (1.0 - NEARBY_SHARE + NEARBY_SHARE * usual) for w in likelihood]
     grown = [h.probability * w for h, w in zip(answer.hypotheses, likelihood, strict=True)]
     total = sum(grown) + answer.other_probability + (answer.off_map_probability or 0.0)
     changed = [replace(h, probability=p / total) for h, p in zip(answer.hypotheses, grown, strict=True)]
     off = answer.off_map_probability
-    reweight = replace(
+    weighed = replace(
         answer,
         other_probability=answer.other_probability / total,
         off_map_probability=None if off is None else off / total,
     )
-    return rerank(reweight, changed)
+    return rerank(weighed, changed)
 
 
 def rerank(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:

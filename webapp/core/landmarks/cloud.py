@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import LaidPiece, NotLaid
+from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
+from webapp.core.landmarks.submodels import Submodel
 
 _LEAST_SEEN = 2
 """Photos that have to see a point: one alone says nothing about where it is."""
@@ -20,15 +20,15 @@ _LEAST_SHARED = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkCloud:
-    """k points in the worlds of their pieces, seen m times by p photos.
+    """k points in the worlds of their submodels, seen m times by p photos.
 
     Attributes
     ----------
     contents : tuple of str
         SHA-256 of the photos' files.
     point : (k, 3) float64
-    piece : (k,) int32
-        Number of each point's piece.
+    submodel : (k,) int32
+        Number of each point's submodel.
     first : (p + 1,) int64
         Observations of photo i are `first[i]` to `first[i + 1]`.
     seen_point : (m,) int32
@@ -42,7 +42,7 @@ class LandmarkCloud:
 
     contents: tuple[str, ...]
     point: NDArray[np.float64]
-    piece: NDArray[np.int32]
+    submodel: NDArray[np.int32]
     first: NDArray[np.int64]
     seen_point: NDArray[np.int32]
     seen_xy: NDArray[np.float32]
@@ -74,10 +74,10 @@ class LaidCloud:
         Stands for what the cloud was made of.
     map_photo : (p,) int64
         Number of each photo on the map; -1 where it is not placed there any more.
-    pieces : tuple of RigidPiece
+    submodels : tuple of Submodel
         Their photos are those of the cloud.
-    laid : tuple of LaidPiece or NotLaid
-        Of each piece.
+    laid : tuple of LaidSubmodel or NotLaid
+        Of each submodel.
     times_seen : (k,) int64
         Photos that see each point; follows from the cloud.
     """
@@ -85,17 +85,17 @@ class LaidCloud:
     cloud: LandmarkCloud
     key: str
     map_photo: NDArray[np.int64]
-    pieces: tuple[RigidPiece, ...]
-    laid: tuple[LaidPiece | NotLaid, ...]
+    submodels: tuple[Submodel, ...]
+    laid: tuple[LaidSubmodel | NotLaid, ...]
     times_seen: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         times = np.bincount(self.cloud.seen_point, minlength=len(self.cloud.point))
         object.__setattr__(self, "times_seen", times)
 
-    def piece_of(self, photo: int) -> RigidPiece:
-        """Return the piece of a photo that sees some of the points."""
-        return self.pieces[int(self.cloud.piece[self.cloud.seen_point[self.cloud.first[photo]]])]
+    def submodel_of(self, photo: int) -> Submodel:
+        """Return the submodel of a photo that sees some of the points."""
+        return self.submodels[int(self.cloud.submodel[self.cloud.seen_point[self.cloud.first[photo]]])]
 
     def groups(self, photos: NDArray[np.int64], *, visible: NDArray[np.bool_], most: int) -> list[PhotoGroup]:
         """Group photos that see the same points.

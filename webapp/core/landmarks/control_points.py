@@ -1,6 +1,6 @@
 """Control points: spots of the world that are clicked in photos and whose place on the map is known.
 
-Where one is in the world of a piece follows from the rays of its clicks; a click that disagrees with the
+Where one is in the world of a submodel follows from the rays of its clicks; a click that disagrees with the
 others is left out. It is then known as a placed photo is, and no photo has to be placed.
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class KnownPoint:
     height_px : float
         Above any level that is the same for all, map pixels; NaN where unknown.
     photo : (m,) int64
-        Numbers of the pictures that show it, as pieces have them.
+        Numbers of the pictures that show it, as submodels have them.
     shown_by : tuple of str
         What these are called; the views of a panorama have one name.
     ray : (m, 3) float64
@@ -64,14 +64,14 @@ class KnownPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulated:
-    """A control point in the world of a piece.
+    """A control point in the world of a submodel.
 
     Attributes
     ----------
     at : (3,) float64
     covariance : (3, 3) float64
     row : (r,) int64
-        Photos of the piece whose clicks agree.
+        Photos of the submodel whose clicks agree.
     wrong : tuple of str
         Photos in which it is clicked elsewhere.
     """
@@ -85,12 +85,12 @@ class Triangulated:
 
 @dataclass(frozen=True, slots=True)
 class NotTriangulated:
-    """It is not known where a control point is in the world of a piece, and why. Falsy.
+    """It is not known where a control point is in the world of a submodel, and why. Falsy.
 
     Attributes
     ----------
     clicks : int
-        In photos of the piece.
+        In photos of the submodel.
     """
 
     point: KnownPoint
@@ -132,9 +132,9 @@ class _Rays(NamedTuple):
         return float(np.arccos(cosine.min()))
 
 
-def triangulate(point: KnownPoint, piece: RigidPiece) -> Triangulated | NotTriangulated:
-    """Find where a control point is in the world of a piece."""
-    row_of = {photo: row for row, photo in enumerate(piece.photo.tolist())}
+def triangulate(point: KnownPoint, submodel: Submodel) -> Triangulated | NotTriangulated:
+    """Find where a control point is in the world of a submodel."""
+    row_of = {photo: row for row, photo in enumerate(submodel.photo.tolist())}
     clicked: dict[str, tuple[int, int]] = {}
     for number, photo in enumerate(point.photo.tolist()):
         if photo in row_of:
@@ -146,7 +146,7 @@ def triangulate(point: KnownPoint, piece: RigidPiece) -> Triangulated | NotTrian
         )
         return NotTriangulated(point, f"{where}: click it in two or more", len(names))
     row, click = (np.array(some, np.int64) for some in zip(*clicked.values(), strict=True))
-    rays = _Rays(piece.centre[row], np.einsum("rji,rj->ri", piece.rotation[row], point.ray[click]))
+    rays = _Rays(submodel.centre[row], np.einsum("rji,rj->ri", submodel.rotation[row], point.ray[click]))
     best = _agreeing(rays)
     if best is None:
         if rays.widest() < _LEAST_ANGLE_RAD:
@@ -160,14 +160,14 @@ def triangulate(point: KnownPoint, piece: RigidPiece) -> Triangulated | NotTrian
     return Triangulated(point, at, np.asarray(np.linalg.inv(information), np.float64), row[good], wrong)
 
 
-def sigma_by_points(piece: RigidPiece, points: Sequence[KnownPoint]) -> Array:
-    """Say how exactly control points say where the photos are that show them; n photos of the piece.
+def sigma_by_points(submodel: Submodel, points: Sequence[KnownPoint]) -> Array:
+    """Say how exactly control points say where the photos are that show them; n photos of the submodel.
 
     What is known of a point is known of its photos, together: it counts once, however many they are.
 
     Parameters
     ----------
-    piece : RigidPiece
+    submodel : Submodel
         In the world of the map: x and y are map pixels.
 
     Returns
@@ -175,9 +175,9 @@ def sigma_by_points(piece: RigidPiece, points: Sequence[KnownPoint]) -> Array:
     (n,) float64
         Standard deviations along both axes, map pixels; infinite for photos that show none.
     """
-    information = np.zeros(len(piece))
+    information = np.zeros(len(submodel))
     for point in points:
-        found = triangulate(point, piece)
+        found = triangulate(point, submodel)
         if isinstance(found, Triangulated):
             variance = point.sigma_px**2 + np.trace(found.covariance[:2, :2]) / 2.0
             information[found.row] += 1.0 / (variance * len(found.row))

@@ -1,4 +1,4 @@
-"""Lays a piece on the map by placed photos and control points together."""
+"""Lays a submodel on the map by placed photos and control points together."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, Triangulated, triangulate
-from webapp.core.landmarks.pieces import (
+from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid, lay_submodel
+from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
+from webapp.core.landmarks.submodels import (
     PlanView,
     Points,
-    RigidPiece,
+    Submodel,
     view_by_heights,
     view_by_level_cameras,
     view_by_positions,
 )
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid, lay_piece
-from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
 
 Array = NDArray[np.float64]
 
@@ -54,95 +54,97 @@ class PointFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georegistration:
-    """A piece on the map, or why it is not there.
+    """A submodel on the map, or why it is not there.
 
     Attributes
     ----------
     points : tuple of PointFit
-        Of the control points whose place in the piece is known.
+        Of the control points whose place in the submodel is known.
     problems : tuple of NotTriangulated
         Of all others.
     """
 
-    laid: LaidPiece | NotLaid
+    laid: LaidSubmodel | NotLaid
     points: tuple[PointFit, ...]
     problems: tuple[NotTriangulated, ...]
 
 
-def georegister(piece: RigidPiece, known: KnownPositions, *, points: Sequence[KnownPoint]) -> Georegistration:
-    """Lay a piece on the map.
+def georegister(
+    submodel: Submodel, known: KnownPositions, *, points: Sequence[KnownPoint]
+) -> Georegistration:
+    """Lay a submodel on the map.
 
     Where three control points have heights, these say which way is up; else the cameras do.
     """
-    tried = [triangulate(point, piece) for point in points]
+    tried = [triangulate(point, submodel) for point in points]
     found = [one for one in tried if isinstance(one, Triangulated)]
     problems = tuple(one for one in tried if isinstance(one, NotTriangulated))
     if not found:
-        return Georegistration(lay_piece(piece, known), (), problems)
-    placed = np.isfinite(known.at[piece.photo])
+        return Georegistration(lay_submodel(submodel, known), (), problems)
+    placed = np.isfinite(known.at[submodel.photo])
     names = ", ".join(one.point.name for one in found)
-    view = _view(piece, known, found)
+    view = _view(submodel, known, found)
     if view is None:
         reason = "their cameras have no common up: give three control points a height, or place three photos"
         return Georegistration(
-            NotLaid(reason, tuple(piece.photo[placed].tolist())), _unjudged(found), problems
+            NotLaid(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems
         )
     if placed.sum() + len(found) < 2:
         reason = f"only one position is known, that of the control point {names}"
         return Georegistration(NotLaid(reason), _unjudged(found), problems)
-    both = _Extended.of(piece, known, found=found, view=view)
+    both = _Extended.of(submodel, known, found=found, view=view)
     laid = both.lay()
     if isinstance(laid, NotLaid):
         photos = tuple(number for number in laid.photos if number < len(known.at))
         reason = f"{laid.reason} (control points: {names})"
         return Georegistration(NotLaid(reason, photos), _unjudged(found), problems)
-    return Georegistration(_of_photos(laid, piece), _fits(laid, found, first=len(piece)), problems)
+    return Georegistration(_of_photos(laid, submodel), _fits(laid, found, first=len(submodel)), problems)
 
 
-def _view(piece: RigidPiece, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
-    at = known.at[piece.photo]
+def _view(submodel: Submodel, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
+    at = known.at[submodel.photo]
     return (
         view_by_heights(
-            piece,
+            submodel,
             centre=np.array([one.at for one in found]),
             position=np.array([one.point.at for one in found]),
             height=np.array([one.point.height_px for one in found]),
         )
-        or view_by_level_cameras(piece)
-        or view_by_positions(piece, known=np.isfinite(at), position=at)
+        or view_by_level_cameras(submodel)
+        or view_by_positions(submodel, known=np.isfinite(at), position=at)
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extended:
-    """A piece with control points as if they were further photos."""
+    """A submodel with control points as if they were further photos."""
 
-    piece: RigidPiece
+    submodel: Submodel
     known: KnownPositions
     view: PlanView
 
     @classmethod
     def of(
-        cls, piece: RigidPiece, known: KnownPositions, *, found: Sequence[Triangulated], view: PlanView
+        cls, submodel: Submodel, known: KnownPositions, *, found: Sequence[Triangulated], view: PlanView
     ) -> _Extended:
         photos, down = len(known.at), view.frame[2]
         # At the height of the cameras that see it: what is known of a camera is known of it.
-        level = [one.at + float((piece.centre[one.row].mean(0) - one.at) @ down) * down for one in found]
+        level = [one.at + float((submodel.centre[one.row].mean(0) - one.at) @ down) * down for one in found]
         centre = np.array(level)
         plan = (centre @ view.frame[:2].T) @ np.array([1.0, 1j])
         at = np.array([one.point.at for one in found])
-        scale = _spread(np.append(known.at[piece.photo], at)) / max(
-            _spread(np.append(np.where(np.isfinite(known.at[piece.photo]), view.position, np.nan), plan)),
+        scale = _spread(np.append(known.at[submodel.photo], at)) / max(
+            _spread(np.append(np.where(np.isfinite(known.at[submodel.photo]), view.position, np.nan), plan)),
             1e-300,
         )
         spread = [np.trace(view.frame[:2] @ one.covariance @ view.frame[:2].T) / 2.0 for one in found]
         sigma = np.hypot([one.point.sigma_px for one in found], scale * np.sqrt(spread))
         return cls(
-            RigidPiece(
-                np.append(piece.photo, photos + np.arange(len(found))),
-                np.concatenate([piece.centre, centre]),
-                np.concatenate([piece.rotation, np.tile(np.eye(3), (len(found), 1, 1))]),
-                piece.error_rate,
+            Submodel(
+                np.append(submodel.photo, photos + np.arange(len(found))),
+                np.concatenate([submodel.centre, centre]),
+                np.concatenate([submodel.rotation, np.tile(np.eye(3), (len(found), 1, 1))]),
+                submodel.error_rate,
             ),
             KnownPositions(
                 np.append(known.at, at),
@@ -154,13 +156,13 @@ class _Extended:
             ),
         )
 
-    def lay(self) -> LaidPiece | NotLaid:
+    def lay(self) -> LaidSubmodel | NotLaid:
         """Lay it without the positions that contradict all others."""
-        at, sigma = self.known.at[self.piece.photo], self.known.sigma_px[self.piece.photo]
+        at, sigma = self.known.at[self.submodel.photo], self.known.sigma_px[self.submodel.photo]
         wrong = odd_ones(self.view.position, at, sigma=sigma)
         kept = self.known.at.copy()
-        kept[self.piece.photo[wrong]] = complex(np.nan, np.nan)
-        laid = lay_piece(self.piece, replace(self.known, at=kept), view=self.view)
+        kept[self.submodel.photo[wrong]] = complex(np.nan, np.nan)
+        laid = lay_submodel(self.submodel, replace(self.known, at=kept), view=self.view)
         if isinstance(laid, NotLaid) or not len(wrong):
             return laid
         residual, others = laid.residual_px.copy(), laid.others_have.copy()
@@ -176,7 +178,7 @@ def odd_ones(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
     Parameters
     ----------
     plan : (n,) complex128
-        As seen in the piece.
+        As seen in the submodel.
     at : (n,) complex128
         On the map; NaN where unknown.
     sigma : (n,) float64
@@ -217,16 +219,16 @@ def _spread(points: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(known - known.mean()) ** 2)))
 
 
-def _of_photos(laid: LaidPiece, piece: RigidPiece) -> LaidPiece:
+def _of_photos(laid: LaidSubmodel, submodel: Submodel) -> LaidSubmodel:
     """Leave out the control points, as of what is laid; they still lay it."""
-    photos, used = len(piece), laid.transform
+    photos, used = len(submodel), laid.transform
     placed = used.row < photos
     transform = replace(used, row=np.where(placed, used.row, -1))
     radius = None
     if placed.any():
         photos_used = PlacedPhotos(used.row, used.at, used.sigma_px, used.derived)
-        radius = radius_by_covariance(piece, photos_used.subset(placed))
-    return LaidPiece(
+        radius = radius_by_covariance(submodel, photos_used.subset(placed))
+    return LaidSubmodel(
         laid.at[:photos],
         laid.radius_px[:photos] if radius is None else radius,
         laid.angle_deg[:photos],
@@ -242,7 +244,7 @@ def _unjudged(found: Sequence[Triangulated]) -> tuple[PointFit, ...]:
     return tuple(PointFit(one.point.name, one.point.at, nowhere, False, one.wrong) for one in found)
 
 
-def _fits(laid: LaidPiece, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
+def _fits(laid: LaidSubmodel, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
     return tuple(
         PointFit(
             one.point.name,

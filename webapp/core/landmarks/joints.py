@@ -1,7 +1,7 @@
 """Cuts a model where too little holds it together.
 
 What hangs on a few points, at a sharp turn or between facades that look alike, has any direction and scale:
-it is a piece of its own, which has to be laid on the map by itself.
+it is a submodel of its own, which has to be laid on the map by itself.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_PHOTOS = 3
-"""Of a piece; fewer say nothing of each other."""
+"""Of a submodel; fewer say nothing of each other."""
 
 _LEAST_SHARED = 20
 """Points that both of two photos see, which hold them together."""

@@ -14,8 +14,8 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import LaidCameras, LaidPiece, NotLaid
+from webapp.core.landmarks.placing import LaidCameras, LaidSubmodel, NotLaid
+from webapp.core.landmarks.submodels import Submodel
 
 Array = NDArray[np.float64]
 
@@ -103,32 +103,32 @@ class MapCloud(NamedTuple):
 
 def lay_cloud(
     cloud: LandmarkCloud,
-    pieces: Sequence[RigidPiece],
+    submodels: Sequence[Submodel],
     *,
-    laid: Sequence[LaidPiece | NotLaid],
+    laid: Sequence[LaidSubmodel | NotLaid],
     frame: CloudFrame,
 ) -> MapCloud:
-    """Lay a cloud on a map; pieces that cannot be laid are left out.
+    """Lay a cloud on a map; submodels that cannot be laid are left out.
 
-    Each photo has a similarity of its own, as a long piece bends. A point goes to the mean of where the
+    Each photo has a similarity of its own, as a long submodel bends. A point goes to the mean of where the
     photos that see it have it.
     """
     photos = len(cloud.contents)
     centre = np.full((photos, 3), np.nan)  # as laid: map pixels, and height in them
     factor = np.full(photos, complex(np.nan, np.nan))
     rotation = np.full((photos, 3, 3), np.nan)
-    level = np.zeros((len(pieces), 3, 3))
+    level = np.zeros((len(submodels), 3, 3))
     local = np.zeros((photos, 3))
-    for number, (piece, result) in enumerate(zip(pieces, laid, strict=True)):
-        if not isinstance(result, LaidPiece):
+    for number, (submodel, result) in enumerate(zip(submodels, laid, strict=True)):
+        if not isinstance(result, LaidSubmodel):
             continue
-        cameras = result.transform.lay_cameras(piece.centre)
+        cameras = result.transform.lay_cameras(submodel.centre)
         level[number] = result.transform.frame
-        local[piece.photo] = piece.centre @ result.transform.frame.T
-        centre[piece.photo] = np.column_stack([cameras.at.real, cameras.at.imag, cameras.height_px])
-        factor[piece.photo] = cameras.factor
-        rotation[piece.photo] = _turned(piece.rotation @ result.transform.frame.T, cameras)
-    own = np.einsum("kij,kj->ki", level[cloud.piece], cloud.point)
+        local[submodel.photo] = submodel.centre @ result.transform.frame.T
+        centre[submodel.photo] = np.column_stack([cameras.at.real, cameras.at.imag, cameras.height_px])
+        factor[submodel.photo] = cameras.factor
+        rotation[submodel.photo] = _turned(submodel.rotation @ result.transform.frame.T, cameras)
+    own = np.einsum("kij,kj->ki", level[cloud.submodel], cloud.point)
     laid_points = _mean_of_views(cloud, own, local=local, centre=centre, factor=factor)
     return _in_frame(laid_points, centre, rotation, frame=frame)
 
@@ -141,7 +141,7 @@ def _turned(axes: Array, cameras: LaidCameras) -> Array:
 
 
 def _mean_of_views(cloud: LandmarkCloud, own: Array, *, local: Array, centre: Array, factor: Array) -> Array:
-    """Lay points (k, 3), each by all photos that see it; NaN for those of pieces that are not laid."""
+    """Lay points (k, 3), each by all photos that see it; NaN for those of submodels that are not laid."""
     photo = np.repeat(np.arange(len(cloud.contents)), np.diff(cloud.first))
     point = np.asarray(cloud.seen_point)
     off = own[point] - local[photo]

@@ -1,10 +1,10 @@
-"""Lays a piece on the map by those of its photos that are placed, and so places the others.
+"""Lays a submodel on the map by those of its photos that are placed, and so places the others.
 
-A long piece bends, and on a plan that is not to scale it has to: so each photo has a similarity of its own,
-in which the placed photos count the more, the nearer they are (moving least squares: S. Schaefer, T. McPhail,
-J. Warren, "Image deformation using moving least squares", 2006). How much more is chosen by leaving out each
-placed photo in turn, which also says how far off a suggestion may be and which placed photo contradicts the
-others.
+A long submodel bends, and on a plan that is not to scale it has to: so each photo has a similarity of its
+own, in which the placed photos count the more, the nearer they are (moving least squares: S. Schaefer, T.
+McPhail, J. Warren, "Image deformation using moving least squares", 2006). How much more is chosen by leaving
+out each placed photo in turn, which also says how far off a suggestion may be and which placed photo
+contradicts the others.
 """
 
 from __future__ import annotations
@@ -15,13 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.pieces import (
-    PlanView,
-    Points,
-    RigidPiece,
-    view_by_level_cameras,
-    view_by_positions,
-)
 from webapp.core.landmarks.radii import (
     PlacedPhotos,
     error_rate_of,
@@ -29,6 +22,13 @@ from webapp.core.landmarks.radii import (
     radius_by_distance,
 )
 from webapp.core.landmarks.similarity import Similarity
+from webapp.core.landmarks.submodels import (
+    PlanView,
+    Points,
+    Submodel,
+    view_by_level_cameras,
+    view_by_positions,
+)
 
 Array = NDArray[np.float64]
 
@@ -71,8 +71,8 @@ class KnownPositions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaidPiece:
-    """A piece on the map; n photos.
+class LaidSubmodel:
+    """A submodel on the map; n photos.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class LaidPiece:
     contradicting : (n,) bool
         Placed photos that were left out, because they contradict the others.
     transform : PlanTransform
-        Lays what else is known in the world of the piece.
+        Lays what else is known in the world of the submodel.
     """
 
     at: Points
@@ -103,16 +103,16 @@ class LaidPiece:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanTransform:
-    """From the world of a piece to the map, by the k placed photos that were used for it.
+    """From the world of a submodel to the map, by the k placed photos that were used for it.
 
     Attributes
     ----------
     frame : (3, 3) float64
         See `PlanView`.
     row : (k,) int64
-        Which photos of the piece they are; -1 for a control point.
+        Which photos of the submodel they are; -1 for a control point.
     centre : (k, 3) float64
-        Where they are in the world of the piece.
+        Where they are in the world of the submodel.
     at : (k,) complex128
         Map pixels.
     sigma_px : (k,) float64
@@ -124,7 +124,7 @@ class PlanTransform:
         Errors when each is left out, over the distance to the nearest other one; NaN where it measures
         nothing, and may be empty.
     least_rate : float
-        See `RigidPiece.error_rate`.
+        See `Submodel.error_rate`.
     """
 
     frame: Array
@@ -143,7 +143,7 @@ class PlanTransform:
         return max(self.least_rate, error_rate_of(self.relative))
 
     def similarity(self) -> Similarity:
-        """Fit one similarity of the whole piece, to map pixels with a third axis that points down from it."""
+        """Fit one similarity of the whole submodel to map pixels, with a third axis that points down."""
         own = self.centre @ self.frame.T
         weight = self.sigma_px**-2.0 / (self.sigma_px**-2.0).sum()
         plan = own[:, 0] + 1j * own[:, 1]
@@ -157,7 +157,7 @@ class PlanTransform:
         return Similarity(abs(factor), rotation @ self.frame, np.array([shift.real, shift.imag, height]))
 
     def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
-        """Leave out photos of the piece, (n,); None where those that are left are at fewer than two spots."""
+        """Leave out photos of the submodel, (n,); None where the others are at fewer than two spots."""
         kept = (self.row < 0) | ~hidden[self.row]
         if kept.all():
             return self
@@ -168,7 +168,7 @@ class PlanTransform:
         return PlanTransform(self.frame, *known, self.exponent, relative, self.least_rate)
 
     def lay_cameras(self, centre: Array) -> LaidCameras:
-        """Lay cameras (n, 3) of the piece on the map, placed or not."""
+        """Lay cameras (n, 3) of the submodel on the map, placed or not."""
         seen, own = centre @ self.frame.T, self.centre @ self.frame.T
         plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
         known = self._known()
@@ -177,7 +177,7 @@ class PlanTransform:
         return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
 
     def lay(self, centre: Array) -> LaidPoint:
-        """Lay a point (3,) of the world of the piece on the map."""
+        """Lay a point (3,) of the world of the submodel on the map."""
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
         plan = own[:, 0] + 1j * own[:, 1]
         target = np.array([seen[0] + 1j * seen[1]])
@@ -191,7 +191,7 @@ class PlanTransform:
         return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
 
     def _known(self) -> PlacedPhotos:
-        """Its photos as a piece of their own."""
+        """Its photos as a submodel of their own."""
         return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
@@ -216,7 +216,7 @@ class LaidPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NotLaid:
-    """A piece cannot be laid on the map, and the reason. Falsy.
+    """A submodel cannot be laid on the map, and the reason. Falsy.
 
     Attributes
     ----------
@@ -232,28 +232,28 @@ class NotLaid:
         return False
 
 
-def lay_piece(
-    piece: RigidPiece, known: KnownPositions, *, view: PlanView | None = None
-) -> LaidPiece | NotLaid:
-    """Lay a piece on the map, as it is seen from above if that is known already."""
-    at = known.at[piece.photo]
+def lay_submodel(
+    submodel: Submodel, known: KnownPositions, *, view: PlanView | None = None
+) -> LaidSubmodel | NotLaid:
+    """Lay a submodel on the map, as it is seen from above if that is known already."""
+    at = known.at[submodel.photo]
     placed = np.isfinite(at)
     spots = len(np.unique(at[placed]))
     if spots < 2:
         which = "none of them is placed" if not placed.any() else "only one of them is placed"
         return NotLaid(which if spots == placed.sum() else "those that are placed are all at one spot")
-    view = view or view_by_level_cameras(piece) or view_by_positions(piece, known=placed, position=at)
+    view = view or view_by_level_cameras(submodel) or view_by_positions(submodel, known=placed, position=at)
     if view is None:
         return NotLaid(
             "their cameras have no common up, and the placed ones are fewer than three or in a line",
-            tuple(piece.photo[placed].tolist()),
+            tuple(submodel.photo[placed].tolist()),
         )
     problem = _misfit(view.position[placed], at[placed])
     if problem:
-        return NotLaid(problem, tuple(piece.photo[placed].tolist()))
-    own = piece.photo[placed]
+        return NotLaid(problem, tuple(submodel.photo[placed].tolist()))
+    own = submodel.photo[placed]
     fields = (np.flatnonzero(placed), at[placed], known.sigma_px[own], known.derived[own])
-    return _lay(piece, view, PlacedPhotos(*fields))
+    return _lay(submodel, view, PlacedPhotos(*fields))
 
 
 def _misfit(plan: Points, at: Points) -> str | None:
@@ -275,7 +275,7 @@ def _global_rms(plan: Points, at: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
 
 
-def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
+def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> LaidSubmodel:
     judges, kept = known.judges, np.ones(len(known.row), np.bool_)
     exponent, moved, error, relative = _leave_one_out(view.position, known.subset(judges))
     while len(error) >= _FEW:
@@ -300,11 +300,11 @@ def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
     residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
     contradicting[wrong] = True
-    radius = radius_by_covariance(piece, used)
+    radius = radius_by_covariance(submodel, used)
     if radius is None:
-        rate = max(piece.error_rate, error_rate_of(relative))
+        rate = max(submodel.error_rate, error_rate_of(relative))
         radius = radius_by_distance(view.position, used, factor=factor, rate=rate)
-    return LaidPiece(
+    return LaidSubmodel(
         at,
         radius,
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
@@ -314,13 +314,13 @@ def _lay(piece: RigidPiece, view: PlanView, known: PlacedPhotos) -> LaidPiece:
         PlanTransform(
             view.frame,
             used.row,
-            piece.centre[used.row],
+            submodel.centre[used.row],
             used.at,
             used.sigma_px,
             used.derived,
             exponent,
             relative,
-            piece.error_rate,
+            submodel.error_rate,
         ),
     )
 

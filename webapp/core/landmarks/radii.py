@@ -1,4 +1,4 @@
-"""How far off photos of a piece may be."""
+"""How far off photos of a submodel may be."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.pieces import Points, RigidPiece
+from webapp.core.landmarks.submodels import Points, Submodel
 
 Array = NDArray[np.float64]
 
@@ -29,8 +29,8 @@ _LEAST_OF_KNOWN = 0.5
 
 
 class PlacedPhotos(NamedTuple):
-    """Placed photos: which of a piece (k,), where on the map (k,), how exactly (k,), map pixels, and which of
-    these positions were derived from other photos (k,)."""
+    """Placed photos: which of a submodel (k,), where on the map (k,), how exactly (k,), map pixels, and
+    which of these positions were derived from other photos (k,)."""
 
     row: NDArray[np.int64]
     at: Points
@@ -63,7 +63,7 @@ def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rat
     Parameters
     ----------
     plan : (n,) complex128
-        The piece from above.
+        The submodel from above.
     factor : (n,) complex128
         Rotation and scale from there to the map.
     rate : float
@@ -76,8 +76,8 @@ def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rat
     return radius
 
 
-def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None:
-    """Compute 68 % radii (n,), map pixels, from the covariances of an adjusted piece.
+def radius_by_covariance(submodel: Submodel, known: PlacedPhotos) -> Array | None:
+    """Compute 68 % radii (n,), map pixels, from the covariances of an adjusted submodel.
 
     Covariances say which photos hang on little, but not how far the model is off as a whole: that is measured
     by leaving out each placed photo in turn. Its error over how much more uncertain than usual it is, is what
@@ -90,17 +90,17 @@ def radius_by_covariance(piece: RigidPiece, known: PlacedPhotos) -> Array | None
     Returns
     -------
     array or None
-        None for a piece without covariances, or with too few placed photos.
+        None for a submodel without covariances, or with too few placed photos.
     """
-    if piece.covariance is None:
+    if submodel.covariance is None:
         return None
     known = known.subset(known.judges)
     rank = math.ceil(_SHARE * (len(known.row) + 1))
     if rank > len(known.row):
         return None
-    sigma = _sigma(piece.covariance)
+    sigma = _sigma(submodel.covariance)
     usual = float(np.median(sigma))
-    error, without = _left_out(piece.centre[:, 0] + 1j * piece.centre[:, 1], piece.covariance, known)
+    error, without = _left_out(submodel.centre[:, 0] + 1j * submodel.centre[:, 1], submodel.covariance, known)
     score = float(np.sort(error / np.maximum(without / usual, 1.0))[rank - 1])
     own = RADIUS_OVER_SIGMA * float(np.median(known.sigma_px))
     score = math.sqrt(max(score**2 - own**2, (_LEAST_OF_KNOWN * own) ** 2))

@@ -33,7 +33,7 @@ from webapp.core.landmarks.absolute_pose import (
     solve_camera,
 )
 from webapp.core.landmarks.cloud import LaidCloud, PhotoGroup
-from webapp.core.landmarks.placing import LaidPiece, LaidPoint
+from webapp.core.landmarks.placing import LaidPoint, LaidSubmodel
 from webapp.core.localize.evidence import Spots, evidence_vectors
 from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, voters_of
 from webapp.core.localize.verified import PlaceSearch
@@ -153,11 +153,11 @@ def _place(
     hidden: NDArray[np.bool_],
 ) -> PlaceCandidate | None:
     cloud = laid.cloud
-    number = int(cloud.piece[cloud.seen_point[group.rows[0]]])
+    number = int(cloud.submodel[cloud.seen_point[group.rows[0]]])
     on_map = laid.laid[number]
-    if not isinstance(on_map, LaidPiece):
+    if not isinstance(on_map, LaidSubmodel):
         return None
-    transform = on_map.transform.without(hidden[laid.pieces[number].photo])
+    transform = on_map.transform.without(hidden[laid.submodels[number].photo])
     if transform is None:
         return None
     lenses = _lenses(indexed, query, group, laid=laid)
@@ -196,7 +196,7 @@ def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: Laid
 
 
 def _on_map(pose: AbsolutePose, frame: Array, at: LaidPoint) -> tuple[CameraPose, float]:
-    """Turn a camera of a piece to the map; returns it and its heading, radians clockwise from up."""
+    """Turn a camera of a submodel to the map; returns it and its heading, radians clockwise from up."""
     turn = np.array([[at.factor.real, -at.factor.imag, 0.0], [at.factor.imag, at.factor.real, 0.0]])
     scale = abs(at.factor)
     to_map = np.vstack([turn, [0.0, 0.0, -scale]]) @ frame
@@ -247,11 +247,11 @@ def _relative_pose(
     pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], laid: LaidCloud
 ) -> RelativePose:
     """Derive the relative pose to a photo of the cloud."""
-    piece = laid.piece_of(photo)
-    row = int(np.flatnonzero(piece.photo == photo)[0])
-    rotation = piece.rotation[row] @ pose.rotation.T
-    apart = pose.centre - piece.centre[row]
-    translation = piece.rotation[row] @ apart
+    submodel = laid.submodel_of(photo)
+    row = int(np.flatnonzero(submodel.photo == photo)[0])
+    rotation = submodel.rotation[row] @ pose.rotation.T
+    apart = pose.centre - submodel.centre[row]
+    translation = submodel.rotation[row] @ apart
     to_photo = -pose.rotation @ apart
     length = float(np.linalg.norm(apart)) or 1.0
     return RelativePose(

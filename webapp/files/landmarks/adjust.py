@@ -1,9 +1,10 @@
-"""Joins the pieces of a map into one model by the known positions of their photos (pycolmap).
+"""Joins the submodels of a map into one model by the known positions of their photos (pycolmap).
 
-Each piece has been laid on the map by its placed photos, so that all cameras stand in one world. There the
-points are triangulated anew, also between photos of different pieces; cameras, points and lenses are adjusted
-with the known positions as priors; and photos that no piece had are added: placed ones with the rotation that
-their neighbours give them, others by the points that they show. From round to round less may be off.
+Each submodel has been laid on the map by its placed photos, so that all cameras stand in one world. There the
+points are triangulated anew, also between photos of different submodels; cameras, points and lenses are
+adjusted with the known positions as priors; and photos that no submodel had are added: placed ones with the
+rotation that their neighbours give them, others by the points that they show. From round to round less may
+be off.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ _LEAST_POINTS, _FEW_POINTS = 15, 10
 """Points that a photo, or all views of a panorama, show to stay in the model in the end, and to be added."""
 
 _KEPT = 0.5
-"""Share of the observations of the pieces below which the positions contradict the photos, or the map is not
-to scale."""
+"""Share of the observations of the submodels below which the positions contradict the photos, or the map is
+not to scale."""
 
 _ROBUST_SIGMAS, _ROBUST_PX = 3.0, 1.0
 """Deviation from a known position, and of a keypoint from where its point is projected, at which it begins to
@@ -53,7 +54,7 @@ class _Round(NamedTuple):
     wider: float
 
 
-_PIECES = (_Round(16.0, 4.0, 5.0), _Round(8.0, 4.0, 2.0))
+_SUBMODELS = (_Round(16.0, 4.0, 5.0), _Round(8.0, 4.0, 2.0))
 _NEIGHBOURS = (_Round(12.0, 4.0, 3.0), _Round(4.0, 2.0, 2.0))
 _LAST = _Round(4.0, 2.0, 1.0)
 
@@ -69,7 +70,7 @@ class AdjustJob:
     database : Path
         Of the matches.
     models : tuple of Path
-        Folders of the models of the pieces.
+        Folders of the models of the submodels.
     out : Path
         Folder for the joined model.
     contents : tuple of str
@@ -94,7 +95,7 @@ class AdjustJob:
 def adjust(job: AdjustJob) -> Model | None:
     """Join the photos, and write their model; None where they contradict the positions."""
     scene = _Scene(job)
-    for round_ in _PIECES:
+    for round_ in _SUBMODELS:
         scene.refine(round_)
     for round_ in _NEIGHBOURS:
         scene.allow(round_)
@@ -137,11 +138,11 @@ class _Scene:
         self._options.random_seed = 1
         self._mapper = self._colmap.IncrementalMapper(self._cache)
         self._mapper.begin_reconstruction(self._model)
-        self.allow(_PIECES[0])
+        self.allow(_SUBMODELS[0])
         self._triangulate()
 
     def _read_models(self) -> int:
-        """Take over the lenses of the pieces; returns how many observations their photos have there."""
+        """Take over the lenses of the submodels; returns how many observations their photos have there."""
         posed, lenses, seen = set(self._job.contents), set[int](), 0
         for folder in self._job.models:
             model = self._colmap.Reconstruction(folder)

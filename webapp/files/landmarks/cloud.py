@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.cloud import LandmarkCloud, observed_twice
 from webapp.errors import IndexDamaged
-from webapp.files.landmarks.colmap import StoredPieces, as_model, pycolmap
+from webapp.files.landmarks.colmap import StoredSubmodels, as_model, pycolmap
 from webapp.files.localize.arrays import read_arrays, write_settled
 
 CLOUD_FILE = "cloud.arrays"
@@ -23,7 +23,7 @@ Descriptors = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredCloud:
-    """A cloud, and `key` of the pieces that it belongs to."""
+    """A cloud, and `key` of the submodels that it belongs to."""
 
     cloud: LandmarkCloud
     key: str
@@ -40,32 +40,32 @@ class _Seen(NamedTuple):
 
 
 def read_models(
-    folders: Iterable[Path], stored: StoredPieces, *, described: Callable[[str], tuple[Any, Descriptors]]
+    folders: Iterable[Path], stored: StoredSubmodels, *, described: Callable[[str], tuple[Any, Descriptors]]
 ) -> LandmarkCloud:
-    """Gather the points of models that belong to pieces, with the descriptors of their observations.
+    """Gather the points of models that belong to submodels, with the descriptors of their observations.
 
     Parameters
     ----------
     folders : iterable of Path
-        Of the models that the pieces were cut from; of several with a piece the first is taken.
+        Of the models that the submodels were cut from; of several with a submodel the first is taken.
     described : callable
         Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
     """
     number = {content: n for n, content in enumerate(stored.contents)}
-    piece_of = {frozenset(piece.photo.tolist()): n for n, piece in enumerate(stored.pieces)}
+    submodel_of = {frozenset(submodel.photo.tolist()): n for n, submodel in enumerate(stored.submodels)}
     camera = np.zeros((2, len(number)))
     parts: list[tuple[int, _Seen]] = []
     for folder in folders:
         reconstruction = pycolmap().Reconstruction(folder)
         model = as_model(reconstruction)
-        # A model that was joined by known positions is one piece as it is.
+        # A model that was joined by known positions is one submodel as it is.
         for part in [np.arange(len(model.contents)), *model.parts()]:
             photos = {
                 model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
             }
-            piece = piece_of.pop(frozenset(photos.values()), None)
-            if piece is not None:
-                parts.append((piece, _observations(reconstruction, photos, camera=camera)))
+            submodel = submodel_of.pop(frozenset(photos.values()), None)
+            if submodel is not None:
+                parts.append((submodel, _observations(reconstruction, photos, camera=camera)))
     return _gather(parts, stored.contents, camera=camera, described=described)
 
 
@@ -105,13 +105,13 @@ def _gather(
     order = np.argsort(photo, kind="stable")
     first = np.searchsorted(photo[order], np.arange(len(contents) + 1))
     xy, descriptors = _described(contents, keypoint[order], first, described=described)
-    pieces = [np.full(len(kept), piece) for (piece, _), (kept, _) in zip(parts, used, strict=True)]
+    submodels = [np.full(len(kept), submodel) for (submodel, _), (kept, _) in zip(parts, used, strict=True)]
     return LandmarkCloud(
         contents,
         np.concatenate(
             [np.zeros((0, 3)), *(s.at[kept] for (_, s), (kept, _) in zip(parts, used, strict=True))]
         ),
-        np.concatenate([none, *pieces]).astype(np.int32),
+        np.concatenate([none, *submodels]).astype(np.int32),
         first.astype(np.int64),
         point[order].astype(np.int32),
         xy,
@@ -151,7 +151,7 @@ def write_cloud(path: Path, stored: StoredCloud) -> None:
     cloud = stored.cloud
     arrays: dict[str, NDArray[Any]] = {
         "point": cloud.point,
-        "piece": cloud.piece,
+        "piece": cloud.submodel,
         "first": cloud.first,
         "seen_point": cloud.seen_point,
         "seen_xy": cloud.seen_xy,
@@ -169,6 +169,7 @@ def read_cloud(path: Path) -> StoredCloud | None:
         arrays, meta = read_arrays(path)
         if meta["format"] != _FORMAT:
             return None
+        arrays["submodel"] = arrays.pop("piece")
         return StoredCloud(LandmarkCloud(tuple(meta["contents"]), **arrays), str(meta["key"]))
     except (IndexDamaged, KeyError, TypeError):
         return None

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.joints import rigid_parts
-from webapp.core.landmarks.pieces import RigidPiece
+from webapp.core.landmarks.submodels import Submodel
 from webapp.errors import IndexDamaged
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
-PIECES_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
-"""The pieces as they are used, and as they were before they were joined by known positions."""
+SUBMODELS_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
+"""The submodels as they are used, and as they were before they were joined by known positions."""
 
 _FORMAT = 4
 
@@ -161,8 +161,8 @@ def export_model(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredPieces:
-    """Pieces of a reconstruction, whose photos are numbers in `contents`.
+class StoredSubmodels:
+    """Submodels of a reconstruction, whose photos are numbers in `contents`.
 
     Attributes
     ----------
@@ -171,10 +171,10 @@ class StoredPieces:
     adjusted : str
         Stands for the known positions that they were to be joined by; empty where that was not tried.
     problem : str
-        Why they could not be joined; where they were, the first piece is the joined one.
+        Why they could not be joined; where they were, the first submodel is the joined one.
     """
 
-    pieces: tuple[RigidPiece, ...]
+    submodels: tuple[Submodel, ...]
     contents: tuple[str, ...]
     key: str
     adjusted: str = ""
@@ -186,22 +186,22 @@ class StoredPieces:
         return self.key + self.adjusted
 
 
-def write_pieces(path: Path, stored: StoredPieces) -> None:
+def write_submodels(path: Path, stored: StoredSubmodels) -> None:
     """Replace the file.
 
     Raises
     ------
     StorageError
     """
-    pieces: Sequence[RigidPiece] = stored.pieces
-    start = np.cumsum([0, *(len(piece) for piece in pieces)])
+    submodels: Sequence[Submodel] = stored.submodels
+    start = np.cumsum([0, *(len(submodel) for submodel in submodels)])
     arrays = {
         "start": start.astype(np.int64),
-        "photo": np.concatenate([np.zeros(0, np.int64), *(p.photo for p in pieces)]),
-        "centre": np.concatenate([np.zeros((0, 3)), *(p.centre for p in pieces)]),
-        "rotation": np.concatenate([np.zeros((0, 3, 3)), *(p.rotation for p in pieces)]),
-        "error_rate": np.array([p.error_rate for p in pieces], np.float64),
-        "covariance": np.concatenate([np.zeros((0, 2, 2)), *(_covariance(p) for p in pieces)]),
+        "photo": np.concatenate([np.zeros(0, np.int64), *(p.photo for p in submodels)]),
+        "centre": np.concatenate([np.zeros((0, 3)), *(p.centre for p in submodels)]),
+        "rotation": np.concatenate([np.zeros((0, 3, 3)), *(p.rotation for p in submodels)]),
+        "error_rate": np.array([p.error_rate for p in submodels], np.float64),
+        "covariance": np.concatenate([np.zeros((0, 2, 2)), *(_covariance(p) for p in submodels)]),
     }
     meta = {
         "format": _FORMAT,
@@ -213,7 +213,7 @@ def write_pieces(path: Path, stored: StoredPieces) -> None:
     write_arrays(path, arrays, meta=meta)
 
 
-def read_pieces(path: Path) -> StoredPieces | None:
+def read_submodels(path: Path) -> StoredSubmodels | None:
     """Read the file; None when there is none that this program can use, so that it is made again."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
@@ -222,8 +222,8 @@ def read_pieces(path: Path) -> StoredPieces | None:
         start = arrays["start"].tolist()
         rates = arrays["error_rate"].tolist()
         covariance = arrays["covariance"]
-        pieces = tuple(
-            RigidPiece(
+        submodels = tuple(
+            Submodel(
                 arrays["photo"][a:b],
                 arrays["centre"][a:b],
                 arrays["rotation"][a:b],
@@ -233,11 +233,11 @@ def read_pieces(path: Path) -> StoredPieces | None:
             for a, b, rate in zip(start[:-1], start[1:], rates, strict=True)
         )
         texts = (str(meta[name]) for name in ("key", "adjusted", "problem"))
-        return StoredPieces(pieces, tuple(meta["contents"]), *texts)
+        return StoredSubmodels(submodels, tuple(meta["contents"]), *texts)
     except (IndexDamaged, KeyError):
         return None
 
 
-def _covariance(piece: RigidPiece) -> NDArray[np.float64]:
-    """Give the covariances of a piece; NaN where it has none."""
-    return np.full((len(piece), 2, 2), np.nan) if piece.covariance is None else piece.covariance
+def _covariance(submodel: Submodel) -> NDArray[np.float64]:
+    """Give the covariances of a submodel; NaN where it has none."""
+    return np.full((len(submodel), 2, 2), np.nan) if submodel.covariance is None else submodel.covariance

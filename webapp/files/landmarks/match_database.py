@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
-from webapp.core.landmarks.pieces import turn_of_view
+from webapp.core.landmarks.submodels import turn_of_view
 from webapp.files.landmarks.colmap import pycolmap
 
 LEAST_INLIERS = 15

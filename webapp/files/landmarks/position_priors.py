@@ -16,7 +16,7 @@ from webapp.core.landmarks.control_points import (
     sigma_by_points,
     triangulate,
 )
-from webapp.core.landmarks.pieces import RigidPiece, of_photos, turn_of_view
+from webapp.core.landmarks.submodels import Submodel, of_photos, turn_of_view
 
 Array = NDArray[np.float64]
 
@@ -68,9 +68,9 @@ class PicturePositions:
 
 
 class _Photos(NamedTuple):
-    """Of a model: as a piece, and the images to which their frames refer by their numbers."""
+    """Of a model: as a submodel, and the images to which their frames refer by their numbers."""
 
-    piece: RigidPiece
+    submodel: Submodel
     image: Mapping[int, Any]
 
 
@@ -132,9 +132,9 @@ class PositionPriors:
 
     def _sigma_by_points(self, photos: _Photos) -> dict[int, float]:
         """Say how exactly control points say where photos are that show them, by their numbers."""
-        sigma = sigma_by_points(photos.piece, self._positions.points)
+        sigma = sigma_by_points(photos.submodel, self._positions.points)
         rows = np.flatnonzero(np.isfinite(sigma)).tolist()
-        return {int(photos.piece.photo[row]): float(sigma[row]) for row in rows}
+        return {int(photos.submodel.photo[row]): float(sigma[row]) for row in rows}
 
     def _photos(self, model: Any) -> _Photos:
         images = [model.image(id) for id in model.reg_image_ids()]
@@ -143,8 +143,8 @@ class PositionPriors:
         centre = np.array([image.projection_center() for image in images]).reshape(-1, 3)
         rotation = np.array([image.cam_from_world().rotation.matrix() for image in images]).reshape(-1, 3, 3)
         photo, turn = self._positions.photo[row], self._positions.turn_deg[row]
-        piece = of_photos(RigidPiece(row, centre, rotation), photo=photo, turn_deg=turn)
-        return _Photos(piece, dict(zip(photo.tolist(), images, strict=True)))
+        submodel = of_photos(Submodel(row, centre, rotation), photo=photo, turn_deg=turn)
+        return _Photos(submodel, dict(zip(photo.tolist(), images, strict=True)))
 
     def _prior_of(self, image: Any, *, shows: bool, wider: float) -> Any | None:
         """Give the prior of a photo that is placed, or that shows a control point: then of its height."""
@@ -160,10 +160,10 @@ class PositionPriors:
         """Add the control points to a model; gives the ids of the images that show nothing else: for each
         click one in the frame of its photo, and one from above."""
         for point in self._positions.points:
-            found = triangulate(point, photos.piece)
+            found = triangulate(point, photos.submodel)
             if isinstance(found, NotTriangulated):
                 continue
-            agree = np.isin(point.photo, photos.piece.photo[found.row])
+            agree = np.isin(point.photo, photos.submodel.photo[found.row])
             clicks = dict(zip(point.photo[agree].tolist(), point.ray[agree], strict=True))
             shown = [self._click(model, photos.image[photo], ray) for photo, ray in clicks.items()]
             shown.append(self._look_from_above(model, point, at=found.at, sigma_px=wider * point.sigma_px))

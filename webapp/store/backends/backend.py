@@ -20,7 +20,7 @@ from webapp.store.backends.watching import Listener
 WAIT_S = 30
 """How long a writer waits for the others."""
 
-TURN = "turn"
+LOCK_MODE = "lock_mode"
 """Option of connections that write: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
 
 ALONE, TOGETHER = "alone", "together"
@@ -54,7 +54,7 @@ class Backend(ABC):
         """
 
     @abstractmethod
-    def turn(self) -> AbstractContextManager[object]:
+    def writer_lock(self) -> AbstractContextManager[object]:
         """Make what the threads of a process that write take turns by."""
 
     @abstractmethod

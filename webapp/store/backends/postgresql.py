@@ -17,10 +17,10 @@ from sqlalchemy.orm import Session
 from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError, UsageError
 from webapp.extras import extra
 from webapp.store.backends.backend import (
+    LOCK_MODE,
     MOVED,
     MOVING,
     TOGETHER,
-    TURN,
     WAIT_S,
     Backend,
     has_moved,
@@ -145,7 +145,7 @@ class Postgresql(Backend):
         event.listen(engine, "begin", _begin)
         return engine
 
-    def turn(self) -> AbstractContextManager[object]:
+    def writer_lock(self) -> AbstractContextManager[object]:
         """Let all threads ask: the server has them wait."""
         return nullcontext()
 
@@ -283,13 +283,13 @@ class Postgresql(Backend):
 
 
 def _begin(connection: Connection) -> None:
-    turn = connection.get_execution_options().get(TURN)
-    if turn is None:
+    mode = connection.get_execution_options().get(LOCK_MODE)
+    if mode is None:
         return
-    kind = "_shared" if turn == TOGETHER else ""
+    kind = "_shared" if mode == TOGETHER else ""
     connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock{kind}({_LOCK})")
     # Only now, by a statement of its own: it sees what was kept while this one waited for the lock.
-    if turn != MOVING and connection.exec_driver_sql(_HAS_MOVED).scalar_one():
+    if mode != MOVING and connection.exec_driver_sql(_HAS_MOVED).scalar_one():
         raise has_moved()
 
 

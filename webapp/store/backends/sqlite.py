@@ -15,7 +15,7 @@ from sqlalchemy.exc import DatabaseError, DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import DiskFull, ExpMapError, StorageError
-from webapp.store.backends.backend import MOVED, MOVING, TURN, WAIT_S, Backend, has_moved
+from webapp.store.backends.backend import LOCK_MODE, MOVED, MOVING, WAIT_S, Backend, has_moved
 from webapp.store.clock import now
 
 _STEPS = 20_000
@@ -32,7 +32,7 @@ class Sqlite(Backend):
         event.listen(engine, "begin", _begin)
         return engine
 
-    def turn(self) -> AbstractContextManager[object]:
+    def writer_lock(self) -> AbstractContextManager[object]:
         """Let one thread at a time ask SQLite, which would have all that wait ask again and again."""
         return threading.RLock()
 
@@ -134,9 +134,9 @@ def _prepare(connection: Any, _record: object) -> None:
 
 
 def _begin(connection: Connection) -> None:
-    turn = connection.get_execution_options().get(TURN)
-    connection.exec_driver_sql("BEGIN" if turn is None else "BEGIN IMMEDIATE")
-    if turn in (None, MOVING):
+    mode = connection.get_execution_options().get(LOCK_MODE)
+    connection.exec_driver_sql("BEGIN" if mode is None else "BEGIN IMMEDIATE")
+    if mode in (None, MOVING):
         return
     if connection.exec_driver_sql(f"SELECT 1 FROM sqlite_master WHERE name = '{MOVED}'").first():
         raise has_moved()

@@ -28,7 +28,7 @@ def placed_on_present_image(
     later = (
         select(Edit, Account.name)
         .join(Account, Account.id == Edit.account_id)
-        .where(Edit.map_id == record.id, Edit.turn > edit.turn, Edit.state == "done")
+        .where(Edit.map_id == record.id, Edit.revision > edit.revision, Edit.state == "done")
         .where(Edit.account_id.is_distinct_from(edit.account_id))
     )
     for other, name in session.execute(later):

@@ -142,7 +142,12 @@ def apply(
     for step in steps:
         _set(rows, target=step["target"], fields=step["after"])
     edit = Edit(
-        map_id=record.id, account_id=account_id, kind=kind, changes=steps, state="done", turn=record.revision
+        map_id=record.id,
+        account_id=account_id,
+        kind=kind,
+        changes=steps,
+        state="done",
+        revision=record.revision,
     )
     session.add(edit)
     session.flush()
@@ -151,12 +156,12 @@ def apply(
 
 def undo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
     """Take back the account's last edit of the map; None when there is none."""
-    return _turn(session, record, newest_done(session, record, account_id=account_id), back=True)
+    return _undo_or_redo(session, record, newest_done(session, record, account_id=account_id), back=True)
 
 
 def redo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
     """Do the account's last undone edit of the map again; None when there is none."""
-    return _turn(session, record, oldest_undone(session, record, account_id=account_id), back=False)
+    return _undo_or_redo(session, record, oldest_undone(session, record, account_id=account_id), back=False)
 
 
 def newest_done(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
@@ -191,7 +196,7 @@ _NEXT_STEPS = select(Edit.state, Edit.kind, func.json_array_length(Edit.changes)
 )
 
 
-def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
+def _undo_or_redo(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
     if edit is None:
         return None
     now_there, wanted = ("after", "before") if back else ("before", "after")
@@ -212,16 +217,16 @@ def _turn(session: Session, record: MapRecord, edit: Edit | None, *, back: bool)
     for change in edit.changes:
         _set(rows, target=change["target"], fields=change[wanted])
     edit.state = "undone" if back else "done"
-    edit.turn = record.revision
+    edit.revision = record.revision
     return UndoResult(edit, None)
 
 
 def revision_of_listed(session: Session, record: MapRecord, target: str) -> int:
     """Return the revision that last changed a control point or a note, which have no row of their own."""
     of_map = (Edit.map_id == record.id, Edit.kind.in_(_KINDS_OF_LISTED))
-    for edit in session.scalars(select(Edit).where(*of_map).order_by(Edit.turn.desc())):
+    for edit in session.scalars(select(Edit).where(*of_map).order_by(Edit.revision.desc())):
         if any(change["target"] == target for change in edit.changes):
-            return edit.turn
+            return edit.revision
     return 0
 
 
@@ -360,7 +365,7 @@ def _who_changed(rows: _Rows, *, target: str) -> str:
     found = (
         select(Account.name)
         .join(Edit, Edit.account_id == Account.id)
-        .where(Edit.map_id == rows.record.id, Edit.turn == rows.revision(target))
+        .where(Edit.map_id == rows.record.id, Edit.revision == rows.revision(target))
     )
     who = rows.session.scalars(found.limit(1)).first() or "somebody"
     what = "the satellite image"

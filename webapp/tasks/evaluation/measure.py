@@ -16,7 +16,7 @@ from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
 from webapp.tasks.computing.in_order import Workplace, in_order
 from webapp.tasks.evaluation.types import Localize
-from webapp.tasks.localize import landmarks, orient_map
+from webapp.tasks.localize import geometry, orient_map
 from webapp.tasks.localize.open_again import MadeAgain, MapFiles
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
@@ -88,7 +88,7 @@ class PipelineFiles:
 
     def open(self) -> LocalizationPipeline:
         """Open the pipeline; errors as `MapFiles.open`."""
-        opened = landmarks.prepare_geometry(self.files.open(), progress=Progress())
+        opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
         pipeline = LocalizationPipeline(
             opened,
             self.files.settings,

@@ -1,4 +1,4 @@
-"""Joins the pieces of a reconstruction that are on the map by placed photos and control points."""
+"""Joins the submodels of a reconstruction that are on the map by placed photos and control points."""
 
 from __future__ import annotations
 
@@ -15,12 +15,18 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import georegister
-from webapp.core.landmarks.pieces import Points, RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid
+from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid
+from webapp.core.landmarks.submodels import Points, Submodel
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.adjust import AdjustJob
-from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
+from webapp.files.landmarks.colmap import (
+    RIGID_FILE,
+    SUBMODELS_FILE,
+    StoredSubmodels,
+    read_submodels,
+    write_submodels,
+)
 from webapp.files.landmarks.position_priors import PicturePositions
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
@@ -45,7 +51,7 @@ _FORMAT = 4
 
 
 @dataclass(frozen=True, slots=True)
-class AdjustedPiece:
+class AdjustedSubmodel:
     """The outcome for photos that are connected.
 
     Attributes
@@ -64,14 +70,14 @@ class AdjustedPiece:
     residual_px: Mapping[int, float]
 
 
-def adjust_pieces(
+def adjust_submodels(
     found: Reconstruction, the_map: Map, *, progress: Progress, wait_s: float = 0.0
-) -> tuple[Reconstruction, list[AdjustedPiece]]:
-    """Join pieces by the placed photos and by those with GPS, each as exactly as it is known.
+) -> tuple[Reconstruction, list[AdjustedSubmodel]]:
+    """Join submodels by the placed photos and by those with GPS, each as exactly as it is known.
 
-    Placed photos that contradict the others of their piece take no part. Pieces that cannot be laid on the
-    map stay as they are; all do where known positions are too few, or in a line, or where the photos would
-    not agree any more. What was joined is kept, and not computed again for the same positions.
+    Placed photos that contradict the others of their submodel take no part. Submodels that cannot be laid on
+    the map stay as they are; all do where known positions are too few, or in a line, or where the photos
+    would not agree any more. What was joined is kept, and not computed again for the same positions.
 
     Raises
     ------
@@ -80,18 +86,20 @@ def adjust_pieces(
     StorageError, ProcessLost, Cancelled
     """
     with writer_lock(found.shared, wait_s=wait_s):
-        rigid, now = (read_pieces(found.folder / name) for name in (RIGID_FILE, PIECES_FILE))
+        rigid, now = (read_submodels(found.folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
         if rigid is None:
             raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
         points, adjusted = found_points(found, the_map), _key_of(known, the_map)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
             now = _adjust(rigid, known, points, found=found, adjusted=adjusted, progress=progress)
-            write_pieces(found.folder / PIECES_FILE, now)
+            write_submodels(found.folder / SUBMODELS_FILE, now)
             _remove_others(found.folder / ADJUSTED, adjusted)
         keep_cloud(found.folder, now, features=found.shared)
-    pieces = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
-    return replace(found, pieces=pieces), [*_reports(pieces, now.problem, known=known, points=points)]
+    submodels = tuple(renumbered(now, found.number_of, turn_of=found.turn_of))
+    return replace(found, submodels=submodels), [
+        *_reports(submodels, now.problem, known=known, points=points)
+    ]
 
 
 def _key_of(known: KnownPositions, the_map: Map) -> str:
@@ -108,30 +116,30 @@ def _remove_others(folder: Path, kept: str) -> None:
 
 
 def _adjust(
-    rigid: StoredPieces,
+    rigid: StoredSubmodels,
     known: KnownPositions,
     points: Sequence[KnownPoint],
     *,
     found: Reconstruction,
     adjusted: str,
     progress: Progress,
-) -> StoredPieces:
-    """Join the pieces that can be laid on the map."""
+) -> StoredSubmodels:
+    """Join the submodels that can be laid on the map."""
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
-    results = [georegister(piece, known, points=points) for piece in of_photos]
+    results = [georegister(submodel, known, points=points) for submodel in of_photos]
     laid = [
-        (piece, result.laid)
-        for piece, result in zip(rigid.pieces, results, strict=True)
-        if isinstance(result.laid, LaidPiece)
+        (submodel, result.laid)
+        for submodel, result in zip(rigid.submodels, results, strict=True)
+        if isinstance(result.laid, LaidSubmodel)
     ]
     problem = _too_little([result for _, result in laid])
     if problem:
         return replace(rigid, adjusted=adjusted, problem=problem)
     progress.note("adjusting them by the known positions")
     usable = np.isfinite(known.at)
-    for piece, result in zip(of_photos, results, strict=True):
-        if isinstance(result.laid, LaidPiece):
-            usable[piece.photo[result.laid.contradicting]] = False
+    for submodel, result in zip(of_photos, results, strict=True):
+        if isinstance(result.laid, LaidSubmodel):
+            usable[submodel.photo[result.laid.contradicting]] = False
     wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
     number = np.array([found.number_of[content] for content in rigid.contents], np.int64)
     at = np.where(usable, known.at, complex(math.nan, math.nan))[number]
@@ -150,15 +158,15 @@ def _adjust(
     row = {content: n for n, content in enumerate(rigid.contents)}
     photo = np.array([row[content] for content in model.contents], np.int64)
     others = [
-        piece
-        for piece, result in zip(rigid.pieces, results, strict=True)
-        if isinstance(result.laid, NotLaid) and not np.isin(piece.photo, photo).any()
+        submodel
+        for submodel, result in zip(rigid.submodels, results, strict=True)
+        if isinstance(result.laid, NotLaid) and not np.isin(submodel.photo, photo).any()
     ]
-    joined = RigidPiece(photo, model.centre, model.rotation, covariance=model.covariance)
-    return replace(rigid, pieces=(joined, *others), adjusted=adjusted, problem="")
+    joined = Submodel(photo, model.centre, model.rotation, covariance=model.covariance)
+    return replace(rigid, submodels=(joined, *others), adjusted=adjusted, problem="")
 
 
-def _too_little(laid: Sequence[LaidPiece]) -> str:
+def _too_little(laid: Sequence[LaidSubmodel]) -> str:
     """Say what known positions lack to adjust photos by them."""
     at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in laid)])
     if len(at) < _LEAST_KNOWN:
@@ -203,41 +211,41 @@ def positions_of(
 
 
 def adjust_job(
-    rigid: StoredPieces,
+    rigid: StoredSubmodels,
     positions: PicturePositions,
     *,
-    laid: Sequence[tuple[RigidPiece, LaidPiece]],
+    laid: Sequence[tuple[Submodel, LaidSubmodel]],
     matches: Path,
     folder: Path,
     out: Path,
 ) -> AdjustJob:
-    """Stand all pictures of the pieces on the map, each where the known positions near it have it.
+    """Stand all pictures of the submodels on the map, each where the known positions near it have it.
 
     Parameters
     ----------
-    laid : sequence of (RigidPiece, LaidPiece)
-        Pieces of pictures, and how they lie on the map.
+    laid : sequence of (Submodel, LaidSubmodel)
+        Submodels of pictures, and how they lie on the map.
     matches, folder, out : Path
         The database, the folder of the reconstruction, and that for the joined model.
     """
     placed = dict(zip(positions.known, positions.at, strict=True))
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
-    for piece, result in laid:
-        there = result.transform.lay_cameras(piece.centre)
-        names = [rigid.contents[number] for number in piece.photo.tolist()]
+    for submodel, result in laid:
+        there = result.transform.lay_cameras(submodel.centre)
+        names = [rigid.contents[number] for number in submodel.photo.tolist()]
         at = np.column_stack([there.at.real, there.at.imag])
         at = np.array([placed.get(name, own) for name, own in zip(names, at, strict=True)])
         contents += names
         centre.append(np.column_stack([at, np.zeros(len(at))]))
         to_map = _to_map(there.factor) @ result.transform.frame
-        rotation.append(piece.rotation @ np.swapaxes(to_map, 1, 2))
+        rotation.append(submodel.rotation @ np.swapaxes(to_map, 1, 2))
     cameras = tuple(contents), np.concatenate(centre), np.concatenate(rotation)
     return AdjustJob(matches, tuple(model_folders(folder)), out, *cameras, positions)
 
 
 def _to_map(factor: Points) -> Array:
-    """Rotations (n, 3, 3) from a piece as seen from above to the map, by the factors (n,) of its cameras."""
+    """Rotations (n, 3, 3) from a submodel seen from above to the map, by the factors (n,) of its cameras."""
     turn = factor / np.abs(factor)
     level = np.zeros((len(turn), 3, 3))
     level[:, 0, 0] = level[:, 1, 1] = turn.real
@@ -247,14 +255,14 @@ def _to_map(factor: Points) -> Array:
 
 
 def _reports(
-    pieces: Sequence[RigidPiece], problem: str, *, known: KnownPositions, points: Sequence[KnownPoint]
-) -> Iterator[AdjustedPiece]:
-    for order, piece in enumerate(pieces):
-        photos = tuple(piece.photo.tolist())
+    submodels: Sequence[Submodel], problem: str, *, known: KnownPositions, points: Sequence[KnownPoint]
+) -> Iterator[AdjustedSubmodel]:
+    for order, submodel in enumerate(submodels):
+        photos = tuple(submodel.photo.tolist())
         if order == 0 and not problem:
-            off = np.abs(piece.centre[:, 0] + 1j * piece.centre[:, 1] - known.at[piece.photo])
+            off = np.abs(submodel.centre[:, 0] + 1j * submodel.centre[:, 1] - known.at[submodel.photo])
             there = zip(photos, off.tolist(), strict=True)
-            yield AdjustedPiece(photos, "", {n: away for n, away in there if not math.isnan(away)})
+            yield AdjustedSubmodel(photos, "", {n: away for n, away in there if not math.isnan(away)})
             continue
-        laid = georegister(piece, known, points=points).laid
-        yield AdjustedPiece(photos, laid.reason if isinstance(laid, NotLaid) else problem, {})
+        laid = georegister(submodel, known, points=points).laid
+        yield AdjustedSubmodel(photos, laid.reason if isinstance(laid, NotLaid) else problem, {})

@@ -16,8 +16,8 @@ from webapp.core.landmarks.absolute_pose import Lens, ray_of_pixel
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.pieces import RigidPiece, turn_of_view
-from webapp.core.landmarks.placing import LaidPiece, NotLaid
+from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
+from webapp.core.landmarks.submodels import Submodel, turn_of_view
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
@@ -91,7 +91,7 @@ class PhotoLenses:
         Of the landmarks.
     cloud : LandmarkCloud
     content_of : mapping of int to str
-        By the numbers that photos have in pieces.
+        By the numbers that photos have in submodels.
     """
 
     folder: Path
@@ -115,22 +115,22 @@ class PhotoLenses:
 
 
 def georegister_all(
-    pieces: Sequence[RigidPiece],
+    submodels: Sequence[Submodel],
     photos: Sequence[AnyPhoto | None],
     *,
     the_map: Map,
     lenses: PhotoLenses,
 ) -> list[Georegistration]:
-    """Lay pieces on a map by its placed photos and control points.
+    """Lay submodels on a map by its placed photos and control points.
 
     Parameters
     ----------
     photos : sequence of Experience or UnplacedPhoto or None
-        By the numbers that the pieces have: photos, or the views of panoramas.
+        By the numbers that the submodels have: photos, or the views of panoramas.
     """
     known = known_positions(photos, the_map)
     points = known_points(photos, the_map, lenses=lenses)
-    return [georegister(piece, known, points=points) for piece in pieces]
+    return [georegister(submodel, known, points=points) for submodel in submodels]
 
 
 def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
@@ -193,7 +193,7 @@ def _ray(
 
 
 def residuals_of(
-    pieces: Sequence[RigidPiece],
+    submodels: Sequence[Submodel],
     results: Sequence[Georegistration],
     *,
     photos: Sequence[AnyPhoto | None],
@@ -202,18 +202,18 @@ def residuals_of(
     """List how well placed photos and control points fit, the largest residual first."""
     found = [
         one
-        for piece, result in zip(pieces, results, strict=True)
-        if isinstance(result.laid, LaidPiece)
-        for one in _of_photos(piece, result.laid, photos=photos)
+        for submodel, result in zip(submodels, results, strict=True)
+        if isinstance(result.laid, LaidSubmodel)
+        for one in _of_photos(submodel, result.laid, photos=photos)
     ]
     found += [_of_point(point, results) for point in the_map.control_points]
     return sorted(found, key=lambda one: (-(one.residual_px or 0.0), one.name))
 
 
 def _of_photos(
-    piece: RigidPiece, laid: LaidPiece, *, photos: Sequence[AnyPhoto | None]
+    submodel: Submodel, laid: LaidSubmodel, *, photos: Sequence[AnyPhoto | None]
 ) -> Iterator[Residual]:
-    for row, number in enumerate(piece.photo.tolist()):
+    for row, number in enumerate(submodel.photo.tolist()):
         photo, there = photos[number], complex(laid.others_have[row])
         if isinstance(photo, Experience) and not math.isnan(there.real):
             others = MapPixel(there.real, there.imag)
@@ -222,7 +222,7 @@ def _of_photos(
 
 
 def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> Residual:
-    """Judge a control point by the first piece that has it; else say why none has."""
+    """Judge a control point by the first submodel that has it; else say why none has."""
     if point.position is None:
         return Residual(None, point.name, None, problem="it is not on the map yet")
     clicks, problem = -1, "no photo is joined with others"

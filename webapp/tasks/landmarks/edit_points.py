@@ -53,7 +53,7 @@ def set_in_library(library: Library, map_id: int, *, points: Points, account_id:
             kind=edits.POINTS_KIND,
             account_id=account_id,
         )
-    return None if done is None else done.turn
+    return None if done is None else done.revision
 
 
 def set_in_folder(cfg: Path, points: Points) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.files.landmarks.colmap import PIECES_FILE, export_model, read_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, export_model, read_submodels
 from webapp.tasks.landmarks.mapping import adjusted_folders, model_folders
 from webapp.tasks.landmarks.reconstruct import Reconstruction
 
@@ -48,8 +48,8 @@ def export_models(
         A model cannot be read, or was replaced just now.
     StorageError
     """
-    pieces = read_pieces(folder / PIECES_FILE)
-    sources = [*(adjusted_folders(folder, pieces) if pieces else []), *model_folders(folder)]
+    submodels = read_submodels(folder / SUBMODELS_FILE)
+    sources = [*(adjusted_folders(folder, submodels) if submodels else []), *model_folders(folder)]
     exported = []
     for number, source in enumerate(sources):
         target = out / str(number)

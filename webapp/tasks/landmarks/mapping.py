@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from webapp.errors import ProcessLost
 from webapp.files.landmarks.adjust import AdjustJob, adjust
-from webapp.files.landmarks.colmap import Model, StoredPieces, as_model, pycolmap
+from webapp.files.landmarks.colmap import Model, StoredSubmodels, as_model, pycolmap
 from webapp.logs import Carried, carried
 from webapp.progress import Progress
 from webapp.tasks.computing.local import start_worker
@@ -68,7 +68,7 @@ def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
 
 
 def run_adjustment(job: AdjustJob, *, progress: Progress) -> Model | None:
-    """Join pieces by known positions; see `files.landmarks.adjust`.
+    """Join submodels by known positions; see `files.landmarks.adjust`.
 
     Raises
     ------
@@ -105,10 +105,10 @@ def model_folders(folder: Path) -> list[Path]:
     return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
 
 
-def adjusted_folders(folder: Path, pieces: StoredPieces) -> list[Path]:
-    """List the folder of the model that pieces were joined to, if they were."""
-    joined = folder / ADJUSTED / pieces.adjusted
-    return [joined] if pieces.adjusted and not pieces.problem else []
+def adjusted_folders(folder: Path, submodels: StoredSubmodels) -> list[Path]:
+    """List the folder of the model that submodels were joined to, if they were."""
+    joined = folder / ADJUSTED / submodels.adjusted
+    return [joined] if submodels.adjusted and not submodels.problem else []
 
 
 def _run(run: Callable[[Job], Found], job: Job, sender: Connection, *, log: Carried) -> None:

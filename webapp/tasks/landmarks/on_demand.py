@@ -22,7 +22,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.surroundings import part_around, part_of, reconstruct_part
 from webapp.tasks.localize import orient_map
-from webapp.tasks.localize.landmarks import has_landmarks, lay_landmarks
+from webapp.tasks.localize.geometry import has_landmarks, lay_landmarks
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 
 NOT_YET = "the landmarks around this place are not reconstructed yet: ask again in a minute"

@@ -11,17 +11,17 @@ import numpy as np
 
 from webapp.core.geo.types import MapPixel, inside
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.pieces import RigidPiece
-from webapp.core.landmarks.placing import KnownPositions, LaidPiece, NotLaid
+from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid
 from webapp.core.landmarks.proposals import propose_next
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
+from webapp.core.landmarks.submodels import Submodel
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import UsageError
 from webapp.files.landmarks.colmap import pycolmap
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.control_points import found_points
 from webapp.tasks.landmarks.known import known_positions
@@ -159,7 +159,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     if not the_map.unplaced and not check and not any(e.by_gps for e in the_map.experiences):
         raise UsageError("the map has no photo without a place", where=str(cfg))
     found = reconstruct(cfg, the_map, settings=settings, progress=progress)
-    joined, _ = adjust_pieces(found, the_map, progress=progress)
+    joined, _ = adjust_submodels(found, the_map, progress=progress)
     colour_cloud(cfg, joined, limits=settings.photo, progress=progress)
     return suggest_from(joined, the_map)
 
@@ -168,18 +168,18 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
     """Suggest places by a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
     laid = [result.laid for result in georegister_found(found, the_map)]
-    proposed = propose_next(found.pieces, laid, known=known, most=_PROPOSED)
+    proposed = propose_next(found.submodels, laid, known=known, most=_PROPOSED)
     suggested: list[SuggestedPlace] = []
     left: list[LeftPhoto] = []
-    for piece, result in zip(found.pieces, laid, strict=True):
-        for one in _of_piece(piece, result, found=found, the_map=the_map, known=known):
+    for submodel, result in zip(found.submodels, laid, strict=True):
+        for one in _of_submodel(submodel, result, found=found, the_map=the_map, known=known):
             (suggested if isinstance(one, SuggestedPlace) else left).append(one)  # type: ignore[arg-type]
     left += _unjoined(found)
     checked = [
         one
-        for piece, result in zip(found.pieces, laid, strict=True)
-        if isinstance(result, LaidPiece)
-        for one in _checked(piece, result, photos=found.photos, the_map=the_map)
+        for submodel, result in zip(found.submodels, laid, strict=True)
+        if isinstance(result, LaidSubmodel)
+        for one in _checked(submodel, result, photos=found.photos, the_map=the_map)
     ]
     return RestReport(
         tuple(sorted(suggested, key=lambda one: one.id)),
@@ -191,27 +191,27 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
 
 
 def georegister_found(found: Reconstruction, the_map: Map) -> list[Georegistration]:
-    """Lay the pieces of a reconstruction on the map by its placed photos and control points."""
+    """Lay the submodels of a reconstruction on the map by its placed photos and control points."""
     known, points = known_positions(found.photos, the_map), found_points(found, the_map)
-    return [georegister(piece, known, points=points) for piece in found.pieces]
+    return [georegister(submodel, known, points=points) for submodel in found.submodels]
 
 
-def _of_piece(
-    piece: RigidPiece,
-    laid: LaidPiece | NotLaid,
+def _of_submodel(
+    submodel: Submodel,
+    laid: LaidSubmodel | NotLaid,
     *,
     found: Reconstruction,
     the_map: Map,
     known: KnownPositions,
 ) -> Iterator[SuggestedPlace | LeftPhoto]:
-    photos = [found.photos[number] for number in piece.photo.tolist()]
+    photos = [found.photos[number] for number in submodel.photo.tolist()]
     free = [row for row, photo in enumerate(photos) if isinstance(photo, UnplacedPhoto)]
     if isinstance(laid, NotLaid):
-        help_ = tuple(found.photos[n].id for n in propose_next([piece], [laid], known=known, most=2))
-        reason = f"it is joined with {len(piece) - 1} other photos, but {laid.reason}"
+        help_ = tuple(found.photos[n].id for n in propose_next([submodel], [laid], known=known, most=2))
+        reason = f"it is joined with {len(submodel) - 1} other photos, but {laid.reason}"
         yield from (LeftPhoto(photos[row].id, photos[row].photo, reason, help_) for row in free)
         return
-    used = np.flatnonzero(np.isfinite(known.at[piece.photo]) & ~laid.contradicting)
+    used = np.flatnonzero(np.isfinite(known.at[submodel.photo]) & ~laid.contradicting)
     for row in free:
         photo, at = photos[row], MapPixel(float(laid.at[row].real), float(laid.at[row].imag))
         image = the_map.satellite
@@ -232,18 +232,18 @@ def _of_piece(
 
 def _corrected(
     found: Reconstruction,
-    laid: Sequence[LaidPiece | NotLaid],
+    laid: Sequence[LaidSubmodel | NotLaid],
     *,
     known: KnownPositions,
     the_map: Map,
 ) -> Iterator[CorrectedPlace]:
-    """Take the places of photos with GPS from pieces that were adjusted: their world is that of the map."""
+    """Take the places of photos with GPS from adjusted submodels: their world is that of the map."""
     georeference, image = the_map.georeference, the_map.satellite
-    for piece, result in zip(found.pieces, laid, strict=True):
-        if piece.covariance is None or isinstance(result, NotLaid) or georeference is None:
+    for submodel, result in zip(found.submodels, laid, strict=True):
+        if submodel.covariance is None or isinstance(result, NotLaid) or georeference is None:
             continue
-        for row, number in enumerate(piece.photo.tolist()):
-            photo, at = found.photos[number], MapPixel(*piece.centre[row, :2].tolist())
+        for row, number in enumerate(submodel.photo.tolist()):
+            photo, at = found.photos[number], MapPixel(*submodel.centre[row, :2].tolist())
             if not isinstance(photo, Experience) or not photo.by_gps or result.contradicting[row]:
                 continue
             radius = float(result.radius_px[row])
@@ -265,7 +265,7 @@ def _heading(angle_deg: float, at: MapPixel, the_map: Map) -> float | None:
 
 
 def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
-    joined = {number for piece in found.pieces for number in piece.photo.tolist()}
+    joined = {number for submodel in found.submodels for number in submodel.photo.tolist()}
     for number, photo in enumerate(found.photos):
         if number in joined or isinstance(photo, Experience):
             continue
@@ -275,14 +275,14 @@ def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
 
 
 def _checked(
-    piece: RigidPiece,
-    laid: LaidPiece,
+    submodel: Submodel,
+    laid: LaidSubmodel,
     *,
     photos: Sequence[Experience | UnplacedPhoto],
     the_map: Map,
 ) -> Iterator[CheckedPhoto]:
     georeference = the_map.georeference
-    for row, number in enumerate(piece.photo.tolist()):
+    for row, number in enumerate(submodel.photo.tolist()):
         photo, residual = photos[number], float(laid.residual_px[row])
         if not isinstance(photo, Experience):
             continue

@@ -16,7 +16,7 @@ from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
 from webapp.core.landmarks.joints import LEAST_PHOTOS
 from webapp.core.landmarks.matching import Views
-from webapp.core.landmarks.pieces import RigidPiece, of_photos
+from webapp.core.landmarks.submodels import Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.core.retrieval.engines.segment import PhotoEntry
@@ -24,7 +24,13 @@ from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError
 from webapp.files.atomic import remove_unfinished
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, read_models, write_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, RIGID_FILE, StoredPieces, read_pieces, write_pieces
+from webapp.files.landmarks.colmap import (
+    RIGID_FILE,
+    SUBMODELS_FILE,
+    StoredSubmodels,
+    read_submodels,
+    write_submodels,
+)
 from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, ViewFeatures
 from webapp.files.listing import natural_key
 from webapp.files.localize.features import read_segment
@@ -61,13 +67,13 @@ class Reconstruction:
     Attributes
     ----------
     photos : tuple of Experience or UnplacedPhoto
-        All of the map; the pieces have their numbers here.
-    pieces : tuple of RigidPiece
+        All of the map; the submodels have their numbers here.
+    submodels : tuple of Submodel
         The largest first; once they are joined at the known positions, what is joined.
     problems : mapping of int to str
         Why photos cannot take part, by their number.
     folder : Path
-        Where the pieces, their models and their points are kept.
+        Where the submodels, their models and their points are kept.
     shared : Path
         Where the features and matches are that they were made of; of all photos of the map the same folder.
     number_of : mapping of str to int
@@ -78,7 +84,7 @@ class Reconstruction:
     """
 
     photos: tuple[AnyPhoto, ...]
-    pieces: tuple[RigidPiece, ...]
+    submodels: tuple[Submodel, ...]
     problems: Mapping[int, str]
     folder: Path
     shared: Path
@@ -125,7 +131,7 @@ def reconstruct(
     folder = landmarks_folder(cfg)
     out = folder if part is None else part
     with writer_lock(folder, wait_s=wait_s):
-        for name in (RIGID_FILE, PIECES_FILE, CLOUD_FILE):
+        for name in (RIGID_FILE, SUBMODELS_FILE, CLOUD_FILE):
             remove_unfinished(out / name)
         entries, problems = _describe(
             cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
@@ -152,12 +158,12 @@ def reconstruct(
             key = database.signature(contents)
         finally:
             database.close()
-        pieces = _pieces(out, database.path, contents=contents, key=key, progress=progress)
+        submodels = _submodels(out, database.path, contents=contents, key=key, progress=progress)
         if part is None:
             shutil.rmtree(folder / SURROUNDINGS, ignore_errors=True)
     number_of = {entries[n].content: owner[n] for n in reversed(numbers)}
     turn_of = {entries[n].content: turn for n, turn in zip(numbers, turns, strict=True) if turn >= 0}
-    found = tuple(renumbered(pieces, number_of, turn_of=turn_of))
+    found = tuple(renumbered(submodels, number_of, turn_of=turn_of))
     why = {owner[n]: problem for n, problem in problems.items()}
     return Reconstruction(photos, found, why, out, folder, number_of, turn_of)
 
@@ -247,24 +253,24 @@ def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredP
     return database.add(entry.content, entry.features, fov_deg=fov or guess, is_guessed=fov is None)
 
 
-def _pieces(
+def _submodels(
     folder: Path, database: Path, *, contents: Sequence[str], key: str, progress: Progress
-) -> StoredPieces:
-    """Take the pieces that are there, or make them where photos or their matches are others."""
-    stored, used = (read_pieces(folder / name) for name in (RIGID_FILE, PIECES_FILE))
+) -> StoredSubmodels:
+    """Take the submodels that are there, or make them where photos or their matches are others."""
+    stored, used = (read_submodels(folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
     if stored is None or stored.key != key:
         progress.note("joining them")
-        pieces = _map(folder, database, contents=contents, progress=progress)
-        stored = StoredPieces(tuple(pieces), tuple(contents), key)
-        write_pieces(folder / RIGID_FILE, stored)
+        submodels = _map(folder, database, contents=contents, progress=progress)
+        stored = StoredSubmodels(tuple(submodels), tuple(contents), key)
+        write_submodels(folder / RIGID_FILE, stored)
     if used is None or used.key != key:
-        write_pieces(folder / PIECES_FILE, used := stored)
+        write_submodels(folder / SUBMODELS_FILE, used := stored)
     keep_cloud(folder, used, features=database.parent)
     return stored
 
 
-def keep_cloud(folder: Path, pieces: StoredPieces, *, features: Path) -> None:
-    """Write the landmarks of the pieces, unless those that are there are theirs.
+def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> None:
+    """Write the landmarks of the submodels, unless those that are there are theirs.
 
     Parameters
     ----------
@@ -273,7 +279,7 @@ def keep_cloud(folder: Path, pieces: StoredPieces, *, features: Path) -> None:
     """
     file = folder / CLOUD_FILE
     there = read_cloud(file)
-    if there is not None and there.key == pieces.cloud_key:
+    if there is not None and there.key == submodels.cloud_key:
         return
     index = IndexFolder(features)
 
@@ -281,17 +287,17 @@ def keep_cloud(folder: Path, pieces: StoredPieces, *, features: Path) -> None:
         features = read_segment(index.spool_path(content)).entry(0).features
         return features.xy, features.descriptors
 
-    adjusted = adjusted_folders(folder, pieces)
-    cloud = read_models([*adjusted, *model_folders(folder)], pieces, described=described)
-    write_cloud(file, StoredCloud(cloud, pieces.cloud_key))
+    adjusted = adjusted_folders(folder, submodels)
+    cloud = read_models([*adjusted, *model_folders(folder)], submodels, described=described)
+    write_cloud(file, StoredCloud(cloud, submodels.cloud_key))
 
 
-def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[RigidPiece]:
+def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[Submodel]:
     """Join all photos at once; then, one after the other, those that this has left out."""
     number = {content: n for n, content in enumerate(contents)}
-    pieces: list[RigidPiece] = []
+    submodels: list[Submodel] = []
     for is_incremental in (False, True):
-        joined = {n for piece in pieces for n in piece.photo.tolist()}
+        joined = {n for submodel in submodels for n in submodel.photo.tolist()}
         left = [content for content, n in number.items() if n not in joined]
         if len(left) < LEAST_PHOTOS:
             break
@@ -299,15 +305,15 @@ def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Pro
         for model in run_mapper(job, progress=progress):
             for part in model.parts():
                 numbers = np.array([number[model.contents[i]] for i in part], np.int64)
-                pieces.append(RigidPiece(numbers, model.centre[part], model.rotation[part]))
-    return sorted(pieces, key=len, reverse=True)
+                submodels.append(Submodel(numbers, model.centre[part], model.rotation[part]))
+    return sorted(submodels, key=len, reverse=True)
 
 
 def renumbered(
-    stored: StoredPieces, number_of: Mapping[str, int], *, turn_of: Mapping[str, int]
-) -> Iterator[RigidPiece]:
-    """Give pieces the numbers of the photos as they are now."""
+    stored: StoredSubmodels, number_of: Mapping[str, int], *, turn_of: Mapping[str, int]
+) -> Iterator[Submodel]:
+    """Give submodels the numbers of the photos as they are now."""
     numbers = np.array([number_of[content] for content in stored.contents], np.int64)
     turns = np.array([turn_of.get(content, 0) for content in stored.contents], np.int64)
-    for piece in stored.pieces:
-        yield of_photos(piece, photo=numbers[piece.photo], turn_deg=turns[piece.photo])
+    for submodel in stored.submodels:
+        yield of_photos(submodel, photo=numbers[submodel.photo], turn_deg=turns[submodel.photo])

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
-from webapp.core.landmarks.pieces import turn_of_view
-from webapp.core.landmarks.placing import LaidPiece, NotLaid
+from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
+from webapp.core.landmarks.submodels import turn_of_view
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.errors import NotFound
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, StoredPieces, read_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, StoredSubmodels, read_submodels
 from webapp.files.landmarks.points import (
     COLOURS_FILE,
     POINTS_FILE,
@@ -65,8 +65,8 @@ class ShownCloud:
     points : MapPoints or None
         As they were laid on the map last. `about` has what the page needs besides: `unit` ("m" or "px"),
         `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation,
-        focal_px`), `corners` of the image, its height `ground`, `left_out`: photos of pieces that cannot be
-        laid (`photos`, `reason`), and `residuals` of placed photos and control points.
+        focal_px`), `corners` of the image, its height `ground`, `left_out`: photos of submodels that cannot
+        be laid (`photos`, `reason`), and `residuals` of placed photos and control points.
     is_current : bool
         Whether nothing was changed since; also where there are no landmarks at all.
     new_photos : int
@@ -124,7 +124,7 @@ class _Task:
 
     folder: Path
     stored: StoredCloud
-    pieces: StoredPieces
+    submodels: StoredSubmodels
     rgb: Colours | None
     the_map: Map
     photos: Mapping[str, AnyPhoto]
@@ -155,13 +155,13 @@ class _Task:
 def _task(library: Library, record: MapRecord) -> _Task | None:
     """Read all of it; None where there are no landmarks, or no image to lay them on."""
     folder = landmarks_folder(library.cfg(record.slug))
-    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
-    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+    stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
+    if stored is None or submodels is None or stored.key != submodels.cloud_key:
         return None
     now = _now(library, record)
     if now is None:
         return None
-    return _Task(folder, stored, pieces, read_colours(folder / COLOURS_FILE, key=stored.key), *now)
+    return _Task(folder, stored, submodels, read_colours(folder / COLOURS_FILE, key=stored.key), *now)
 
 
 def _now(library: Library, record: MapRecord) -> tuple[Map, dict[str, AnyPhoto]] | None:
@@ -203,13 +203,13 @@ def scaling(points: MapPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def _lay(task: _Task) -> MapPoints:
-    stored, pieces, the_map = task.stored, task.pieces, task.the_map
-    of_cloud = [task.photos.get(content) for content in pieces.contents]
-    lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(pieces.contents)))
-    results = georegister_all(pieces.pieces, of_cloud, the_map=the_map, lenses=lenses)
+    stored, submodels, the_map = task.stored, task.submodels, task.the_map
+    of_cloud = [task.photos.get(content) for content in submodels.contents]
+    lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(submodels.contents)))
+    results = georegister_all(submodels.submodels, of_cloud, the_map=the_map, lenses=lenses)
     laid = [result.laid for result in results]
     frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
-    cloud = lay_cloud(stored.cloud, pieces.pieces, laid=laid, frame=frame)
+    cloud = lay_cloud(stored.cloud, submodels.submodels, laid=laid, frame=frame)
     order = np.random.default_rng(0).permutation(len(cloud.point))
     by_placed = _by_placed(stored, of_cloud)[cloud.point]
     order = order[np.argsort(~by_placed[order], kind="stable")]
@@ -226,14 +226,14 @@ def _lay(task: _Task) -> MapPoints:
             _BY_PLACED: int(by_placed.sum()),
             _PLACED: [
                 content[:_BEGINNING]
-                for content, one in zip(pieces.contents, of_cloud, strict=True)
+                for content, one in zip(submodels.contents, of_cloud, strict=True)
                 if isinstance(one, Experience)
             ],
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
-            "left_out": _left_out(pieces, laid, of_cloud),
+            "left_out": _left_out(submodels, laid, of_cloud),
             "residuals": [
                 _residual(one, the_map)
-                for one in residuals_of(pieces.pieces, results, photos=of_cloud, the_map=the_map)
+                for one in residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)
             ],
         },
     )
@@ -305,12 +305,12 @@ def _cameras(
 
 
 def _left_out(
-    pieces: StoredPieces, laid: Sequence[LaidPiece | NotLaid], photos: Sequence[AnyPhoto | None]
+    submodels: StoredSubmodels, laid: Sequence[LaidSubmodel | NotLaid], photos: Sequence[AnyPhoto | None]
 ) -> list[dict[str, Any]]:
-    """List the reasons why pieces are not on the map, with their photos."""
+    """List the reasons why submodels are not on the map, with their photos."""
     found: dict[str, list[int]] = {}
-    for piece, result in zip(pieces.pieces, laid, strict=True):
+    for submodel, result in zip(submodels.submodels, laid, strict=True):
         if isinstance(result, NotLaid):
-            there = (one.id for number in piece.photo.tolist() if (one := photos[number]) is not None)
+            there = (one.id for number in submodel.photo.tolist() if (one := photos[number]) is not None)
             found.setdefault(result.reason, []).extend(dict.fromkeys(map(experience_of, there)))
     return [{"photos": ids, "reason": reason} for reason, ids in found.items()]

@@ -7,7 +7,7 @@ from pathlib import Path
 from webapp.core.mapmodel.model import Map
 from webapp.core.mapmodel.views import content_of, level_views
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
 from webapp.files.maps.folder import photo_hash
 from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
 from webapp.tasks.landmarks.known import all_photos
@@ -22,11 +22,11 @@ def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
     MapError
     """
     folder = landmarks_folder(cfg)
-    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
-    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+    stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
+    if stored is None or submodels is None or stored.key != submodels.cloud_key:
         return None
     photos = {content_of(one, photo_hash(cfg, one.photo)): one for one in level_views(all_photos(the_map))}
-    of_cloud = [photos.get(content) for content in pieces.contents]
-    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(pieces.contents)))
-    results = georegister_all(pieces.pieces, of_cloud, the_map=the_map, lenses=lenses)
-    return residuals_of(pieces.pieces, results, photos=of_cloud, the_map=the_map)
+    of_cloud = [photos.get(content) for content in submodels.contents]
+    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(submodels.contents)))
+    results = georegister_all(submodels.submodels, of_cloud, the_map=the_map, lenses=lenses)
+    return residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)

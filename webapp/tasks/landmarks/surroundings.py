@@ -17,7 +17,7 @@ from webapp.files.atomic import remove_unfinished, storage_error, write_text
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.adjust import adjust_pieces
+from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
 from webapp.tasks.localize.index_location import landmarks_folder
 
@@ -103,7 +103,7 @@ def reconstruct_part(
         try:
             found = reconstruct(cfg, some, settings=settings, progress=within, part=folder, wait_s=budget_s)
             within.check()
-            adjust_pieces(found, some, progress=within, wait_s=max(until_s - time.monotonic(), 0.0))
+            adjust_submodels(found, some, progress=within, wait_s=max(until_s - time.monotonic(), 0.0))
         except Cancelled:
             progress.check()
             raise StorageError(
@@ -113,7 +113,7 @@ def reconstruct_part(
         except OSError as error:
             raise storage_error(error, where=str(folder)) from error
         names = [photo.photo for photo in photos]
-        form = {"format": _FORMAT, "photos": names, "joined": bool(found.pieces)}
+        form = {"format": _FORMAT, "photos": names, "joined": bool(found.submodels)}
         write_text(folder / _FILE, json.dumps(form))
     _remove_oldest(folder.parent)
     return folder

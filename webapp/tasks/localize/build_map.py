@@ -13,7 +13,7 @@ from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.on_demand import usual_options
-from webapp.tasks.localize import build_index, calibrate, cascade, describe_photos, landmarks, open_map
+from webapp.tasks.localize import build_index, calibrate, cascade, describe_photos, geometry, open_map
 from webapp.tasks.localize.build_index import BuildReport, BuildRequest
 from webapp.tasks.localize.index_location import index_bases, index_folder
 from webapp.tasks.localize.open_map import OpenOptions
@@ -89,7 +89,7 @@ def _build_look(
     opened = open_map.open_index(cfg, resolved, settings=settings, progress=progress, the_map=the_map)
     opened = describe_photos.describe_photos(opened, settings=settings, progress=progress)
     started = time.perf_counter()
-    opened = landmarks.prepare_geometry(opened, progress=progress)
+    opened = geometry.prepare_geometry(opened, progress=progress)
     orientation_seconds = time.perf_counter() - started
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return _BuiltLook(

@@ -22,7 +22,7 @@ from webapp.files.localize.calibration import StoredCalibration, TrialRecord, re
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
 from webapp.tasks.computing.in_order import Workplace, in_order
-from webapp.tasks.localize import landmarks, orient_map
+from webapp.tasks.localize import geometry, orient_map
 from webapp.tasks.localize.open_again import MadeAgain, MapFiles
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
@@ -107,12 +107,12 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
 
 def _tried(opened: OpenMap, map_fov_deg: float | None) -> TriedMap:
     sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
-    find = None if opened.landmarks is None else partial(landmarks.find_places, opened)
+    find = None if opened.landmarks is None else partial(geometry.find_places, opened)
     return TriedMap(opened.indexed, sightings, find)
 
 
 def _open_again(files: MapFiles, map_fov_deg: float | None) -> TriedMap:
-    opened = landmarks.prepare_geometry(files.open(), progress=Progress())
+    opened = geometry.prepare_geometry(files.open(), progress=Progress())
     return _tried(opened, map_fov_deg)
 
 

@@ -26,7 +26,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
-from webapp.tasks.localize import calibrate, cascade, describe_photos, landmarks, open_map, orient_map
+from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map
@@ -220,7 +220,7 @@ class MapCache:
             slot.opened_with = ()
         verifies = opened.method != "vote"
         if verifies:
-            opened = landmarks.with_stored_geometry(opened)
+            opened = geometry.with_stored_geometry(opened)
         opened, undescribed = self._described(opened) if verifies else (opened, False)
         stored = calibrate.newest(opened) if verifies else None
         return OpenedMap(
@@ -248,7 +248,7 @@ class MapCache:
     def _files(self, opened: OpenMap) -> _Files:
         """Read size and time of the files that an open map depends on."""
         files = [opened.folder.manifest_path, *calibrate.paths_with(opened, None), *orient_map.paths(opened)]
-        files += [*landmarks.paths(opened), *model_paths(self._settings.models)]
+        files += [*geometry.paths(opened), *model_paths(self._settings.models)]
         network = usable_global_descriptor(self._settings.models)
         if network is not None:
             files += (*calibrate.paths_with(opened, network), *describe_photos.paths(opened, network))

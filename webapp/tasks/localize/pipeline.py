@@ -53,7 +53,7 @@ from webapp.tasks.localize import (
     calibrate,
     cascade,
     describe_photos,
-    landmarks,
+    geometry,
     open_map,
 )
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
@@ -189,7 +189,7 @@ class LocalizationPipeline:
             if photo.view is not None:
                 answer = photo.view.to_panorama(answer)
             return replace(answer, seconds=watch.total(), looks=(self.features,))
-        found = landmarks.find_places(
+        found = geometry.find_places(
             self.opened,
             features,
             fov_deg=fov.degrees,
@@ -343,7 +343,7 @@ def _open_look(
     if opened.method == "vote":
         return LocalizationPipeline(opened, settings)
     opened = describe_photos.describe_photos(opened, settings=settings, progress=progress)
-    opened = landmarks.prepare_geometry(opened, progress=progress)
+    opened = geometry.prepare_geometry(opened, progress=progress)
     stored = calibrate.calibrate_map(opened, map_fov_deg=options.map_fov_deg, progress=progress)
     return LocalizationPipeline(opened, settings, stored)
 

@@ -78,10 +78,10 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         done = edits.apply(
             session, record, changes=changes, kind=edit.kind, account_id=account_id, seen=edit.seen
         )
-    return None if done is None else done.turn
+    return None if done is None else done.revision
 
 
-def turn(
+def undo_or_redo(
     library: Library, map_id: int, *, way: Literal["undo", "redo"], account_id: int
 ) -> UndoResult | None:
     """Undo or redo the account's last edit; None when there is none."""

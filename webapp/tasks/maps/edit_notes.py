@@ -90,7 +90,7 @@ def remove_note(
             account_id=account_id,
             seen=seen,
         )
-    return None if done is None else done.turn
+    return None if done is None else done.revision
 
 
 def _found(record: MapRecord, id: int) -> MapNote:
@@ -112,7 +112,7 @@ def _write(change: MapChange, note: MapNote, *, account_id: int, seen: int | Non
         account_id=account_id,
         seen=seen,
     )
-    return None if done is None else done.turn
+    return None if done is None else done.revision
 
 
 def _check(record: MapRecord, note: MapNote) -> None:

@@ -270,7 +270,7 @@ def fix_findings(
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
         if edit is None:
             raise Conflict("there is nothing left to fix", hint="check the map again")
-    return edit.turn
+    return edit.revision
 
 
 def _resolve_outside(

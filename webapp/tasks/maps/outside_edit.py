@@ -119,7 +119,7 @@ def take(
         record.exported_sha256 = sha256
         if found.renamed:
             record.photos_revision = record.revision
-    return TakeOverResult(None if edit is None else edit.turn, tuple(found.left_out))
+    return TakeOverResult(None if edit is None else edit.revision, tuple(found.left_out))
 
 
 def discard(library: Library, map_id: int, *, sha256: str) -> None:

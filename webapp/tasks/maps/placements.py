@@ -72,7 +72,7 @@ def put(
         }
         changes |= {f"placed/{name}/{id}": {"x_px": at.x, "y_px": at.y} for id, at in wanted.items()}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
-    return None if edit is None else edit.turn
+    return None if edit is None else edit.revision
 
 
 def _gathered(
@@ -102,7 +102,7 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int 
             raise NotFound(f"the map has no placement {name[:80]!r}", hint="reload the page")
         changes = {f"placed/{name}/{id}": None for id in ids}
         edit = edits.apply(session, record, changes=changes, kind=KIND, account_id=account_id)
-    return None if edit is None else edit.turn
+    return None if edit is None else edit.revision
 
 
 def check_name(session: Session, record: MapRecord, name: str) -> None:

@@ -241,7 +241,7 @@ def write_floors(
         kind=edits.FLOORS_KIND,
         account_id=account_id,
     )
-    return None if done is None else done.turn
+    return None if done is None else done.revision
 
 
 def check_floors(wanted: Sequence[Floor]) -> None:

@@ -241,14 +241,14 @@ def remove_one(slug: str, id: int) -> dict[str, Any]:
 @blueprint.doc(responses=_EDITED)
 def undo(slug: str) -> dict[str, Any]:
     """Take back your last edit of the map."""
-    return _turned(slug, "undo")
+    return _undone_or_redone(slug, "undo")
 
 
 @blueprint.post("/<slug>/redo")
 @blueprint.doc(responses=_EDITED)
 def redo(slug: str) -> dict[str, Any]:
     """Do your last undone edit of the map again."""
-    return _turned(slug, "redo")
+    return _undone_or_redone(slug, "redo")
 
 
 def _binned(slug: str, *, into: bool) -> dict[str, Any]:
@@ -264,12 +264,12 @@ def _edited(slug: str, edit: RequestedEdit) -> dict[str, Any]:
     return state.edited(record, edit_map.edit_map(library(), record.id, edit=edit, account_id=account().id))
 
 
-def _turned(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
+def _undone_or_redone(slug: str, way: Literal["undo", "redo"]) -> dict[str, Any]:
     record = open_map(slug, "editor")
-    step = edit_map.turn(library(), record.id, way=way, account_id=account().id)
+    step = edit_map.undo_or_redo(library(), record.id, way=way, account_id=account().id)
     if step is None:
         raise Conflict(f"there is nothing to {way}", hint="only your own edits of this map can be undone")
     if step.clash is not None:
         hint = f"your edit stays out of {way} from now on; the one before it can be taken back"
         raise Conflict(step.clash, where=f"map {slug}", hint=hint)
-    return state.edited(record, step.edit.turn)
+    return state.edited(record, step.edit.revision)

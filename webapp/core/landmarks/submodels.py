@@ -1,4 +1,4 @@
-"""Pieces of a reconstruction, and how they look from above."""
+"""Submodels of a reconstruction, and how they look from above."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MUCH_BETTER = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RigidPiece:
+class Submodel:
     """Photos that structure from motion has joined; n of them.
 
     Attributes
@@ -40,15 +40,15 @@ class RigidPiece:
     photo : (n,) int64
         Numbers of the photos.
     centre : (n, 3) float64
-        Of the cameras, in the world of the piece.
+        Of the cameras, in the world of the submodel.
     rotation : (n, 3, 3) float64
         Camera from world.
     error_rate : float
         Least error to be expected, over the distance to the nearest placed photo: as it was measured before
-        the piece was adjusted by known positions. 0 where it was not.
+        the submodel was adjusted by known positions. 0 where it was not.
     covariance : (n, 2, 2) float64 or None
-        Of the positions on the map, map pixels squared, of a piece that was adjusted by known positions, by
-        which its world is that of the map; see `position_covariances`.
+        Of the positions on the map, map pixels squared, of a submodel that was adjusted by known positions,
+        by which its world is that of the map; see `position_covariances`.
     """
 
     photo: NDArray[np.int64]
@@ -68,27 +68,27 @@ def turn_of_view(turn_deg: float) -> Array:
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
-def of_photos(piece: RigidPiece, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]) -> RigidPiece:
-    """Give a piece of pictures the photos instead: for a panorama one camera that looks as its middle does.
+def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]) -> Submodel:
+    """Give a submodel photos instead of pictures: a panorama becomes a camera that looks as its middle does.
 
     Parameters
     ----------
     photo : (n,) int64
-        Of each picture of the piece.
+        Of each picture of the submodel.
     turn_deg : (n,) int64
         By how much each is turned clockwise from the middle of its panorama; 0 for a photo that is none.
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
-    middle = np.array([turn_of_view(turn_deg[row]).T @ piece.rotation[row] for row in first])
-    covariance = None if piece.covariance is None else piece.covariance[first]
-    return RigidPiece(
-        photo[first], piece.centre[first], middle.reshape(-1, 3, 3), piece.error_rate, covariance
+    middle = np.array([turn_of_view(turn_deg[row]).T @ submodel.rotation[row] for row in first])
+    covariance = None if submodel.covariance is None else submodel.covariance[first]
+    return Submodel(
+        photo[first], submodel.centre[first], middle.reshape(-1, 3, 3), submodel.error_rate, covariance
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanView:
-    """A piece seen from above; positions are complex numbers, x to the right and y down as in an image.
+    """A submodel seen from above; positions are complex numbers, x to the right and y down as in an image.
 
     Attributes
     ----------
@@ -97,8 +97,8 @@ class PlanView:
     forward : (n,) complex128
         Where each camera looks.
     frame : (3, 3) float64
-        Proper rotation from the world of the piece: its first row is the x of the view, the second its y, and
-        the third points down.
+        Proper rotation from the world of the submodel: its first row is the x of the view, the second its y,
+        and the third points down.
     """
 
     position: Points
@@ -106,14 +106,14 @@ class PlanView:
     frame: Array
 
 
-def view_by_level_cameras(piece: RigidPiece) -> PlanView | None:
-    """Look at a piece from above, by the cameras' own up; None where they do not agree on one.
+def view_by_level_cameras(submodel: Submodel) -> PlanView | None:
+    """Look at a submodel from above, by the cameras' own up; None where they do not agree on one.
 
     The direction is that to which the rights of the cameras are most perpendicular, and which is least above
     their downs: that is also determined where all of them look the same way.
     """
-    right, down = piece.rotation[:, 0], piece.rotation[:, 1]
-    weight, lowest = np.ones(len(piece)), np.zeros(3)
+    right, down = submodel.rotation[:, 0], submodel.rotation[:, 1]
+    weight, lowest = np.ones(len(submodel)), np.zeros(3)
     for _ in range(_ROUNDS):
         wanted = (weight[:, None] * right).T @ right - _PITCH_COUNTS * (weight[:, None] * down).T @ down
         lowest = np.linalg.eigh(wanted)[1][:, 0]
@@ -122,11 +122,11 @@ def view_by_level_cameras(piece: RigidPiece) -> PlanView | None:
         weight = np.where(upright, geman_mcclure((right @ lowest) ** 2, _TILT_SIGMA), 1e-6)
     if np.median(np.where(down @ lowest > 0.0, np.abs(right @ lowest), 1.0)) > _MOST_TILT:
         return None
-    return _seen_along(piece, lowest)
+    return _seen_along(submodel, lowest)
 
 
-def view_by_positions(piece: RigidPiece, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
-    """Look at a piece from above, by known positions; None where they are fewer than three, or in a line.
+def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
+    """Look at a submodel from above, by known positions; None where they are fewer than three, or in a line.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def view_by_positions(piece: RigidPiece, *, known: NDArray[np.bool_], position: 
         Map pixels, of those that are known.
     """
     at = np.stack([position.real, np.zeros(len(position)), -position.imag], 1)
-    fit = fit_similarity(piece.centre[known], at[known])
+    fit = fit_similarity(submodel.centre[known], at[known])
     if not isinstance(fit, Similarity):
         return None
-    return _seen_along(piece, fit.rotation[1])
+    return _seen_along(submodel, fit.rotation[1])
 
 
-def view_by_heights(piece: RigidPiece, *, centre: Array, position: Points, height: Array) -> PlanView | None:
-    """Look at a piece from above, by points whose heights are known; None where they do not say what is up.
+def view_by_heights(submodel: Submodel, *, centre: Array, position: Points, height: Array) -> PlanView | None:
+    """Look at a submodel from above, by points of known heights; None where they do not say what is up.
 
     They are fewer than three, or nearly in a line, or fit no similarity. Of four or more, one that
     contradicts all others does not count.
@@ -150,7 +150,7 @@ def view_by_heights(piece: RigidPiece, *, centre: Array, position: Points, heigh
     Parameters
     ----------
     centre : (n, 3) float64
-        In the world of the piece.
+        In the world of the submodel.
     position : (n,) complex128
         Map pixels.
     height : (n,) float64
@@ -164,7 +164,7 @@ def view_by_heights(piece: RigidPiece, *, centre: Array, position: Points, heigh
             _up_by(centre[kept], there[kept]) for kept in (np.delete(known, n) for n in range(len(known)))
         ]
     error, down = min(fits, key=lambda fit: fit[0] * (_MUCH_BETTER if fit is not fits[0] else 1.0))
-    return _seen_along(piece, down) if error < _MOST_MISFIT else None
+    return _seen_along(submodel, down) if error < _MOST_MISFIT else None
 
 
 def _up_by(centre: Array, there: Array) -> tuple[float, Array]:
@@ -179,12 +179,12 @@ def _up_by(centre: Array, there: Array) -> tuple[float, Array]:
     return float(np.sqrt(((fit.apply(centre) - there) ** 2).sum(1).mean()) / extent), fit.rotation[1]
 
 
-def _seen_along(piece: RigidPiece, down: Array) -> PlanView:
-    """Project a piece along a unit vector of its world that points down."""
+def _seen_along(submodel: Submodel, down: Array) -> PlanView:
+    """Project a submodel along a unit vector of its world that points down."""
     any_other = np.eye(3)[np.abs(down).argmin()]
     right = np.cross(down, any_other)
     right /= np.linalg.norm(right)
     # x to the right, y down in the image: seen from above, that image's down is to the right of its right
     frame = np.stack([right, np.cross(down, right), down])
-    position, forward = piece.centre @ frame[:2].T, piece.rotation[:, 2] @ frame[:2].T
+    position, forward = submodel.centre @ frame[:2].T, submodel.rotation[:, 2] @ frame[:2].T
     return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]), frame)

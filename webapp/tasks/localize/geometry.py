@@ -1,4 +1,4 @@
-"""Gives method `landmarks` the cloud of a map's reconstruction, laid on the map as it is now."""
+"""Attaches what a method computes positions by: orientations of the map's photos, or landmarks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from webapp.core.localize.verified import PlaceSearch
 from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
-from webapp.files.landmarks.colmap import PIECES_FILE, read_pieces
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
 from webapp.files.objects import storage
 from webapp.progress import Progress
 from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
@@ -107,14 +107,14 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
 
 def lay_landmarks(opened: OpenMap, folder: Path) -> LaidCloud | None:
     """Lay a cloud on the map, as its photos stand now; None where the folder has none that fits."""
-    stored, pieces = read_cloud(folder / CLOUD_FILE), read_pieces(folder / PIECES_FILE)
-    if stored is None or pieces is None or stored.key != pieces.cloud_key:
+    stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
+    if stored is None or submodels is None or stored.key != submodels.cloud_key:
         return None
     number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
-    map_photo = np.array([number.get(content, -1) for content in pieces.contents], np.int64)
+    map_photo = np.array([number.get(content, -1) for content in submodels.contents], np.int64)
     photos = [opened.pictures[n] if n >= 0 else None for n in map_photo.tolist()]
     described = landmarks_folder(opened.cfg)  # also where the folder is of a part
-    lenses = PhotoLenses(described, stored.cloud, dict(enumerate(pieces.contents)))
-    results = georegister_all(pieces.pieces, photos, the_map=opened.map, lenses=lenses)
+    lenses = PhotoLenses(described, stored.cloud, dict(enumerate(submodels.contents)))
+    results = georegister_all(submodels.submodels, photos, the_map=opened.map, lenses=lenses)
     laid = tuple(result.laid for result in results)
-    return LaidCloud(stored.cloud, stored.key, map_photo, pieces.pieces, laid)
+    return LaidCloud(stored.cloud, stored.key, map_photo, submodels.submodels, laid)
