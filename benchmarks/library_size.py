@@ -2,8 +2,9 @@
 
     python -m benchmarks.library_size FOLDER
 
-FOLDER has a `map.cfg`; it is copied without what was computed from it. With another checkout first in
-PYTHONPATH, `python benchmarks/library_size.py FOLDER` measures that one.
+FOLDER has a `map.cfg`; it is copied without what was computed from it. With another checkout in PYTHONPATH,
+`python benchmarks/library_size.py FOLDER` measures that one. `index_s` is a run of the worker, its start
+included.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
-    source = parser.parse_args().folder
+    source = parser.parse_args().folder.resolve()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "maps"
         shutil.copytree(source, folder / "map", ignore=shutil.ignore_patterns("derived"))
@@ -34,8 +35,10 @@ def main() -> None:
         _adopt(folder)
         adopted = time.perf_counter()
         worker = [sys.executable, "-m", "webapp", "worker", "--once", "--library", str(folder)]
-        subprocess.run(worker, check=True, stderr=subprocess.DEVNULL)
+        subprocess.run(worker, check=True, cwd=name)  # not here, where Python would prefer this checkout
         indexed = time.perf_counter()
+        if not any((folder / "map" / "derived").rglob("*.features")):
+            raise SystemExit("the map was not indexed")
         figures = {
             "adopt_s": round(adopted - began, 2),
             "index_s": round(indexed - adopted, 1),

@@ -185,3 +185,15 @@ def test_a_map_may_take_longer_than_a_statement(database_url, search, maps, keep
         assert hasty.photo_search.stale() == []
     finally:
         hasty.close()
+
+
+def test_the_index_is_made_when_the_first_photos_are_there(library, search, maps, keep):
+    def has_index():
+        with library.database.engine.connect() as connection:
+            return connection.scalar(text("SELECT to_regclass('photo_vector_hnsw') IS NOT NULL"))
+
+    search.refresh()
+    assert not has_index()
+    keep(maps[0])
+    search.refresh()
+    assert has_index()

@@ -65,7 +65,14 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
 def reading_map(
     slug: str, role: Role = "viewer", *, binned: bool = False
 ) -> Iterator[tuple[Session, MapRecord]]:
-    """Find a map as `open_map` does, and read more of it in the same session."""
+    """Find a map as `open_map` does, and read more of it in the same session.
+
+    After the block the record is only for reading its fields.
+
+    Raises
+    ------
+    NotSignedIn, NotFound, NotAllowed
+    """
     who = account()
     with library().database.read() as session:
         record = maps.find(session, slug, account=who, role=role)

@@ -220,3 +220,39 @@ def test_what_undo_would_do_is_known_without_reading_the_edit(do, statements, li
         steps = edits.next_steps(session, session.get(MapRecord, do.map_id), account_id=ana.id)
     assert steps == {"undo": edits.NextStep("place", 1), "redo": edits.NextStep("place", 1)}
     assert not any("edit.changes," in sent for sent in statements)
+
+
+def test_next_steps_are_the_accounts_own_and_the_nearest(do, library, ana, ben):
+    for x in (1.0, 2.0, 3.0):
+        do(edits.apply, **put(x))
+    do(edits.apply, account=ben, changes={"photo/1": {"removed": True}}, kind="remove")
+    moved = {"changes": {"photo/0": {"x_px": 4.0, "y_px": 0.0}, "photo/2": {"x_px": 4.0, "y_px": 0.0}}}
+    do(edits.apply, **moved, kind="move")
+    do(edits.undo)
+    do(edits.undo)
+    with library.database.read() as session:
+        record = session.get(MapRecord, do.map_id)
+        steps = edits.next_steps(session, record, account_id=ana.id)
+        assert steps == {"undo": edits.NextStep("place", 1), "redo": edits.NextStep("place", 1)}
+        assert edits.next_steps(session, record, account_id=ben.id)["undo"] == edits.NextStep("remove", 1)
+        assert edits.next_steps(session, record, account_id=0) == {"undo": None, "redo": None}
+    do(edits.redo)
+    with library.database.read() as session:
+        steps = edits.next_steps(session, session.get(MapRecord, do.map_id), account_id=ana.id)
+    assert steps["redo"] == edits.NextStep("move", 2)
+    do(edits.apply, **put(9.0))
+    with library.database.read() as session:
+        steps = edits.next_steps(session, session.get(MapRecord, do.map_id), account_id=ana.id)
+    assert steps["redo"] is None, "a new edit ends what could be redone"
+
+
+def test_photos_that_the_session_holds_are_not_asked_for_again(do, statements, library):
+    do(edits.apply, changes={"photo/2": {"removed": True}}, kind="remove")
+    with library.database.read() as session:
+        record = session.get(MapRecord, do.map_id)
+        held = maps.photos_by_id(session, record, [0, 2])
+        statements.clear()
+        assert maps.photos_by_id(session, record, [0, 2]) == held and held[2].removed
+        assert statements == []
+        assert sorted(maps.photos_by_id(session, record, [0, 1, 2, 7])) == [0, 1, 2]
+        assert len(statements) == 1

@@ -128,15 +128,46 @@ def test_one_map_alone_needs_no_basis_and_gets_one_with_the_second(add_map, desc
     assert describe(add_map("fen")) == 0
     with library.database.read() as session:
         assert stored.bases(session) == []
-    assert ranked(0) == ["fen"]
     assert describe(add_map("hill")) == 1
     assert ranked(0)[0] == "fen" and ranked(1)[0] == "hill"
+
+
+def test_one_map_that_is_left_needs_no_other_basis(add_map, describe, library, monkeypatch):
+    fen, hill = add_map("fen"), add_map("hill")
+    assert describe(fen, hill) == 1
+    with library.database.write() as session:
+        maps.put_into_bin(session.get_one(MapRecord, hill))
+    delete_map.delete_map(library, hill)
+    monkeypatch.setattr(describe_library, "GROWTH", 0)
+    assert describe(fen) == 0
+    with library.database.read() as session:
+        (basis,) = stored.bases(session)
+    assert basis.ready
+
+
+def test_a_map_that_comes_while_a_basis_is_trained_is_described(
+    add_map, describe, ranked, library, quick, monkeypatch
+):
+    train = describe_library.photo_vectors.train
+    fen, hill = add_map("fen"), add_map("hill")
+
+    def slow(photos):
+        describe_library.describe_map(library, add_map("park"), **common)
+        return train(photos)
+
+    common = {"settings": quick, "writes": library.database.write, "progress": Progress()}
+    monkeypatch.setattr(describe_library.photo_vectors, "train", slow)
+    assert describe(fen, hill) == 1
+    with library.database.read() as session:
+        (basis,) = stored.bases(session)
+        assert stored.described_photos(session, basis_id=basis.id) == 3 * PHOTOS
+    assert ranked(2)[0] == "park"
 
 
 def test_a_library_of_four_times_as_many_photos_gets_a_new_basis(
     add_map, describe, ranked, library, monkeypatch
 ):
-    monkeypatch.setattr(describe_library, "GROWTH", 1.5)
+    monkeypatch.setattr(describe_library, "GROWTH", 1.4)
     assert describe(add_map("fen"), add_map("hill")) == 1
     assert describe(add_map("park")) == 1
     with library.database.read() as session:

@@ -165,6 +165,17 @@ def test_ended_sessions_are_forgotten_once_their_cookies_are_too_old(library):
         assert session.scalars(select(EndedSession.id_hash)).all() == [accounts.hashed("new")]
 
 
+def test_a_session_has_an_account_until_it_is_signed_out_of_or_the_account_is_gone(library, jana):
+    with library.database.write() as session:
+        assert signin.account_of_session(session, "one", account_id=jana.id).name == jana.name
+        signin.end_session(session, "one", days=14)
+        assert signin.account_of_session(session, "one", account_id=jana.id) is None
+        assert signin.account_of_session(session, "another", account_id=jana.id) is not None
+        session.delete(session.get(Account, jana.id))
+        session.flush()
+        assert signin.account_of_session(session, "another", account_id=jana.id) is None
+
+
 def test_a_password_is_set_and_signs_out_elsewhere(client, sign_in, owner, stranger):
     elsewhere = sign_in(owner)
     assert client.post("/account/password", data={"password": "short"}).status_code == 400

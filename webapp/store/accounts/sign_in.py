@@ -21,6 +21,10 @@ from webapp.store.schema import Account, EndedSession, FailedSignIn, SignInLink
 _MAX_PASSWORD = 1000
 _MAX_WHO = 100
 
+_SIGNED_IN = select(Account).where(
+    Account.id == bindparam("account_id"), ~exists().where(EndedSession.id_hash == bindparam("id_hash"))
+)
+
 
 def new_link(session: Session, account: Account, *, hours: int) -> str:
     """Make a link for an account.
@@ -181,11 +185,6 @@ def end_session(session: Session, session_id: str, *, days: int) -> None:
     """
     session.execute(delete(EndedSession).where(EndedSession.at < now() - timedelta(days=days)))
     session.merge(EndedSession(id_hash=accounts.hashed(session_id)))
-
-
-_SIGNED_IN = select(Account).where(
-    Account.id == bindparam("account_id"), ~exists().where(EndedSession.id_hash == bindparam("id_hash"))
-)
 
 
 def account_of_session(session: Session, session_id: str, *, account_id: int) -> Account | None:

@@ -69,7 +69,7 @@ _MAKE = (
     )
     """,
 )
-_HAS_INDEX = "SELECT to_regclass('photo_vector_hnsw') IS NOT NULL"
+_LACKS_INDEX = "SELECT to_regclass('photo_vector_hnsw') IS NULL AND EXISTS (SELECT FROM photo_vector)"
 _MAKE_INDEX = (
     "CREATE INDEX IF NOT EXISTS photo_vector_hnsw ON photo_vector USING hnsw (vector halfvec_ip_ops)",
     "ANALYZE photo_vector",
@@ -161,7 +161,7 @@ class PhotoSearch:
         with self._engine.begin() as connection:
             connection.exec_driver_sql(_UNLIMITED)
             connection.exec_driver_sql(_TIDY)
-            if not connection.exec_driver_sql(_HAS_INDEX).scalar_one():
+            if connection.exec_driver_sql(_LACKS_INDEX).scalar_one():
                 for statement in _MAKE_INDEX:  # when the first rows are there: that is much faster
                     connection.exec_driver_sql(statement)
 

@@ -57,6 +57,37 @@ _KINDS_OF_LISTED = (POINTS_KIND, NOTES_KIND, FLOORS_KIND, "satellite", "georefer
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
 
+def _newest_done(columns: Any) -> Select[Any]:
+    return _own(columns, "done").order_by(Edit.id.desc()).limit(1)
+
+
+def _oldest_undone(columns: Any) -> Select[Any]:
+    return _own(columns, "undone").order_by(Edit.id).limit(1)
+
+
+def _own(columns: Any, state: str) -> Select[Any]:
+    """Select what an account has edited on a map: those that are in a state."""
+    there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
+    return select(columns).where(*there, Edit.state == state)
+
+
+_NEWEST_DONE, _OLDEST_UNDONE = _newest_done(Edit), _oldest_undone(Edit)
+_NEXT_STEPS = select(Edit.state, Edit.kind, func.json_array_length(Edit.changes)).where(
+    or_(
+        Edit.id == _newest_done(Edit.id).scalar_subquery(),
+        Edit.id == _oldest_undone(Edit.id).scalar_subquery(),
+    )
+)
+_CLOSE_UNDONE = (  # a parameter of an UPDATE cannot have the name of a column
+    update(Edit)
+    .where(
+        Edit.map_id == bindparam("of_map"), Edit.account_id == bindparam("of_account"), Edit.state == "undone"
+    )
+    .values(state="closed")
+    .execution_options(synchronize_session=False)
+)
+
+
 @dataclass(frozen=True, slots=True)
 class UndoResult:
     """What undo or redo did.
@@ -181,21 +212,6 @@ def next_steps(session: Session, record: MapRecord, *, account_id: int) -> dict[
     return {"undo": steps.get("done"), "redo": steps.get("undone")}
 
 
-def _own(column: Any, state: str) -> Select[Any]:
-    there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
-    return select(column).where(*there, Edit.state == state).limit(1)
-
-
-_NEWEST_DONE = _own(Edit, "done").order_by(Edit.id.desc())
-_OLDEST_UNDONE = _own(Edit, "undone").order_by(Edit.id)
-_NEXT_STEPS = select(Edit.state, Edit.kind, func.json_array_length(Edit.changes)).where(
-    or_(
-        Edit.id == _own(Edit.id, "done").order_by(Edit.id.desc()).scalar_subquery(),
-        Edit.id == _own(Edit.id, "undone").order_by(Edit.id).scalar_subquery(),
-    )
-)
-
-
 def _undo_or_redo(session: Session, record: MapRecord, edit: Edit | None, *, back: bool) -> UndoResult | None:
     if edit is None:
         return None
@@ -236,19 +252,12 @@ def _next_revision(record: MapRecord) -> None:
 
 
 def _close_undone(session: Session, record: MapRecord, account_id: int | None) -> None:
-    """A new edit ends what could be redone."""
+    """A new edit ends what could be redone; without an account nothing can.
+
+    Edits that the session has loaded before keep their state there.
+    """
     if account_id is not None:
         session.execute(_CLOSE_UNDONE, {"of_map": record.id, "of_account": account_id})
-
-
-_CLOSE_UNDONE = (
-    update(Edit)
-    .where(
-        Edit.map_id == bindparam("of_map"), Edit.account_id == bindparam("of_account"), Edit.state == "undone"
-    )
-    .values(state="closed")
-    .execution_options(synchronize_session=False)
-)
 
 
 class _Rows:

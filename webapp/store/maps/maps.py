@@ -250,13 +250,17 @@ def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
 
 
 def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
-    """Fetch many photos together, removed ones included; those that the map has not are missing."""
-    known = {id: session.identity_map.get(identity_key(Photo, (record.id, id))) for id in ids}
+    """Fetch many photos together, removed ones included; those that the map has not are missing.
+
+    Photos that the session holds are not asked for again.
+    """
+    map_id = record.id
+    known = {id: session.identity_map.get(identity_key(Photo, (map_id, id))) for id in ids}
     found: dict[int, Photo] = {id: photo for id, photo in known.items() if photo is not None}
     wanted = sorted(id for id in ids if id not in found)
     for start in range(0, len(wanted), _MOST_PARAMETERS):
         some = wanted[start : start + _MOST_PARAMETERS]
-        rows = select(Photo).where(Photo.map_id == record.id, Photo.id.in_(some))
+        rows = select(Photo).where(Photo.map_id == map_id, Photo.id.in_(some))
         found |= {photo.id: photo for photo in session.scalars(rows)}
     return found
 

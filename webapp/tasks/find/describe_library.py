@@ -66,9 +66,10 @@ def describe_map(
         return
     for basis in there:
         _describe(library, record, basis=basis, settings=settings, writes=writes, progress=progress)
-    _refresh_search(library, progress)
+    if there:
+        _refresh_search(library, progress)
     with library.database.read() as session:
-        due = _is_outgrown(session, there)
+        due = _is_basis_due(session, there)
     if due:
         with writes() as session:
             jobs.enqueue(session, JOB)
@@ -91,17 +92,16 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
     _refresh_search(library, progress)  # for maps that a move, or an older version, has brought
     with library.database.read() as session:
         there = stored.bases(session)
-        if not any(not b.ready for b in there) and not _is_outgrown(session, there):
+        if not any(not b.ready for b in there) and not _is_basis_due(session, there):
             return _described(session, there)
-        # Those in the bin too: they are not described again when they come back.
-        records = session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
     new = next((b for b in there if not b.ready), None)
     if new is None:
-        basis, photos = _train(library, records, settings=settings, progress=progress)
+        basis, photos = _train(library, _all_maps(library), settings=settings, progress=progress)
         if basis is None:
             return 0
         with writes() as session:
             new = StoredBasis(stored.add_basis(session, basis, photos=photos), photos, False, basis)
+    records = _all_maps(library)  # from now on, a map that is new is described by its own job
     progress.size(len(records))
     for record in records:
         progress.note(record.name)
@@ -121,12 +121,18 @@ def _refresh_search(library: Library, progress: Progress) -> None:
             database.photo_search.refresh(check=progress.check)
 
 
-def _is_outgrown(session: Session, there: list[StoredBasis]) -> bool:
-    """Return whether a basis is due; a library of one map has nothing to compare."""
+def _all_maps(library: Library) -> Sequence[MapRecord]:
+    """List the maps, those in the bin too: they are not described again when they come back."""
+    with library.database.read() as session:
+        return session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
+
+
+def _is_basis_due(session: Session, there: list[StoredBasis]) -> bool:
+    """Return whether to train the first basis, or another one; one map alone has nothing to compare."""
+    has_several_maps = len(session.scalars(select(MapRecord.id).limit(2)).all()) > 1
     ready = [b for b in there if b.ready]
-    if ready:
-        return _described(session, ready) >= GROWTH * ready[-1].photos
-    return len(session.scalars(select(MapRecord.id).limit(2)).all()) == 2
+    is_outgrown = not ready or _described(session, ready) >= GROWTH * ready[-1].photos
+    return has_several_maps and is_outgrown
 
 
 def _described(session: Session, there: list[StoredBasis]) -> int:
