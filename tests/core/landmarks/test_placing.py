@@ -150,10 +150,8 @@ def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
     at, headings = walk
     submodel = submodel_of(at, headings, rng=rng)
     nothing = known_at(at, [])
-    assert sorted(propose_next([submodel], [lay_submodel(submodel, nothing)], known=nothing, most=6)) == [
-        0,
-        39,
-    ]
+    proposed = propose_next([submodel], [lay_submodel(submodel, nothing)], known=nothing, most=6)
+    assert sorted(proposed) == [0, 39]
     one = known_at(at, [10])
     assert propose_next([submodel], [lay_submodel(submodel, one)], known=one, most=6) == [39]
     two = known_at(at, [0, 10])
