@@ -21,6 +21,12 @@ PHOTOS = 6
 SLUGS = ("fen", "hill", "park")
 
 
+@pytest.fixture(autouse=True)
+def least_maps(monkeypatch):
+    """Describe the maps of a library from two on."""
+    monkeypatch.setattr(describe_library, "LEAST_MAPS", 2)
+
+
 @pytest.fixture
 def library(tmp_path, new_library):
     return new_library(tmp_path / "library")
@@ -124,15 +130,17 @@ def test_a_map_that_comes_later_is_described_with_the_same_basis(add_map, descri
     assert ranked(1)[0] == "hill"
 
 
-def test_one_map_alone_needs_no_basis_and_gets_one_with_the_second(add_map, describe, ranked, library):
-    assert describe(add_map("fen")) == 0
+def test_few_maps_need_no_basis_and_get_one_with_the_next(add_map, describe, ranked, library, monkeypatch):
+    monkeypatch.setattr(describe_library, "LEAST_MAPS", 3)
+    assert describe(add_map("fen"), add_map("hill")) == 0
     with library.database.read() as session:
         assert stored.bases(session) == []
-    assert describe(add_map("hill")) == 1
-    assert ranked(0)[0] == "fen" and ranked(1)[0] == "hill"
+    assert ranked(1) == ["fen", "hill"], "in their order"
+    assert describe(add_map("park")) == 1
+    assert [ranked(place)[0] for place in range(3)] == [*SLUGS]
 
 
-def test_one_map_that_is_left_needs_no_other_basis(add_map, describe, library, monkeypatch):
+def test_few_maps_that_are_left_need_no_other_basis(add_map, describe, library, monkeypatch):
     fen, hill = add_map("fen"), add_map("hill")
     assert describe(fen, hill) == 1
     with library.database.write() as session:

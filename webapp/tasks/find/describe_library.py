@@ -34,6 +34,9 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.find.queue_refresh import JOB
 from webapp.tasks.localize.index_location import index_bases, index_folder
 
+LEAST_MAPS = 10
+"""A basis is trained from so many maps on: a search has time for all of fewer, in any order."""
+
 GROWTH = 4
 """A basis is trained anew when there are so many times as many photos."""
 
@@ -128,11 +131,11 @@ def _all_maps(library: Library) -> Sequence[MapRecord]:
 
 
 def _is_basis_due(session: Session, there: list[StoredBasis]) -> bool:
-    """Return whether to train the first basis, or another one; one map alone has nothing to compare."""
-    has_several_maps = len(session.scalars(select(MapRecord.id).limit(2)).all()) > 1
+    """Return whether to train the first basis, or another one."""
+    has_many_maps = len(session.scalars(select(MapRecord.id).limit(LEAST_MAPS)).all()) == LEAST_MAPS
     ready = [b for b in there if b.ready]
     is_outgrown = not ready or _described(session, ready) >= GROWTH * ready[-1].photos
-    return has_several_maps and is_outgrown
+    return has_many_maps and is_outgrown
 
 
 def _described(session: Session, there: list[StoredBasis]) -> int:
