@@ -45,8 +45,8 @@ from benchmarks.s3_server import BUCKET, ObjectServer
 from tests.cluster.dask_cluster import DaskCluster
 from tests.ports import reserved_port
 from tests.postgresql_server import PostgresqlServer
-from webapp.files.objects import storage
-from webapp.files.objects.connect import connect
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.connect import connect
 from webapp.missions.store import missions
 from webapp.settings import Settings
 from webapp.store.accounts import accounts

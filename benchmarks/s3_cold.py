@@ -42,9 +42,9 @@ from benchmarks.s3_server import BUCKET, ObjectServer
 from webapp.errors import PhotoError
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.folder import read_map
-from webapp.files.objects import storage
-from webapp.files.objects.connect import connect
-from webapp.files.objects.marker import MARKER
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.marker import MARKER
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.build_map import build_map

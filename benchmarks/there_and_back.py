@@ -33,9 +33,9 @@ from benchmarks.s3_cold import cut_photos
 from benchmarks.s3_server import BUCKET, ObjectServer
 from tests.postgresql_server import PostgresqlServer
 from webapp.files.maps.folder import read_map
-from webapp.files.objects import storage
-from webapp.files.objects.connect import connect
-from webapp.files.objects.pointer import SUFFIX
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.pointer import SUFFIX
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library

@@ -16,14 +16,14 @@ from tests.web.conftest import Browser
 from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
 from webapp.extras import is_installed
-from webapp.files.objects import storage
+from webapp.files.object_storage import storage
 from webapp.jobs.kinds import Duties
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import accounts
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
 from webapp.tasks.maps import adopt_map
-from webapp.tasks.operate import objects, open_storage
+from webapp.tasks.operate import maintain_objects, open_storage
 
 pytestmark = pytest.mark.skipif(
     not is_installed("cluster") or os.name == "nt", reason="the extra `cluster` is not installed"
@@ -123,7 +123,7 @@ def test_photos_in_s3_give_the_same_bytes(tmp_path, make_map, quick, s3, on_post
     there = replace(here, storage=f"s3://{s3.new_bucket()}/lib", cache_folder=tmp_path / "cache")
     try:
         open_storage.open_storage(library, there)
-        assert objects.move_photos(library) == 12 + 1, "the photos and the image"
+        assert maintain_objects.move_photos(library) == 12 + 1, "the photos and the image"
         for photo in folder.glob("photos/[!.]*"):
             photo.unlink()
         with cluster(tmp_path) as dask:

@@ -16,6 +16,15 @@ from webapp.store.operate.jobs import Limits
 from webapp.store.schema import MapRecord
 
 
+@pytest.fixture(autouse=True)
+def end_of_threads(library):
+    """Wait for what a worker in this process has left behind, before the library is closed."""
+    yield
+    for thread in threading.enumerate():
+        if thread.name in ("export", "store"):
+            thread.join(60)
+
+
 @pytest.fixture
 def work(library, settings, duties):
     """Do all that waits, in this process."""
@@ -63,7 +72,7 @@ def test_the_thread_that_keeps_the_storage_in_order_outlives_its_errors(
         raise (StorageUnavailable("it is away", wait_s=1) if len(rounds) == 2 else ZeroDivisionError)
 
     monkeypatch.setattr(worker_module, "_CLEAN_S", 0.01)
-    monkeypatch.setattr(worker_module.objects, "move_photos", fail)
+    monkeypatch.setattr(worker_module.maintain_objects, "move_photos", fail)
     worker.run()
     assert len(rounds) >= 3
     told = [one for one in caplog.records if "object storage could not be kept in order" in one.getMessage()]

@@ -9,7 +9,7 @@ from sqlalchemy import inspect, text
 
 from tests.quick_apps import remember_templates
 from webapp.app.web import create_app
-from webapp.files.objects import storage
+from webapp.files.object_storage import storage
 from webapp.settings import ServeSettings, WebSettings
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.backends.request_counts import TABLE

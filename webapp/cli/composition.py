@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from webapp.configuration import load_settings
-from webapp.files.objects.connect import connect
-from webapp.files.objects.marker import settings_at
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.marker import settings_at
 from webapp.settings import Settings
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from webapp.errors import UsageError
 from webapp.files.decode import PHOTO_SUFFIXES
-from webapp.files.objects.pointer import SUFFIX, pointed_path
+from webapp.files.object_storage.pointer import SUFFIX, pointed_path
 
 _DIGITS = re.compile(r"([0-9]+)")
 

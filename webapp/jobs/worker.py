@@ -46,7 +46,7 @@ from webapp.store.schema import Job, MapRecord
 from webapp.tasks.find.queue_refresh import queue_refresh
 from webapp.tasks.maps import delete_map, photo_files
 from webapp.tasks.maps.export import export_late_maps
-from webapp.tasks.operate import objects, sweep_uploads
+from webapp.tasks.operate import maintain_objects, sweep_uploads
 from webapp.tasks.satellite import files
 from webapp.telemetry import span
 from webapp.threads import ContextThreads
@@ -183,8 +183,8 @@ class Worker:
         """Move photos into the object storage, and delete objects that nothing names."""
         stops = self._stopping.is_set
         try:
-            objects.move_photos(self._library, stops=stops)
-            objects.sweep_objects(self._library, self._settings, stops=stops)
+            maintain_objects.move_photos(self._library, stops=stops)
+            maintain_objects.sweep_objects(self._library, self._settings, stops=stops)
         except (ExpMapError, OSError) as error:
             _log.warning("the object storage could not be kept in order: %s", error)
         except Exception:  # noqa: BLE001 - the thread must outlive an error in one round

@@ -15,7 +15,7 @@ from webapp.core.evaluation.rows import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.exchange import tum
-from webapp.files.objects.storage import local
+from webapp.files.object_storage.storage import local
 from webapp.files.photos.photo import read_upright
 from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.lock import any_alive
-from webapp.files.objects.storage import in_use
+from webapp.files.object_storage.storage import in_use
 from webapp.jobs.draining import is_draining
 from webapp.store.library import has_library
 from webapp.store.maps import maps

@@ -30,11 +30,11 @@ from webapp.errors import StorageError, StorageUnavailable, UsageError
 from webapp.files.landmarks import cloud
 from webapp.files.localize import orientations
 from webapp.files.maps.folder import read_map
-from webapp.files.objects import bucket as bucket_module
-from webapp.files.objects import storage
-from webapp.files.objects.connect import connect
-from webapp.files.objects.marker import MARKER
-from webapp.files.objects.pointer import pointed_path, pointer_path, read_pointer
+from webapp.files.object_storage import bucket as bucket_module
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.marker import MARKER
+from webapp.files.object_storage.pointer import pointed_path, pointer_path, read_pointer
 from webapp.jobs.worker import Worker
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings, UploadLimits
@@ -49,7 +49,7 @@ from webapp.tasks.localize.geometry import has_landmarks
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
-from webapp.tasks.operate import objects, open_storage
+from webapp.tasks.operate import maintain_objects, open_storage
 from webapp.tasks.operate.backup import back_up
 from webapp.tasks.operate.move import move_to_file
 from webapp.tasks.operate.move_objects import move_to_folder
@@ -144,12 +144,12 @@ def row(library, make_map, owner, settings):
 def moved(library, settings, row):
     """The same after it was moved."""
     open_storage.open_storage(library, settings)
-    assert objects.move_photos(library) == 4 + 1, "the photos and the image"
+    assert maintain_objects.move_photos(library) == 4 + 1, "the photos and the image"
     folder = library.map_folder("row") / "photos"
     assert (folder / "0.jpg").exists(), "somebody may have its path"
     for pointer in folder.parent.rglob(".*.object"):
         os.utime(pointer, (0, 0))
-    assert objects.move_photos(library) == 0
+    assert maintain_objects.move_photos(library) == 0
     assert list(folder.glob("[!.]*")) == [] and not (folder.parent / "plan.png").exists()
     return row
 
@@ -190,7 +190,7 @@ def photos(library, slug):
 
 def at(monkeypatch, hours):
     """Let the sweep believe that it is so many hours later."""
-    monkeypatch.setattr(objects, "now", lambda: clock.now() + timedelta(hours=hours))
+    monkeypatch.setattr(maintain_objects, "now", lambda: clock.now() + timedelta(hours=hours))
 
 
 def test_a_photo_of_one_machine_is_read_on_another(machine, library, park, s3, bucket):
@@ -490,7 +490,7 @@ def test_landmarks_are_found_in_their_storage(moved, library, tmp_path, settings
 def test_a_photo_that_was_replaced_by_hand_is_stored(moved, library):
     photo = library.map_folder("row") / "photos/0.jpg"
     photo.write_bytes(jpeg(7))
-    assert objects.move_photos(library) == 1
+    assert maintain_objects.move_photos(library) == 1
     assert read_pointer(photo).sha256 == hashlib.sha256(jpeg(7)).hexdigest()
 
 
@@ -505,7 +505,7 @@ def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, libra
         return stored
 
     monkeypatch.setattr(storage.in_use(), "store", store)
-    assert objects.move_photos(library) == 0
+    assert maintain_objects.move_photos(library) == 0
     assert not pointer_path(photo).exists()
 
 
@@ -515,11 +515,11 @@ def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, setting
     with library.changing(1) as change:
         change.session.query(Photo).delete()
     at(monkeypatch, 1)
-    objects.sweep_objects(library, settings)
+    maintain_objects.sweep_objects(library, settings)
     at(monkeypatch, 40)
-    assert objects.sweep_objects(library, settings, stops=lambda: True) == 0
+    assert maintain_objects.sweep_objects(library, settings, stops=lambda: True) == 0
     assert len(objects_in(s3, bucket)) == 1
-    assert objects.sweep_objects(library, settings) == 1
+    assert maintain_objects.sweep_objects(library, settings) == 1
 
 
 def test_a_worker_that_is_started_now_and_then_keeps_the_storage_in_order(row, library, settings, s3, bucket):
@@ -614,7 +614,7 @@ def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
     keys = objects_in(s3, bucket)
     assert len(keys) == 2, "a copy has the same objects"
     for slug in (park, copy):
-        assert objects.sweep_objects(library, settings) == 0
+        assert maintain_objects.sweep_objects(library, settings) == 0
         with library.database.write() as session:
             record = session.query(MapRecord).filter_by(slug=slug).one()
             maps.put_into_bin(record)
@@ -623,7 +623,7 @@ def test_objects_of_a_deleted_map_stay_for_their_readers_and_are_then_swept(
         assert objects_in(s3, bucket) == keys
     for hours, left in ((30, 2), (40, 2), (53, 2), (60, 0)):
         at(monkeypatch, hours)
-        objects.sweep_objects(library, settings)
+        maintain_objects.sweep_objects(library, settings)
         assert len(objects_in(s3, bucket)) == left, hours
 
 
@@ -634,7 +634,7 @@ def test_a_storage_is_of_one_library_and_what_is_not_its_own_is_not_touched(
     s3.client.put_object(Bucket=bucket, Key="lib/theirs.txt", Body=b"a file of somebody")
     for hours in (1, 30, 60):
         at(monkeypatch, hours)
-        objects.sweep_objects(library, settings)
+        maintain_objects.sweep_objects(library, settings)
     assert len(objects_in(s3, bucket)) == 2
     marker = library.inner / MARKER
     ours = marker.read_text()
@@ -646,7 +646,7 @@ def test_a_storage_is_of_one_library_and_what_is_not_its_own_is_not_touched(
     s3.client.put_object(Bucket=bucket, Key="lib/library", Body=b"another one")
     at(monkeypatch, 120)
     with pytest.raises(StorageError, match="belongs to another library"):
-        objects.sweep_objects(library, settings)
+        maintain_objects.sweep_objects(library, settings)
 
 
 def test_a_photo_that_is_uploaded_again_is_there_also_where_its_object_was_lost(
@@ -670,13 +670,13 @@ def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
     aside = pointer.rename(pointer.with_name("aside"))
     for hours in (1, 30, 60):
         at(monkeypatch, hours)
-        assert objects.sweep_objects(library, settings) == 0
+        assert maintain_objects.sweep_objects(library, settings) == 0
     assert len(objects_in(s3, bucket)) == 1
     aside.rename(pointer)
     (library.inner / MARKER).unlink()
     at(monkeypatch, 90)
     with pytest.raises(StorageError, match="not mounted"):
-        objects.sweep_objects(library, settings)
+        maintain_objects.sweep_objects(library, settings)
 
 
 def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
@@ -708,7 +708,7 @@ def test_a_backup_has_what_is_in_s3_and_is_restored_into_a_folder_or_into_s3(
     restore(tmp_path / "backup.zip", again, parts=(), url=url, progress=Progress())
     other = replace(settings, library=again, database=url, storage=f"s3://{bucket}/again")
     with opened_library(other) as restored:
-        assert objects.move_photos(restored) == 6
+        assert maintain_objects.move_photos(restored) == 6
         connect(replace(other, cache_folder=tmp_path / "again-cold"))
         for path, data in photos.items():
             there = again / path.relative_to(library.folder)
@@ -837,7 +837,7 @@ def test_kills_in_the_middle_of_uploads_lose_nothing_and_leave_orphans_that_are_
     photo_files.sweep_orphans(library, map_id)
     for hours in (0, 12, 25):
         at(monkeypatch, hours)
-        objects.sweep_objects(library, settings)
+        maintain_objects.sweep_objects(library, settings)
     assert len(objects_in(s3, bucket)) == len(rows) + 1
 
 

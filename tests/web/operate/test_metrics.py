@@ -12,11 +12,11 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from webapp.errors import MissingPart, StorageError
-from webapp.files.objects import storage
-from webapp.files.objects.bucket import Bucket
-from webapp.files.objects.cache import ObjectCache
-from webapp.files.objects.storage import ObjectStorage
-from webapp.files.objects.watch import watch
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.bucket import Bucket
+from webapp.files.object_storage.cache import ObjectCache
+from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.object_storage.watch import watch
 from webapp.settings import METRICS_FOLDER
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import Limits

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, ObjectLost
 from webapp.files import atomic
-from webapp.files.objects.storage import local, replaced, settle
+from webapp.files.object_storage.storage import local, replaced, settle
 
 _GAP_BYTES = 16_384
 """Rows that are nearer to each other in the file are read together."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.arrays import read_arrays, write_arrays
-from webapp.files.objects.storage import facts_of
+from webapp.files.object_storage.storage import facts_of
 
 FORMAT = 1
 """Another one where the vectors mean something else."""

@@ -32,8 +32,8 @@ from webapp.core.features.types import Engine, Kind
 from webapp.errors import IndexDamaged, StorageError
 from webapp.files import atomic
 from webapp.files.localize.arrays import REPAIR, present
-from webapp.files.objects import storage
-from webapp.files.objects.pointer import SUFFIX, pointed_path
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.pointer import SUFFIX, pointed_path
 from webapp.settings import ExtractSettings
 
 FORMAT = 2

@@ -13,7 +13,7 @@ from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
-from webapp.files.objects.storage import hash_of, local
+from webapp.files.object_storage.storage import hash_of, local
 
 
 def json_path(cfg_path: Path) -> Path:

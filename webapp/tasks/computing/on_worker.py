@@ -166,7 +166,7 @@ def _prepare(terms: Terms, *, native_threads: int) -> None:
     """Give this thread its native threads, and the process the storage that the work needs."""
     import faiss
 
-    from webapp.files.objects.connect import connect
+    from webapp.files.object_storage.connect import connect
 
     with _LOCK:
         _once(terms.log.form, terms.settings.traces)

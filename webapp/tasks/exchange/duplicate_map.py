@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.listing import DERIVED
-from webapp.files.objects.pointer import pointer_path
+from webapp.files.object_storage.pointer import pointer_path
 from webapp.files.photos.preview import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library

@@ -25,7 +25,7 @@ from webapp.files.localize import global_vectors
 from webapp.files.localize.global_model import global_descriptor
 from webapp.files.localize.global_vectors import StoredVectors
 from webapp.files.maps.folder import photo_path
-from webapp.files.objects.storage import settle
+from webapp.files.object_storage.storage import settle
 from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_file, read_upright
 from webapp.progress import Progress

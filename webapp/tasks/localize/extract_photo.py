@@ -23,8 +23,8 @@ from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import photo_path
-from webapp.files.objects.connect import connect
-from webapp.files.objects.storage import pointer_of
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.storage import pointer_of
 from webapp.files.photos.panorama import read_level_view
 from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings

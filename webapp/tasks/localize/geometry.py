@@ -17,7 +17,7 @@ from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
-from webapp.files.objects import storage
+from webapp.files.object_storage import storage
 from webapp.progress import Progress
 from webapp.tasks.landmarks.control_points import PhotoLenses, georegister_all
 from webapp.tasks.localize import orient_map

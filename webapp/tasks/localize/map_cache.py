@@ -19,7 +19,7 @@ from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady, UsageError
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.global_model import model_paths, usable_global_descriptor
-from webapp.files.objects.storage import facts_of
+from webapp.files.object_storage.storage import facts_of
 from webapp.files.part_file import show_file_as
 from webapp.progress import Progress
 from webapp.settings import Settings

@@ -45,7 +45,7 @@ from webapp.errors import InputError, MapError, MissingPart
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.models import network
 from webapp.files.maps.folder import read_map
-from webapp.files.objects.storage import local
+from webapp.files.object_storage.storage import local
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options

@@ -15,7 +15,7 @@ from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
 from webapp.files.maps.map_json import panorama_fields
 from webapp.files.maps.sources import source_fields
-from webapp.files.objects import storage
+from webapp.files.object_storage import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.exif_gps import ABSENT, Gps

@@ -22,7 +22,7 @@ from webapp.files.maps.cfg import read_bytes
 from webapp.files.maps.cfg_scan import Scan, scan
 from webapp.files.maps.folder import MapFolder, json_path, photo_path, placement_path, read_map_json
 from webapp.files.maps.map_json import MapJson
-from webapp.files.objects.storage import is_there
+from webapp.files.object_storage.storage import is_there
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress

@@ -19,7 +19,7 @@ from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
 from webapp.files.maps.folder import MapFolder, photo_path
-from webapp.files.objects.storage import hash_of
+from webapp.files.object_storage.storage import hash_of
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library

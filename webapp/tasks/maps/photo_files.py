@@ -16,8 +16,8 @@ from sqlalchemy.orm import Session
 
 from webapp.files.atomic import write_bytes
 from webapp.files.listing import DERIVED, folded
-from webapp.files.objects.pointer import Pointer
-from webapp.files.objects.storage import hash_of, is_there, put_in_place, remove
+from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.storage import hash_of, is_there, put_in_place, remove
 from webapp.files.part_file import discard, move_in
 from webapp.store.library import Library
 from webapp.store.maps import maps

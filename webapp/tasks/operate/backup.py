@@ -20,7 +20,7 @@ from filelock import FileLock, Timeout
 from webapp import __version__
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.backup import Archive, new_backup
-from webapp.files.objects.storage import in_use, named_by, read_once
+from webapp.files.object_storage.storage import in_use, named_by, read_once
 from webapp.progress import Progress
 from webapp.store import queries
 from webapp.store.clock import now

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from webapp.errors import ObjectLost, StorageError, UsageError
-from webapp.files.objects.connect import connect
-from webapp.files.objects.marker import MARKER, check_marker, read_marker
-from webapp.files.objects.storage import bring_back
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
+from webapp.files.object_storage.storage import bring_back
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.database import Database
 from webapp.store.library import INNER, Library
+from webapp.tasks.operate.maintain_objects import move_photos, pointed_files
 from webapp.tasks.operate.move import alone, check_alone
-from webapp.tasks.operate.objects import move_photos, pointed_files
 from webapp.tasks.operate.open_storage import check_owner
 
 _TOGETHER, _SOME = 4, 32

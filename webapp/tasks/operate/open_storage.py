@@ -10,9 +10,9 @@ from filelock import FileLock
 
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.atomic import write_text
-from webapp.files.objects.connect import connect
-from webapp.files.objects.marker import MARKER, check_marker, read_marker
-from webapp.files.objects.storage import ObjectStorage
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
+from webapp.files.object_storage.storage import ObjectStorage
 from webapp.settings import Settings
 from webapp.store.library import Library
 

@@ -21,7 +21,7 @@ from webapp.errors import NotFound
 from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
-from webapp.files.objects.storage import facts_of, remove
+from webapp.files.object_storage.storage import facts_of, remove
 from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced

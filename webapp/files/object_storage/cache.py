@@ -24,8 +24,8 @@ from filelock import FileLock, Timeout
 
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
-from webapp.files.objects.pointer import Pointer
-from webapp.files.objects.watch import report_look
+from webapp.files.object_storage.pointer import Pointer
+from webapp.files.object_storage.watch import report_look
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0

@@ -16,9 +16,15 @@ from sqlalchemy import select
 
 from webapp.errors import DiskFull, StorageError, StorageUnavailable
 from webapp.files.atomic import write_text
-from webapp.files.objects.marker import MARKER
-from webapp.files.objects.pointer import SUFFIX, pointed_path, pointer_path, read_pointer, write_pointer
-from webapp.files.objects.storage import ObjectStorage, in_use, is_replaced, is_there
+from webapp.files.object_storage.marker import MARKER
+from webapp.files.object_storage.pointer import (
+    SUFFIX,
+    pointed_path,
+    pointer_path,
+    read_pointer,
+    write_pointer,
+)
+from webapp.files.object_storage.storage import ObjectStorage, in_use, is_replaced, is_there
 from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.clock import now

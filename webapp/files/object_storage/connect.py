@@ -9,9 +9,9 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 from webapp.errors import UsageError
-from webapp.files.objects.bucket import Bucket
-from webapp.files.objects.cache import ObjectCache
-from webapp.files.objects.storage import ObjectStorage, in_use, use
+from webapp.files.object_storage.bucket import Bucket
+from webapp.files.object_storage.cache import ObjectCache
+from webapp.files.object_storage.storage import ObjectStorage, in_use, use
 from webapp.settings import Settings
 
 _LOCK = threading.Lock()

@@ -20,10 +20,10 @@ from pathlib import Path
 
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
-from webapp.files.objects.bucket import Bucket
-from webapp.files.objects.cache import ObjectCache
-from webapp.files.objects.marker import is_kept_in_objects
-from webapp.files.objects.pointer import (
+from webapp.files.object_storage.bucket import Bucket
+from webapp.files.object_storage.cache import ObjectCache
+from webapp.files.object_storage.marker import is_kept_in_objects
+from webapp.files.object_storage.pointer import (
     SUFFIX,
     Pointer,
     pointed_path,

@@ -25,7 +25,7 @@ from webapp.errors import (
 )
 from webapp.extras import extra
 from webapp.files.atomic import storage_error
-from webapp.files.objects.watch import Operation, asking
+from webapp.files.object_storage.watch import Operation, asking
 
 _log = logging.getLogger(__name__)
 

@@ -10,12 +10,12 @@ import pytest
 
 from webapp.errors import DiskFull, ObjectLost, StorageError, StorageUnavailable, UsageError
 from webapp.files.listing import list_photos
-from webapp.files.objects import storage
-from webapp.files.objects.bucket import Bucket
-from webapp.files.objects.cache import ObjectCache
-from webapp.files.objects.connect import connect
-from webapp.files.objects.pointer import Pointer, pointed_path, pointer_path, read_pointer
-from webapp.files.objects.storage import ObjectStorage
+from webapp.files.object_storage import storage
+from webapp.files.object_storage.bucket import Bucket
+from webapp.files.object_storage.cache import ObjectCache
+from webapp.files.object_storage.connect import connect
+from webapp.files.object_storage.pointer import Pointer, pointed_path, pointer_path, read_pointer
+from webapp.files.object_storage.storage import ObjectStorage
 from webapp.settings import Settings
 
 
