@@ -183,6 +183,10 @@ class StorageUnavailable(StorageError, RetryLater):
     """The object storage cannot be reached, is too slow or refuses; nobody was assured of anything."""
 
 
+class FolderInUse(StorageError, RetryLater):
+    """Another process is writing in a folder that has one writer at a time."""
+
+
 class ClusterUnavailable(RetryLater):
     """The scheduler of Dask cannot be reached, or is lost; what was finished is kept."""
 

@@ -131,10 +131,10 @@ class WebSettings:
     """Minutes within which those failures count."""
 
     visitor_questions_per_minute: int = 10
-    """Photos that one visitor of a shared map may ask about, in each worker process."""
+    """Photos a visitor of a shared map may ask about, in each worker process; in all, with PostgreSQL."""
 
     share_questions_per_minute: int = 60
-    """... and all visitors of a shared map together."""
+    """... and all visitors of a shared map together, counted in the same way."""
 
     proxies: Annotated[int, AtLeast(0)] = 0
     """Reverse proxies in front of the server: their headers about the client are trusted."""

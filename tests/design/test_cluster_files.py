@@ -15,6 +15,7 @@ _OPTIONS = {
     "Service": {
         *("User", "ExecStart", "Environment", "EnvironmentFile", "Restart", "KillMode", "TimeoutStopSec"),
         *("UMask", "NoNewPrivileges", "ProtectSystem", "ReadWritePaths", "PrivateTmp", "StandardOutput"),
+        "CacheDirectory",
     },
     "Install": {"WantedBy"},
 }

@@ -71,7 +71,7 @@ def test_the_image_is_pinned_unprivileged_and_watched(project):
     assert re.fullmatch(r"python:3\.\d+\.\d+-[a-z-]+", given["FROM"]), "a base with an exact tag"
     assert given["USER"] not in ("root", "0")
     assert names.index("USER") > max(n for n, name in enumerate(names) if name == "RUN")
-    assert "/healthz" in given["HEALTHCHECK"]
+    assert "/livez" in given["HEALTHCHECK"], "what a new container would not mend is no reason for one"
     assert "/maps" in given["VOLUME"].split() and "EXPMAP_LIBRARY=/maps" in given["ENV"]
     assert "ADD" not in names
     for name, rest in found:

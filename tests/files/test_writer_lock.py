@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from webapp.errors import StorageError
-from webapp.files.lock import writer_lock
+from webapp.errors import FolderInUse, StorageError
+from webapp.files.lock import allow_open_files, writer_lock
 
 HOLD = """
 import sys, time
@@ -25,7 +25,7 @@ def test_a_second_writer_is_reported_and_a_killed_one_leaves_no_lock(tmp_path):
         [sys.executable, "-c", HOLD, str(folder)], stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "held\n"
-        with pytest.raises(StorageError, match="another process is building") as refused, writer_lock(folder):
+        with pytest.raises(FolderInUse, match="another process is building") as refused, writer_lock(folder):
             pass
         assert refused.value.where == str(folder)
         assert refused.value.hint is not None
@@ -56,3 +56,16 @@ def test_a_folder_that_cannot_be_written_is_a_storage_error(tmp_path, monkeypatc
     monkeypatch.setattr("filelock.FileLock.acquire", refuse)
     with pytest.raises(StorageError, match="Read-only"), writer_lock(tmp_path):
         pass
+
+
+def test_as_many_files_may_be_open_as_locks_are_held():
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (512, hard))
+        allow_open_files(400)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (512, hard)
+        allow_open_files(600)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (600, hard)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

@@ -7,7 +7,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from webapp.errors import ProcessLost, StorageError, StorageUnavailable
+from webapp import errors
+from webapp.errors import ProcessLost, StorageError
 from webapp.jobs.kinds import Duties
 from webapp.jobs.worker import Worker
 from webapp.settings import JobSettings, Settings
@@ -56,9 +57,10 @@ def lose(context):
 
 
 def away(context):
-    """Need an object storage that is away until there is a file `back`."""
+    """Need something that is away until there is a file `back`."""
     if not (context.library.inner / "back").exists():
-        raise StorageUnavailable("the object storage cannot be reached", wait_s=context.arguments["wait_s"])
+        kind = getattr(errors, context.arguments.get("error", "StorageUnavailable"))
+        raise kind("it cannot be reached", wait_s=context.arguments["wait_s"])
 
 
 def outlive(context):

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from webapp.errors import DatabaseUnavailable, StorageUnavailable
+from webapp.errors import ClusterUnavailable, DatabaseUnavailable, FolderInUse, StorageUnavailable
 from webapp.jobs import worker as worker_module
 from webapp.jobs.worker import Worker
 from webapp.store.operate import jobs
@@ -110,10 +110,16 @@ def test_while_storage_is_away_other_jobs_are_done(library, settings, duties, qu
         ] * 3
 
 
-def test_once_storage_is_back_once_does_what_waits(library, work, queue, seen):
-    id = queue("away", arguments={"wait_s": 600})
-    with pytest.raises(StorageUnavailable, match="cannot be reached"):
+@pytest.mark.parametrize("error", [StorageUnavailable, DatabaseUnavailable, ClusterUnavailable, FolderInUse])
+def test_what_waits_is_no_failure_and_once_does_it_when_what_was_away_is_back(
+    library, work, queue, seen, error
+):
+    id = queue("away", arguments={"error": error.__name__, "wait_s": 600})
+    with pytest.raises(error, match="cannot be reached"):
         work()
+    assert (seen(id)["state"], seen(id)["note"]) == ("queued", "it cannot be reached")
+    with library.database.read() as session:
+        assert jobs.find(session, id).attempts == 0, "nobody died"
     (library.inner / "back").touch()
     work()
     assert seen(id)["state"] == "done"

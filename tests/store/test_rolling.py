@@ -11,7 +11,7 @@ from webapp.errors import StorageError
 from webapp.store import library as store_library
 from webapp.store.library import EXPANDED_SINCE, newest_schema, open_library, schema_version
 
-_EXPANDING = {"create_table", "create_index", "add_column", "batch_alter_table", "get_bind"}
+_EXPANDING = {"create_table", "create_index", "drop_index", "add_column", "batch_alter_table", "get_bind"}
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +11,22 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-from webapp.errors import Busy, StorageError
+from webapp.errors import Busy, FolderInUse, StorageError
+
+_AGAIN_S = 10
+"""Of a machine that was lost, a server for files frees the locks only after a minute or two."""
+
+
+def allow_open_files(count: int) -> None:
+    """Raise this process's limit of open files, as far as the system allows: a lock that is held is one."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = count if hard == resource.RLIM_INFINITY else min(count, hard)
+    if resource.RLIM_INFINITY != soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 @contextmanager
@@ -26,16 +42,21 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
 
     Raises
     ------
+    FolderInUse
+        Another process is writing.
     StorageError
-        Another process is writing, or the folder cannot be written.
+        The folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / "lock", timeout=wait_s)
         lock.acquire()
     except Timeout as error:
-        raise StorageError(
-            "another process is building this index", where=str(folder), hint="wait until it has finished"
+        raise FolderInUse(
+            "another process is building this index",
+            where=str(folder),
+            wait_s=_AGAIN_S,
+            hint="wait until it has finished",
         ) from error
     except OSError as error:
         raise StorageError(
@@ -127,7 +148,9 @@ def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
 
 
 def any_alive(folder: Path) -> bool:
-    """Return whether one of the files in a folder is locked by a process of this machine.
+    """Return whether a process has locked one of the files in a folder.
+
+    On a disk that machines share, with its locks, that may be a process of any of them.
 
     Parameters
     ----------

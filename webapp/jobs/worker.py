@@ -23,13 +23,13 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 from sqlalchemy import select
-from sqlalchemy.orm import Session
 
 from webapp.errors import (
     Cancelled,
     ClusterUnavailable,
     DatabaseUnavailable,
     ExpMapError,
+    FolderInUse,
     ProcessLost,
     StorageError,
     StorageUnavailable,
@@ -60,6 +60,9 @@ _CLEAN_S = 3600.0
 _DATABASE_PAUSE_S = 1.0
 _EXPORT_PAUSE_S = 5.0
 """After a disk has refused a map's files, they are tried again so much later."""
+
+_PASSING = (StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable)
+"""Errors with which a job waits: it is tried again after a pause, which doubles."""
 
 Work = Future[Mapping[str, Any] | None]
 
@@ -123,7 +126,7 @@ class Worker:
 
         Raises
         ------
-        StorageUnavailable, ClusterUnavailable
+        StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable
             With `once`: the job, which waits in the queue again, needs what is away.
         """
         self._clean()
@@ -131,7 +134,7 @@ class Worker:
             export_late_maps(self._library)
         job = self._next(early=once)
         error = None if job is None else self._do(job)
-        if once and isinstance(error, StorageUnavailable | ClusterUnavailable):
+        if once and isinstance(error, _PASSING):
             raise error  # else it would be tried again without end
         return job is not None
 
@@ -268,10 +271,11 @@ class Worker:
                 ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
-            elif isinstance(error, StorageUnavailable | ClusterUnavailable):
+            elif isinstance(error, _PASSING):
                 _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
-                ended, kept = "given back", _put_off(session, lease, error)
-            elif isinstance(error, ProcessLost | DatabaseUnavailable):
+                note, pause_s = error.message, error.wait_s
+                ended, kept = "given back", jobs.put_off(session, lease, note=note, pause_s=pause_s)
+            elif isinstance(error, ProcessLost):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
                 ended, kept = "given back", jobs.let_go(session, lease)
             else:
@@ -317,10 +321,6 @@ class _Heartbeat:
         if job is None or job.cancel_wanted:
             self._context.progress.stop()
         self._written, self._beat_at = progress, time.monotonic() + 1.0
-
-
-def _put_off(session: Session, lease: Lease, error: StorageUnavailable | ClusterUnavailable) -> bool:
-    return jobs.put_off(session, lease, note=error.message, pause_s=error.wait_s)
 
 
 def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:

@@ -247,7 +247,7 @@ class Edit(Base):
     """One step that can be undone: the fields it changed, before and after."""
 
     __tablename__ = "edit"
-    __table_args__ = (Index(None, "map_id", "account_id", "state"),)
+    __table_args__ = (Index(None, "map_id", "account_id", "state", "id"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
@@ -326,7 +326,7 @@ class Job(Base):
     """How often in a row something was away."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
-    ended_at: Mapped[datetime | None]
+    ended_at: Mapped[datetime | None] = mapped_column(index=True)
 
 
 class QueryRecord(Base):

@@ -139,10 +139,24 @@ def livez() -> dict[str, Any]:
     return {"status": "ok"}
 
 
+@health_pages.get("/readyz")
+@public
+def readyz() -> tuple[dict[str, Any], HTTPStatus]:
+    """Answer 200 when requests should be sent here, 503 when to other servers of the library.
+
+    What all of them share, such as the database, has no say: then no server at all would be left.
+    """
+    if is_draining():
+        return {"status": "draining"}, HTTPStatus.SERVICE_UNAVAILABLE
+    if settings().database is not None and not has_library(library().folder):
+        return {"status": "failing"}, HTTPStatus.SERVICE_UNAVAILABLE
+    return {"status": "ok"}, HTTPStatus.OK
+
+
 @health_pages.get("/healthz")
 @public
 def healthz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Answer 200 when requests should be sent here, 503 when something is not well; needs no sign-in."""
+    """Answer 503 when something is not well, shared with other servers or not, else 200; for monitoring."""
     parts = {"database": _database_answers(), "disk": _disk_has_room()}
     if settings().serve.job_workers:
         parts["worker"] = any_alive(library().inner / "workers")

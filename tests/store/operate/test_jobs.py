@@ -4,12 +4,14 @@ import threading
 from datetime import timedelta
 
 import pytest
+import sqlalchemy
+from sqlalchemy import select
 
 from webapp.errors import Conflict, NotFound
 from webapp.store import clock
 from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import Lease, Limits
-from webapp.store.schema import Job, MapRecord
+from webapp.store.schema import Account, Job, MapRecord
 
 LIMITS = Limits(seconds=10.0, attempts=3)
 ERROR = {"message": "no", "where": None, "hint": None}
@@ -390,3 +392,23 @@ def test_the_id_of_a_job_of_a_deleted_map_is_not_used_again(library, do, new_acc
     with pytest.raises(NotFound):
         do(jobs.find, first)
     assert do(jobs.enqueue, "index", map_id=new_map(owner, name="Other")).id > first
+
+
+def test_jobs_that_have_ended_are_not_read_again_and_again(library, sqlite_only):
+    """Idle workers, and pages, ask every second; ended jobs are kept."""
+    asked = []
+
+    def note(_connection, _cursor, statement, parameters, *_):
+        asked.append((statement, parameters))
+
+    sqlalchemy.event.listen(library.database.engine, "before_cursor_execute", note)
+    with library.database.read() as session:
+        jobs.anything_to_do(session)
+        jobs.current(session, 1)
+        job_views.recent(session, map_ids=select(MapRecord.id), account=Account(id=1, is_owner=True))
+        plans = [
+            session.connection().exec_driver_sql(f"EXPLAIN QUERY PLAN {s}", p).all() for s, p in [*asked]
+        ]
+    steps = [step for plan in plans for *_, step in plan]
+    assert sum("INDEX ix_job_ended_at (ended_at>?)" in step for step in steps) == 2
+    assert not [step for step in steps if step.startswith("SCAN job")]

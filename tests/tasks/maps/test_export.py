@@ -5,6 +5,7 @@ import threading
 import pytest
 
 from webapp.core.geo.types import MapPixel
+from webapp.errors import StorageError
 from webapp.files.maps import folder
 from webapp.store.library import open_library
 from webapp.store.maps import edits, maps
@@ -152,3 +153,16 @@ def test_a_file_that_went_missing_is_written_again(library, map_id):
     library.cfg("park").unlink()
     assert export.export_map(library, map_id)
     assert len(on_disk(library).experiences) == 1
+
+
+def test_nothing_is_written_where_the_library_is_not_mounted(library, map_id, tmp_path):
+    place(library, map_id)
+    (tmp_path / "library").rename(tmp_path / "elsewhere")
+    (tmp_path / "library").mkdir()
+    with pytest.raises(StorageError, match="not there"):
+        export.export_map(library, map_id)
+    assert list((tmp_path / "library").iterdir()) == []
+    (tmp_path / "library").rmdir()
+    (tmp_path / "elsewhere").rename(tmp_path / "library")
+    assert export.export_map(library, map_id)
+    assert on_disk(library).experiences

@@ -2,6 +2,7 @@
 
 import pytest
 
+from webapp.errors import DatabaseUnavailable
 from webapp.store.maps import maps
 
 API = "/api/v1"
@@ -140,3 +141,13 @@ def test_only_owners_share(people, members, sign_in, role):
     assert roles(client, members) == before
     assert client.delete(f"{members}/{people[role].id}").status_code == 204, "everybody may leave"
     assert client.get(members).status_code == 404
+
+
+def test_a_token_is_good_for_reading_while_nothing_can_be_written(client, bearer, library, monkeypatch):
+    def read_only(**_):
+        raise DatabaseUnavailable("the database is read-only", wait_s=2)
+
+    token = client.post(f"{API}/account/tokens", json={"name": "robot"}).json["token"]
+    monkeypatch.setattr(library.database, "write", read_only)
+    assert bearer(token, "GET", "/account").json["name"] == "owner"
+    assert bearer(token, "POST", "/account/tokens", json={"name": "other"}).status_code == 503

@@ -2,15 +2,18 @@
 
 import io
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from click.testing import CliRunner
 
 from webapp.app.main import COMPOSITION, root
+from webapp.errors import Busy, NotReady, StorageUnavailable
 from webapp.store.maps import maps
 from webapp.tasks.find import find_map
 from webapp.tasks.find.rank_maps import MapRanking
-from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize import map_cache
+from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.upload import UploadedPhoto
 
 
@@ -64,6 +67,33 @@ def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queri
     search = find_map.LibrarySearch(MapCache(library, settings), MapRanking(library, settings), settings)
     found = find_map.find_map(search, [record()], photo=photo)
     assert found.maps == () and "was over" in found.not_searched[0].reason.message
+
+
+def test_a_map_whose_storage_is_away_is_named(monkeypatch, library, record, queries, settings):
+    def away(*_, **__):
+        raise StorageUnavailable("the object storage cannot be reached", wait_s=5)
+
+    monkeypatch.setattr(find_map.upload, "localize_uploads", away)
+    photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
+    search = find_map.LibrarySearch(MapCache(library, settings), MapRanking(library, settings), settings)
+    found = find_map.find_map(search, [record()], photo=photo)
+    assert found.maps == () and "cannot be reached" in found.not_searched[0].reason.message
+
+
+def test_who_asks_while_another_opens_the_map_does_not_wait_for_long(monkeypatch, library, record, settings):
+    monkeypatch.setattr(map_cache, "_OPEN_WAIT_S", 0.05)
+    asked, cache = [], MapCache(library, settings)
+
+    def open_slowly(*_, **__):
+        with pytest.raises(Busy, match="is being opened"), ThreadPoolExecutor() as another:
+            another.submit(cache.get, record().id, MethodChoice()).result()
+        asked.append(True)
+        raise NotReady("it has no index")
+
+    monkeypatch.setattr(cache, "_current", open_slowly)
+    with pytest.raises(NotReady):
+        cache.get(record().id, MethodChoice())
+    assert asked
 
 
 def test_the_command_says_the_same(sample, library, queries, tmp_path):

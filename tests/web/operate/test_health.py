@@ -1,4 +1,4 @@
-"""`/healthz` says what is not well, and nothing more."""
+"""`/healthz` says what is not well, and nothing more; `/readyz` whether requests should come here."""
 
 import shutil
 import sqlite3
@@ -79,4 +79,13 @@ def test_a_server_that_is_going_to_stop_is_not_ready(stranger, worker, monkeypat
         drain.begin()
         answer = stranger.get("/healthz")
         assert (answer.status_code, answer.json["status"]) == (503, "draining")
+        ready = stranger.get("/readyz")
+        assert (ready.status_code, ready.json) == (503, {"status": "draining"})
         assert stranger.get("/sign-in").status_code == 200
+
+
+def test_what_all_servers_share_leaves_a_server_ready(stranger, library):
+    library.database.close()
+    (library.inner / "library.db").write_bytes(b"")
+    assert stranger.get("/healthz").status_code == 503
+    assert (stranger.get("/readyz").status_code, stranger.get("/readyz").json) == (200, {"status": "ok"})

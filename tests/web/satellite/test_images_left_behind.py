@@ -47,7 +47,9 @@ def test_a_refused_image_that_the_map_had_before_stays(client, base, put, add_ph
     assert images()[0] == before
 
 
-def test_what_a_killed_upload_has_left_is_swept_after_a_while(library, put, record, images, park):
+def test_what_a_killed_upload_has_left_is_swept_after_a_while(
+    library, put, record, images, park, monkeypatch
+):
     put(png(400, 200))
     put(png(500, 200))
     known, _ = images()
@@ -58,3 +60,5 @@ def test_what_a_killed_upload_has_left_is_swept_after_a_while(library, put, reco
     assert files.sweep(library, record().id, keep=timedelta(hours=3)) == 0
     assert files.sweep(library, record().id, keep=timedelta(hours=1)) == 1
     assert images()[0] == known
+    monkeypatch.setattr(library.database, "write", None)
+    assert files.sweep(library, record().id, keep=timedelta(hours=1)) == 0, "and nobody has to wait for it"

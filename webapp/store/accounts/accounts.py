@@ -141,7 +141,7 @@ def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
 
 def note_use(session: Session, token_id: int) -> None:
     """Remember that a token was used now."""
-    token = session.get(ApiToken, token_id)
+    token = session.get(ApiToken, token_id, with_for_update=True)
     if token is not None:
         token.used_at = now()
 

@@ -10,7 +10,7 @@ from sqlalchemy import Select, func, or_, select
 from sqlalchemy.orm import Session
 
 from webapp.store.database import moment
-from webapp.store.operate.jobs import ENDED
+from webapp.store.operate.jobs import ENDED, not_ended_before
 from webapp.store.schema import Account, Job, MapRecord
 
 _RECENT = timedelta(days=1)
@@ -31,7 +31,7 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
     shown = (
         or_(Job.map_id.in_(map_ids), theirs),
-        or_(Job.state.not_in(ENDED), Job.ended_at > moment(session) - _RECENT),
+        Job.id.in_(not_ended_before(moment(session) - _RECENT)),
     )
     found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
     return list(session.scalars(found))

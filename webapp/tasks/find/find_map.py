@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from webapp.core.hypotheses.across_maps import probabilities_over_maps
-from webapp.errors import Busy, ExpMapError, IndexDamaged, MapError, NotFound, NotReady
+from webapp.errors import (
+    Busy,
+    ExpMapError,
+    IndexDamaged,
+    MapError,
+    NotFound,
+    NotReady,
+    StorageUnavailable,
+)
 from webapp.files.part_file import show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
@@ -156,7 +164,7 @@ def find_map(
             if not answers:
                 raise
             skipped.append(SkippedMap(record.slug, record.name, error))
-        except (MapError, NotFound, IndexDamaged) as error:
+        except (MapError, NotFound, IndexDamaged, StorageUnavailable) as error:
             skipped.append(SkippedMap(record.slug, record.name, error))
         progress.advance(1)
     each, none = probabilities_over_maps([_on_map(form) for _, form in answers])

@@ -16,7 +16,16 @@ from threading import Lock
 
 from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
-from webapp.errors import IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady, UsageError
+from webapp.errors import (
+    Busy,
+    IndexDamaged,
+    InputError,
+    MapError,
+    MissingPart,
+    NotFound,
+    NotReady,
+    UsageError,
+)
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.global_model import model_paths, usable_global_descriptor
 from webapp.files.object_storage.storage import facts_of
@@ -88,6 +97,9 @@ class OpenedMap:
     to_calibrate: bool
 
 
+_OPEN_WAIT_S = 10.0
+"""Seconds to wait while another request opens the map: each that waits holds a thread."""
+
 _Files = tuple[tuple[int, int] | None, ...]
 
 
@@ -134,6 +146,8 @@ class MapCache:
         ------
         NotReady
             It has no index with these features yet.
+        Busy
+            Another request is opening it, and that takes long.
         MapError
             It has no image, no photo, or none with anything to recognise it by.
         UsageError
@@ -170,13 +184,16 @@ class MapCache:
         choice = options.choice()  # so that an index is open once, however its features were asked for
         options = replace(options, features="auto", detector=choice.detector, extractor=choice.extractor)
         slot = self._slot((map_id, options))
-        with slot.lock:
-            try:
-                slot.ready = self._current(slot, map_id, options)
-            except (MapError, NotReady, NotFound):
-                slot.ready = None
-                raise
+        if not slot.lock.acquire(timeout=_OPEN_WAIT_S):  # from S3, a large map may take minutes
+            raise Busy("the map is being opened", wait_s=5, hint="try again in a moment")
+        try:
+            slot.ready = self._current(slot, map_id, options)
             return slot.ready
+        except (MapError, NotReady, NotFound):
+            slot.ready = None
+            raise
+        finally:
+            slot.lock.release()
 
     def _slot(self, key: tuple[int, OpenOptions]) -> _Slot:
         with self._lock:

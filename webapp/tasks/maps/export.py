@@ -16,13 +16,13 @@ from filelock import FileLock
 from sqlalchemy import select
 
 from webapp.core.mapmodel.model import Map
-from webapp.errors import ExpMapError, MapError
+from webapp.errors import ExpMapError, MapError, StorageError
 from webapp.files.atomic import storage_error
 from webapp.files.listing import DERIVED
 from webapp.files.maps.cfg import format_cfg, read_bytes
 from webapp.files.maps.folder import json_path, placement_path, write_map
 from webapp.files.maps.map_json import check_placement_name
-from webapp.store.library import Library
+from webapp.store.library import Library, has_library
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.library_map import as_map
 
@@ -60,6 +60,8 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
     if slug is None:
         return True
     derived = library.map_folder(slug) / DERIVED
+    if not has_library(library.folder):  # not mounted: what is written here would be in the way later
+        raise StorageError("the folder of the library is not there", where=str(library.folder))
     try:
         derived.mkdir(parents=True, exist_ok=True)
         with FileLock(derived / LOCK, poll_interval=_POLL_S):

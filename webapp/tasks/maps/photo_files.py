@@ -20,7 +20,6 @@ from webapp.files.object_storage.pointer import Pointer
 from webapp.files.object_storage.storage import hash_of, is_there, put_in_place, remove
 from webapp.files.part_file import discard, move_in
 from webapp.store.library import Library
-from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 
 PHOTOS = "photos"
@@ -114,10 +113,14 @@ def sweep_orphans(library: Library, map_id: int) -> int:
         Files deleted.
     """
     swept = 0
+    with library.database.read() as session:
+        slug = session.get_one(MapRecord, map_id).slug
+    if not any((library.map_folder(slug) / DERIVED / _INTAKE).glob("*")):
+        return 0
     with library.database.write() as session:  # intake moves its files in a session that writes, too
         record = session.get_one(MapRecord, map_id, with_for_update=True)
         folder = library.map_folder(record.slug)
-        known = {photo.path for photo in maps.photos(session, record)}
+        known = set(session.scalars(select(Photo.path).where(Photo.map_id == map_id)))
         for note in sorted((folder / DERIVED / _INTAKE).glob("*")):
             path = note.read_text("utf-8", "replace")
             file = folder / path

@@ -20,6 +20,7 @@ from filelock import FileLock, Timeout
 from webapp import __version__
 from webapp.errors import ObjectLost, StorageError, UsageError
 from webapp.files.backup import Archive, new_backup
+from webapp.files.lock import allow_open_files
 from webapp.files.object_storage.storage import in_use, named_by, read_once
 from webapp.progress import Progress
 from webapp.store import queries
@@ -37,6 +38,9 @@ QUERIES = "queries"
 _DERIVED = "derived"
 _EXPORTED = frozenset({".cfg", ".json"})
 _WAIT_S = 60
+_OTHER_FILES = 256
+"""Open at a time, besides a lock for each map."""
+
 _TRIES = 5
 
 
@@ -169,6 +173,7 @@ class _Copying:
         library = self._library
         with library.database.engine.connect() as connection:
             slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
+        allow_open_files(len(slugs) + _OTHER_FILES)
         with ExitStack() as writers:
             for slug in sorted(slugs):
                 writers.enter_context(_no_export(library.map_folder(slug)))

@@ -251,15 +251,23 @@ def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
     int
         Images deleted.
     """
-    with library.database.write() as session:
-        record = session.get_one(MapRecord, map_id)
-        folder, known = library.map_folder(record.slug), images_of(session, record)
-        before = time.time() - keep.total_seconds()
-        gone = [
-            path.name
-            for path in folder.glob("satellite-*")
-            if _OURS.fullmatch(path.name) and path.name not in known and path.stat().st_mtime < before
-        ]
-        for name in gone:
-            display.forget(folder, name)
+    before = time.time() - keep.total_seconds()
+    with library.database.read() as session:
+        if not _left_behind(session, library, map_id, before=before):
+            return 0
+    with library.database.write() as session:  # look again: an image may be in use by now
+        gone = _left_behind(session, library, map_id, before=before)
+        for path in gone:
+            display.forget(path.parent, path.name)
     return len(gone)
+
+
+def _left_behind(session: Session, library: Library, map_id: int, *, before: float) -> list[Path]:
+    """List the images in a map's folder that are old enough and that its record does not know."""
+    record = session.get_one(MapRecord, map_id)
+    known = images_of(session, record)
+    return [
+        path
+        for path in library.map_folder(record.slug).glob("satellite-*")
+        if _OURS.fullmatch(path.name) and path.name not in known and path.stat().st_mtime < before
+    ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 from datetime import timedelta
 
 from flask import Flask, g, request, session
 from flask_login import LoginManager, UserMixin, current_user, login_user, logout_user
 
-from webapp.errors import NotSignedIn
+from webapp.errors import NotSignedIn, StorageError
 from webapp.store.accounts import accounts
 from webapp.store.accounts import sign_in as ways_in
 from webapp.store.clock import now
@@ -24,6 +25,8 @@ _ID = "session_id"
 
 _USE_NOTED_EVERY = timedelta(hours=1)
 """Not by each request: that would be a write each."""
+
+_log = logging.getLogger(__name__)
 
 
 class User(UserMixin):  # type: ignore[misc]
@@ -115,8 +118,11 @@ def _of_token(token: str) -> Account:
         )
     account, known = found
     if known.used_at is None or now() - known.used_at > _USE_NOTED_EVERY:
-        with database.write() as db:
-            accounts.note_use(db, known.id)
+        try:
+            with database.write(locks_rows=True) as db:
+                accounts.note_use(db, known.id)
+        except StorageError as error:  # reading goes on where nothing can be written
+            _log.info("the use of a token was not noted: %s", error)
     return account
 
 
