@@ -12,27 +12,9 @@ from webapp.errors import DiskFull, ObjectLost, StorageError, StorageUnavailable
 from webapp.files.listing import list_photos
 from webapp.files.object_storage import storage
 from webapp.files.object_storage.bucket import Bucket
-from webapp.files.object_storage.cache import ObjectCache
 from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.pointer import Pointer, pointed_path, pointer_path, read_pointer
-from webapp.files.object_storage.storage import ObjectStorage
 from webapp.settings import Settings
-
-
-@pytest.fixture
-def bucket_name(s3):
-    return s3.new_bucket()
-
-
-@pytest.fixture
-def node(s3, bucket_name, tmp_path):
-    """Make a storage as a machine of its own has it."""
-
-    def make(name="one", *, limit=10**9, timeout_s=10.0, **options):
-        bucket = Bucket(f"s3://{bucket_name}/some/prefix", timeout_s=timeout_s)
-        return ObjectStorage(bucket, ObjectCache(tmp_path / f"cache-{name}", limit=limit, **options))
-
-    return make
 
 
 def file_of(folder, content, name="photo.jpg"):
@@ -179,6 +161,7 @@ def test_an_object_that_is_lost_is_named(node, s3, bucket_name, tmp_path):
         ((507, "XMinioStorageFull"), DiskFull, "is full"),
         ((400, "QuotaExceeded"), DiskFull, "is full"),
         ((404, "NoSuchBucket"), StorageUnavailable, "does not exist"),
+        ((400, "BadDigest"), StorageUnavailable, "was damaged on its way"),
         ((400, "InvalidRequest"), StorageError, "refuses: InvalidRequest"),
     ],
 )

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from PIL import Image
 from sqlalchemy import select
 
@@ -24,14 +25,17 @@ from webapp.app import main as program
 from webapp.app.web import create_app
 from webapp.app.wings import DUTIES
 from webapp.cli.library import existing_library, opened_library
+from webapp.cli.progressbar import TerminalProgress
 from webapp.core.features.table import choose
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.errors import StorageError, StorageUnavailable, UsageError
+from webapp.errors import DiskFull, StorageError, StorageUnavailable, UsageError
+from webapp.files.atomic import write_text
 from webapp.files.landmarks import cloud
 from webapp.files.localize import orientations
 from webapp.files.maps.folder import read_map
 from webapp.files.object_storage import bucket as bucket_module
 from webapp.files.object_storage import storage
+from webapp.files.object_storage.bucket import Bucket
 from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.marker import MARKER
 from webapp.files.object_storage.pointer import pointed_path, pointer_path, read_pointer
@@ -49,7 +53,7 @@ from webapp.tasks.localize.geometry import has_landmarks
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
-from webapp.tasks.operate import maintain_objects, open_storage
+from webapp.tasks.operate import maintain_objects, move_objects, open_storage
 from webapp.tasks.operate.backup import back_up
 from webapp.tasks.operate.move import move_to_file
 from webapp.tasks.operate.move_objects import move_to_folder
@@ -507,6 +511,78 @@ def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, libra
     monkeypatch.setattr(storage.in_use(), "store", store)
     assert maintain_objects.move_photos(library) == 0
     assert not pointer_path(photo).exists()
+
+
+@pytest.fixture
+def move(machine, library, park, expmap):
+    """Run `expmap library move --to s3`, with a photo that is a file; gives exit code and what is said."""
+    send(machine("a"), jpeg())
+    (library.map_folder(park) / "photos/a.jpg").write_bytes(jpeg(7))
+    return lambda: expmap("library", "move", "--to", "s3", "--library", library.folder)
+
+
+def test_a_move_into_s3_waits_for_a_worker_that_is_at_it(move, library, monkeypatch):
+    noted = []
+
+    def note(self, text):
+        noted.append(text)
+        lock.release()
+
+    monkeypatch.setattr(TerminalProgress, "note", note)
+    monkeypatch.setattr(move_objects, "_LOOK_S", 0.1)
+    with FileLock(library.inner / "objects.lock") as lock:
+        code, out, _ = move()
+    assert (code, out.partition(",")[0]) == (0, f"{library.folder}: 1 files")
+    assert noted == ["waiting for a worker that moves the same files"]
+
+
+def test_a_move_into_s3_does_not_wait_for_ever(move, library, monkeypatch):
+    monkeypatch.setattr(move_objects, "_WAIT_S", 0.2)
+    with FileLock(library.inner / "objects.lock"):
+        assert maintain_objects.move_photos(library) == 0, "a worker does not wait"
+        code, out, said = move()
+    assert (code != 0, out) == (True, "") and "a worker is moving the photos" in said
+    assert move()[0] == 0
+
+
+def test_a_move_into_s3_says_how_many_files_it_could_not_store(move, library, park, s3):
+    damaged = library.map_folder(park) / "photos/.a.jpg.object"
+    pointer = damaged.read_text()
+    damaged.write_text("{}")
+    code, out, said = move()
+    assert (code, out) == (1, "") and "1 files could not be stored" in said and "run it again" in said
+    assert f"{park}/photos/a.jpg" in said
+    damaged.write_text(pointer)
+    assert move()[0] == 0
+
+
+@pytest.mark.parametrize("stage", ["the answer is lost", "the disk is full"])
+def test_a_storage_that_was_claimed_by_a_start_that_failed_is_still_ours(
+    library, settings, s3, bucket, monkeypatch, stage
+):
+    def lost(self, key, file):
+        real(self, key, file)
+        raise StorageUnavailable("the connection to the object storage broke off", wait_s=1)
+
+    def full(path, text):
+        if path.name == MARKER:
+            raise DiskFull("the file cannot be written: No space left on device")
+        write_text(path, text)
+
+    real = Bucket.put
+    if stage == "the answer is lost":
+        monkeypatch.setattr(Bucket, "put", lost)
+    else:
+        monkeypatch.setattr(open_storage, "write_text", full)
+    with pytest.raises(StorageError):
+        open_storage.open_storage(library, settings)
+    assert s3.keys(bucket) == ["lib/library"] and not (library.inner / MARKER).exists()
+    monkeypatch.setattr(Bucket, "put", real)
+    monkeypatch.setattr(open_storage, "write_text", write_text)
+    for _ in range(2):
+        open_storage.open_storage(library, settings)
+    open_storage.check_owner(library.inner, storage.in_use())
+    assert [path.name for path in library.inner.glob("object-storage*")] == [MARKER]
 
 
 def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, settings, s3, bucket, monkeypatch):

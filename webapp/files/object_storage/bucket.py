@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import logging
 import math
 import threading
@@ -34,6 +36,8 @@ _PIECE = 8 << 20
 
 _AT_ONCE = 8
 
+_BLOCK = 1 << 20
+
 TIMEOUT_S = 10.0
 """Seconds for which the server may be silent; after a second try it counts as away."""
 
@@ -48,6 +52,7 @@ _REFUSED = frozenset({"AccessDenied", "InvalidAccessKeyId", "SignatureDoesNotMat
 _FULL = frozenset({"QuotaExceeded", "InsufficientStorage", "XMinioStorageFull", "InsufficientCapacity"})
 _NO_OBJECT = frozenset({"NoSuchKey", "404"})
 _NO_BUCKET = "NoSuchBucket"
+_DAMAGED = "BadDigest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +106,7 @@ class Bucket:
         self._probe = _connect(min(timeout_s, PROBE_TIMEOUT_S), attempts=1)[0]
 
     def put(self, key: str, file: Path) -> None:
-        """Store a file; when this returns, the server has all of it.
+        """Store a file; when this returns, the server has all of it, and has compared it with its MD5.
 
         Raises
         ------
@@ -243,6 +248,8 @@ def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
             where="EXPMAP_STORAGE",
             hint="check AWS_ENDPOINT_URL and AWS_DEFAULT_REGION",
         ) from error
+    for operation in ("PutObject", "UploadPart"):
+        client.meta.events.register(f"before-parameter-build.s3.{operation}", _add_md5)
     transfer = TransferConfig(
         multipart_threshold=_PIECE,
         multipart_chunksize=_PIECE,
@@ -250,6 +257,16 @@ def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
         num_download_attempts=2,
     )
     return client, transfer
+
+
+def _add_md5(params: dict[str, Any], **_: Any) -> None:
+    """Send the MD5 of a file or piece with it, so that the server refuses what was damaged on the way."""
+    body, digest = params["Body"], hashlib.md5(usedforsecurity=False)
+    start = body.tell()
+    while block := body.read(_BLOCK):
+        digest.update(block)
+    body.seek(start)
+    params["ContentMD5"] = base64.b64encode(digest.digest()).decode("ascii")
 
 
 def _away(error: Exception) -> StorageUnavailable:
@@ -289,6 +306,13 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
         )
     if code in _NO_OBJECT:
         return ObjectLost("the object storage has lost this file", where=key, hint="restore it from a backup")
+    if code == _DAMAGED:
+        return StorageUnavailable(
+            "the file was damaged on its way to the object storage",
+            wait_s=_WAIT_S,
+            where=key,
+            hint="try again in a moment",
+        )
     if code in _FULL or status == HTTPStatus.INSUFFICIENT_STORAGE:
         return DiskFull("the object storage is full", where=url, hint="ask who looks after the server")
     if code in _REFUSED or status == HTTPStatus.FORBIDDEN:

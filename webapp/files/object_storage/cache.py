@@ -5,7 +5,8 @@
     CACHE/ab/abcd...-0123...-IMG_1.jpg    an object: its key, and the name of its file
 
 A file that was asked for lately stays: whoever has its path has time to open it, and what is open, or mapped,
-can be read to its end also when it is deleted. When that was is the time of its last access.
+can be read to its end also when it is deleted. When that was is the time of its last access. What a process
+has mapped stays, too: it is in use, and to delete it would free nothing.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from filelock import FileLock, Timeout
 
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
+from webapp.files.object_storage.mapped import mapped_names
 from webapp.files.object_storage.pointer import Pointer
 from webapp.files.object_storage.watch import report_look
 from webapp.files.part_file import sha256_of
@@ -197,10 +199,12 @@ class ObjectCache:
         total = sum(one for _, one, _ in files) + size
         if total <= self.limit:
             return
-        stays_from = time.time_ns() - int(self._stays_s * 1e9)
+        stays_from, mapped = time.time_ns() - int(self._stays_s * 1e9), mapped_names(self.folder)
         for asked, bytes_, path in files:
             if asked >= stays_from or total <= self.limit * _FILL_TO:
                 return
+            if path.name in mapped:
+                continue
             with suppress(OSError):
                 path.unlink(missing_ok=True)
             total -= bytes_

@@ -8,6 +8,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -48,15 +49,29 @@ _READERS_S = 600.0
 _SOME = 500
 
 
-def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Make objects of photos and images that came as files: by an import, or before there was a storage.
+@dataclass(frozen=True, slots=True)
+class PhotosMoved:
+    """What a move has stored.
 
-    Images are files in any case until this moves them: who places one waits for no upload.
-
-    Parameters
+    Attributes
     ----------
-    stops : callable
-        Asked before each file whether to end.
+    stored : int
+        Files.
+    left : tuple of Path
+        Those that could not be stored, for reasons that are in the log.
+    """
+
+    stored: int
+    left: tuple[Path, ...] = ()
+
+
+def objects_lock(library: Library) -> FileLock:
+    """Make the lock of whoever moves files of a library into its storage, on whatever machine."""
+    return FileLock(library.inner / "objects.lock")
+
+
+def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
+    """Do what `move_locked_photos` does, unless another process is at it.
 
     Returns
     -------
@@ -66,26 +81,49 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
     Raises
     ------
     StorageError
-        The storage or the disk refused; what is not stored is still a file.
+        As there.
+    """
+    if in_use() is None:
+        return 0
+    try:
+        with objects_lock(library).acquire(timeout=0):
+            return move_locked_photos(library, stops=stops).stored
+    except Timeout:
+        return 0
+
+
+def move_locked_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> PhotosMoved:
+    """Make objects of photos and images that came as files: by an import, or before there was a storage.
+
+    The caller holds the lock `objects_lock`. Images are files in any case until this moves them: who places
+    one waits for no upload.
+
+    Parameters
+    ----------
+    stops : callable
+        Asked before each file whether to end.
+
+    Raises
+    ------
+    StorageError
+        The storage or the disk refused everything; what is not stored is still a file.
     """
     storage = in_use()
     if storage is None:
-        return 0
+        return PhotosMoved(0)
     stored = 0
-    try:
-        with FileLock(library.inner / "objects.lock", timeout=0):
-            for path in _paths(library):
-                if stops():
-                    break
-                try:
-                    stored += _move(storage, path)
-                except (StorageUnavailable, DiskFull):
-                    raise
-                except (StorageError, OSError) as error:
-                    _log.warning("%s is not moved to the object storage: %s", path, error)
-    except Timeout:
-        pass  # another worker is at it
-    return stored
+    left: list[Path] = []
+    for path in _paths(library):
+        if stops():
+            break
+        try:
+            stored += _move(storage, path)
+        except (StorageUnavailable, DiskFull):
+            raise
+        except (StorageError, OSError) as error:
+            _log.warning("%s is not moved to the object storage: %s", path, error)
+            left.append(path)
+    return PhotosMoved(stored, tuple(left))
 
 
 def _paths(library: Library) -> Iterator[Path]:

@@ -6,12 +6,16 @@ library that can be used as before, and the same command goes on. No object is d
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from webapp.errors import ObjectLost, StorageError, UsageError
+from filelock import Timeout
+
+from webapp.errors import Busy, ObjectLost, StorageError, UsageError
 from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
 from webapp.files.object_storage.storage import bring_back
@@ -20,12 +24,15 @@ from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.database import Database
 from webapp.store.library import INNER, Library
-from webapp.tasks.operate.maintain_objects import move_photos, pointed_files
+from webapp.tasks.operate.maintain_objects import move_locked_photos, objects_lock, pointed_files
 from webapp.tasks.operate.move import alone, check_alone
 from webapp.tasks.operate.open_storage import check_owner
 
 _TOGETHER, _SOME = 4, 32
 """Objects that are fetched at once, and between two looks whether to stop."""
+
+_WAIT_S, _LOOK_S = 600.0, 1.0
+"""Seconds to wait for a worker that moves the same files, and between two looks whether to stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +55,16 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
     """Move photos and images of a library that has its storage open; the indexes follow with their builds.
 
     Servers and workers may go on: they do the same every hour, and delete the files when nobody reads them.
+    A worker that is at it is waited for.
 
     Raises
     ------
     UsageError
         The settings name no storage.
+    Busy
+        The worker has not finished in time.
     StorageError
+        Some files, or all, could not be stored: they are still in the folder.
     Cancelled
     """
     if settings.storage is None:
@@ -68,7 +79,41 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
         progress.advance()
         return False
 
-    return ObjectsMoved(move_photos(library, stops=stops), settings.storage)
+    with _alone_at_it(library, progress=progress):
+        moved = move_locked_photos(library, stops=stops)
+    if moved.left:
+        raise StorageError(
+            f"{len(moved.left)} files could not be stored and stay in the folder; {moved.stored} were stored",
+            where=str(moved.left[0].relative_to(library.folder)),
+            hint="run it again; the log says what was wrong with each",
+        )
+    return ObjectsMoved(moved.stored, settings.storage)
+
+
+@contextmanager
+def _alone_at_it(library: Library, *, progress: Progress) -> Iterator[None]:
+    """Wait until no worker moves the same files, and keep others from it in the block."""
+    lock, until = objects_lock(library), time.monotonic() + _WAIT_S
+    is_noted = False
+    while not lock.is_locked:
+        progress.check()
+        try:
+            lock.acquire(timeout=min(_LOOK_S, _WAIT_S))
+        except Timeout as error:
+            if time.monotonic() >= until:
+                raise Busy(
+                    "a worker is moving the photos of this library already",
+                    wait_s=60,
+                    where=str(library.folder),
+                    hint="it goes on by itself; run it again later, to see whether all are stored",
+                ) from error
+            if not is_noted:
+                progress.note("waiting for a worker that moves the same files")
+                is_noted = True
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:

@@ -13,11 +13,15 @@ from webapp.files.atomic import write_text
 from webapp.files.object_storage.connect import connect
 from webapp.files.object_storage.marker import MARKER, check_marker, read_marker
 from webapp.files.object_storage.storage import ObjectStorage
+from webapp.files.part_file import discard
 from webapp.settings import Settings
 from webapp.store.library import Library
 
 _OWNER = "library"
 """Object with the name of the library that the storage belongs to."""
+
+_CLAIM = "object-storage-claim"
+"""File in `.library`: the name by which the storage is to know the library, until the marker has it."""
 
 _WAIT_S = 60.0
 
@@ -59,7 +63,10 @@ def open_storage(library: Library, settings: Settings) -> None:
         return
     with FileLock(library.inner / "storage.lock", timeout=_WAIT_S):
         if not marker.is_file():
-            write_text(marker, f"{settings.storage}\n{_claim(storage)}\n")
+            owner = _own_name(library.inner)
+            _claim(storage, owner)
+            write_text(marker, f"{settings.storage}\n{owner}\n")
+            discard(library.inner / _CLAIM)
 
 
 def check_owner(inner: Path, storage: ObjectStorage) -> None:
@@ -74,16 +81,31 @@ def check_owner(inner: Path, storage: ObjectStorage) -> None:
         raise _not_ours(storage)
 
 
-def _claim(storage: ObjectStorage) -> str:
-    """Take a storage that is nobody's; gives the name by which it knows the library from then on."""
-    if _owner(storage) is not None:
+def _own_name(inner: Path) -> str:
+    """Choose the name by which a storage is to know the library, and write it down before the storage has it.
+
+    A start that is killed after the storage was claimed, or does not hear the answer, is followed by one that
+    recognises it.
+    """
+    claim = inner / _CLAIM
+    name = claim.read_text("utf-8").strip() if claim.is_file() else ""
+    if not name:
+        name = secrets.token_hex(16)
+        write_text(claim, f"{name}\n")
+    return name
+
+
+def _claim(storage: ObjectStorage, owner: str) -> None:
+    """Take a storage that is nobody's, or was taken by this name already."""
+    found = _owner(storage)
+    if found == owner:
+        return
+    if found is not None:
         raise _not_ours(storage)
-    owner = secrets.token_hex(16)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, _OWNER)
         file.write_text(owner, "utf-8")
         storage.bucket.put(_OWNER, file)
-    return owner
 
 
 def _owner(storage: ObjectStorage) -> str | None:
