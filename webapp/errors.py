@@ -11,6 +11,7 @@
     │   ├── TooMany              too often in a short time: wait
     │   ├── Busy                 others are being served: try again
     │   ├── ClusterUnavailable   the scheduler of Dask cannot be reached, or is lost
+    │   ├── FolderInUse          another process is writing there (a StorageError too)
     │   ├── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
     │   └── StorageUnavailable   the object storage cannot be reached, or refuses (a StorageError too)
     ├── Conflict                 somebody else has changed it in the meantime

@@ -245,7 +245,6 @@ class _Reserve:
         """Make it where there is room; return whether it is there."""
         if self._is_held or time.monotonic() < self._next_try:
             return self._is_held
-        self._next_try = time.monotonic() + _RETRY_S
         try:
             if shutil.disk_usage(self._path.parent).free < RESERVE_BYTES + _MARGIN_BYTES:
                 return False
@@ -253,7 +252,10 @@ class _Reserve:
                 file.write(bytes(RESERVE_BYTES))
                 file.flush()
                 os.fsync(file.fileno())
-        except OSError:
+        except (
+            OSError
+        ):  # a quota, or somebody else was quicker: no 4 MB for each record
+            self._next_try = time.monotonic() + _RETRY_S
             with contextlib.suppress(OSError):
                 self._path.unlink(missing_ok=True)
             return False

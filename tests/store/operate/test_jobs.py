@@ -352,7 +352,7 @@ def test_retry(do, take, seen):
 def test_what_a_page_shows(do, take, at, park):
     old, new = do(jobs.enqueue, "a", map_id=park).id, do(jobs.enqueue, "b", map_id=park).id
     do(jobs.enqueue, "c")
-    ids = lambda: do(lambda s: [job.id for job in jobs.current(s, park)])  # noqa: E731
+    ids = lambda: do(lambda s: [job.id for job in job_views.current(s, park)])  # noqa: E731
     assert ids() == [old, new]
     assert do(jobs.finish, take())
     assert ids() == [old, new]
@@ -404,7 +404,7 @@ def test_jobs_that_have_ended_are_not_read_again_and_again(library, sqlite_only)
     sqlalchemy.event.listen(library.database.engine, "before_cursor_execute", note)
     with library.database.read() as session:
         jobs.anything_to_do(session)
-        jobs.current(session, 1)
+        job_views.current(session, 1)
         job_views.recent(session, map_ids=select(MapRecord.id), account=Account(id=1, is_owner=True))
         plans = [
             session.connection().exec_driver_sql(f"EXPLAIN QUERY PLAN {s}", p).all() for s, p in [*asked]

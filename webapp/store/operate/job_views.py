@@ -6,15 +6,24 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Select, func, or_, select
+from sqlalchemy import CompoundSelect, Select, func, or_, select, union_all
 from sqlalchemy.orm import Session
 
 from webapp.store.database import moment
-from webapp.store.operate.jobs import ENDED, not_ended_before
+from webapp.store.operate.jobs import ENDED, LIVE
 from webapp.store.schema import Account, Job, MapRecord
 
+_SHOWN = timedelta(minutes=1)
+"""So long a page of a map shows a job that has ended."""
+
 _RECENT = timedelta(days=1)
-"""So long the menu of all pages shows a job that has ended."""
+"""So long the menu of all pages does."""
+
+
+def current(session: Session, map_id: int) -> list[Job]:
+    """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
+    shown = Job.id.in_(_not_ended_before(moment(session) - _SHOWN))
+    return list(session.scalars(select(Job).where(Job.map_id == map_id, shown).order_by(Job.id)))
 
 
 def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
@@ -31,10 +40,16 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
     shown = (
         or_(Job.map_id.in_(map_ids), theirs),
-        Job.id.in_(not_ended_before(moment(session) - _RECENT)),
+        Job.id.in_(_not_ended_before(moment(session) - _RECENT)),
     )
     found = select(Job).where(*shown).order_by(Job.state.in_(ENDED), Job.id.desc()).limit(limit)
     return list(session.scalars(found))
+
+
+def _not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
+    """Select the ids of jobs that wait, run, or have ended since; an index finds each part."""
+    live, ended = select(Job.id).where(Job.state.in_(LIVE)), select(Job.id).where(Job.ended_at > at)
+    return union_all(live, ended)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import CompoundSelect, Select, case, func, or_, select, union_all
+from sqlalchemy import Select, case, func, or_, select
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session, aliased
 
@@ -24,9 +24,6 @@ from webapp.store.schema import Job, MapRecord
 
 ENDED = ("done", "failed", "cancelled")
 LIVE = ("queued", "running")
-
-_SHOWN = timedelta(minutes=1)
-"""So long a page shows a job that has ended."""
 
 _LONGEST_PAUSE_S = 300.0
 
@@ -123,20 +120,6 @@ def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -
     """List the jobs of a map, or of the library, the newest first."""
     found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
     return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
-
-
-def current(session: Session, map_id: int) -> list[Job]:
-    """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
-    shown = Job.id.in_(not_ended_before(moment(session) - _SHOWN))
-    return list(session.scalars(select(Job).where(Job.map_id == map_id, shown).order_by(Job.id)))
-
-
-def not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
-    """Select the ids of jobs that wait, run, or have ended since; each part is found by an index."""
-    return union_all(
-        select(Job.id).where(Job.state.in_(LIVE)),
-        select(Job.id).where(Job.ended_at > at),
-    )
 
 
 def newest(session: Session, map_id: int | None, *, kind: str, key: str) -> Job | None:

@@ -19,7 +19,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import INDEX_JOB
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.landmarks import on_demand
 from webapp.tasks.localize import upload
@@ -120,7 +120,7 @@ def _job_key(method: Method, features: str) -> str:
 
 
 def _index_jobs(session: Session, map_id: int, *, key: str) -> list[Job]:
-    return [job for job in jobs.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
+    return [job for job in job_views.current(session, map_id) if job.kind == INDEX_JOB and job.key == key]
 
 
 def _enqueue(

@@ -17,7 +17,7 @@ from webapp.errors import StorageError
 from webapp.files.localize.models import usable_features, usable_methods
 from webapp.render.charts import ChartWords, error_chart, reliability_chart
 from webapp.store.maps import maps
-from webapp.store.operate import jobs
+from webapp.store.operate import job_views
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.evaluation.stored import Kept, Miss
@@ -103,7 +103,9 @@ def quality(slug: str) -> str:
             photo.path: (photo.id, photo.name) for photo in maps.photos(session, record) if not photo.removed
         }
         going = [
-            job.id for job in jobs.current(session, record.id) if job.kind == KIND and job.ended_at is None
+            job.id
+            for job in job_views.current(session, record.id)
+            if job.kind == KIND and job.ended_at is None
         ]
     kept, error = _kept(record)
     return render_template(

@@ -17,7 +17,7 @@ from webapp.core.mapmodel.model import PhotoSource
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
 from webapp.store.maps.maps import Dot
-from webapp.store.operate import job_views, jobs
+from webapp.store.operate import job_views
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import floors, georeference
 from webapp.tasks.maps.show_photo import look_of_photo
@@ -115,7 +115,7 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
         **_history(session, record, account=account),
         "jobs": [
             translate_job(job_views.to_json(session, job, account_id=account.id))
-            for job in jobs.current(session, record.id)
+            for job in job_views.current(session, record.id)
         ],
     }
 
