@@ -11,6 +11,7 @@ from typing import Any
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -38,11 +39,22 @@ _POLICIES = (
 
 
 class DrainingExecutor(MultiThreadedExecutor):
-    """Ends after its callbacks.
+    """Ends after its callbacks, and goes on when one of them destroys what it is about to wait for.
 
     That of rclpy first destroys what they wake it with: one that begins after that fails, and "exception was
-    never retrieved" is written when it is collected.
+    never retrieved" is written when it is collected. And it ends with `InvalidHandle` where a callback, such
+    as that of a transition, destroys a subscription at a bad moment: it looks for events of subscriptions and
+    publishers without expecting that they are gone.
     """
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
+        """Wait for what is ready; once more without what is gone by now."""
+        while True:
+            try:
+                return super().wait_for_ready_callbacks(*args, **kwargs)
+            except InvalidHandle:
+                if not self.context.ok():
+                    raise
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
         """Wait for the callbacks that are ready, and end."""

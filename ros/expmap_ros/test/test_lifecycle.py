@@ -109,3 +109,21 @@ def test_a_callback_that_is_ready_at_the_end_ends_in_peace(bench, monkeypatch, c
     gc.collect()
     assert len(ran) >= 3
     assert "never retrieved" not in capsys.readouterr().err
+
+
+def test_what_a_callback_destroys_at_a_bad_moment_ends_no_node(bench, monkeypatch):
+    subscription = bench.node.create_subscription(String, "/words", print, 10)
+    (event, *_) = subscription.event_handlers
+    add, added = event.add_to_wait_set, []
+
+    def destroy_first(wait_set):
+        """As another thread may, after the executor has listed what it waits for."""
+        bench.node.destroy_subscription(subscription)
+        added.append(event)
+        add(wait_set)
+
+    monkeypatch.setattr(event, "add_to_wait_set", destroy_first)
+    ticks = []
+    bench.node.create_timer(0.01, lambda: ticks.append(1))
+    bench.until(lambda: ticks)
+    assert added
