@@ -10,6 +10,7 @@
     ├── RetryLater               the same request can succeed later
     │   ├── TooMany              too often in a short time: wait
     │   ├── Busy                 others are being served: try again
+    │   │   └── BeingOpened      ... another request is opening the map
     │   ├── ClusterUnavailable   the scheduler of Dask cannot be reached, or is lost
     │   ├── FolderInUse          another process is writing there (a StorageError too)
     │   ├── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
@@ -114,6 +115,10 @@ class TooMany(RetryLater):
 
 class Busy(RetryLater):
     """As much of this is under way as the machine can do at once."""
+
+
+class BeingOpened(Busy):
+    """Another request is opening the map, which takes long."""
 
 
 class Conflict(ExpMapError):

@@ -131,7 +131,7 @@ class WebSettings:
     """Minutes within which those failures count."""
 
     visitor_questions_per_minute: int = 10
-    """Photos a visitor of a shared map may ask about, in each worker process; in all, with PostgreSQL."""
+    """Photos a visitor of a shared map may ask about, per worker process, or in total with PostgreSQL."""
 
     share_questions_per_minute: int = 60
     """... and all visitors of a shared map together, counted in the same way."""

@@ -23,6 +23,7 @@ def end_of_threads(library):
     for thread in threading.enumerate():
         if thread.name in ("export", "store"):
             thread.join(60)
+            assert not thread.is_alive()
 
 
 @pytest.fixture
@@ -165,6 +166,18 @@ def test_two_workers_do_each_step_once(library, start, queue, seen, wait_for):
     wait_for(lambda: all(seen(id)["state"] == "done" for id in ids))
     with library.database.read() as session:
         assert [jobs.find(session, id).attempts for id in ids] == [1] * 6
+
+
+def test_a_lock_that_is_never_freed_fails_a_job_in_the_end(library, work, queue, seen):
+    id = queue("away", arguments={"error": "FolderInUse", "wait_s": 600})
+    with library.database.write() as session:
+        jobs.find(session, id).waits = worker_module._MOST_WAITS - 1
+    with pytest.raises(FolderInUse):
+        work()
+    assert seen(id)["state"] == "queued"
+    with pytest.raises(FolderInUse):
+        work()
+    assert (seen(id)["state"], seen(id)["error"]["message"]) == ("failed", "it cannot be reached")
 
 
 def test_stopped_it_gives_the_job_back(library, start, queue, seen, wait_for):

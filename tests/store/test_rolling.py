@@ -72,6 +72,8 @@ def check_expanding(source):
         owner, name = call.func.value, call.func.attr
         if isinstance(owner, ast.Name) and owner.id in ("op", "batch"):
             assert name in _EXPANDING, name
+        if name == "drop_index":
+            assert ast.unparse(call.args[0]).startswith("'ix_"), "older programs rely on what is unique"
         if name == "add_column":
             column = ast.unparse(call)
             assert "nullable=True" in column or "server_default" in column, column

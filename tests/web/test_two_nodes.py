@@ -162,7 +162,9 @@ def test_a_node_is_ready_with_the_folder_and_the_objects(start, settings, s3, tm
     s3.refuse = (503, "SlowDown")
     answer = client.get("/healthz")
     assert (answer.status_code, answer.json) == (503, well | {"status": "failing", "storage": "failing"})
+    assert client.get("/readyz").status_code == 200, "no other node would do better"
     s3.reset()
     shutil.move(tmp_path / "library", tmp_path / "unmounted")
     (tmp_path / "library").mkdir()
     assert client.get("/healthz").json == well | {"status": "failing", "folder": "failing"}
+    assert client.get("/readyz").status_code == 503

@@ -18,7 +18,6 @@ from concurrent.futures import Future, wait
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -61,8 +60,12 @@ _DATABASE_PAUSE_S = 1.0
 _EXPORT_PAUSE_S = 5.0
 """After a disk has refused a map's files, they are tried again so much later."""
 
-_PASSING = (StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable)
+_ELSEWHERE = (StorageUnavailable, ClusterUnavailable)
+_PASSING = (*_ELSEWHERE, FolderInUse, DatabaseUnavailable)
 """Errors with which a job waits: it is tried again after a pause, which doubles."""
+
+_MOST_WAITS = 20
+"""So often, in an hour or two, a job waits for a lock, or for the database, which may always be too slow."""
 
 Work = Future[Mapping[str, Any] | None]
 
@@ -146,10 +149,7 @@ class Worker:
     def stop_on_signals(self) -> None:
         """On Ctrl-C and SIGTERM, return the current job to the queue and end the worker."""
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, _signal: int, _frame: FrameType | None) -> None:
-        self.stop()
+            signal.signal(number, lambda *_: self.stop())
 
     def stop(self) -> None:
         """End soon: what the current job has finished is kept, and it is done to its end another time."""
@@ -271,7 +271,7 @@ class Worker:
                 ended, kept = "given back", jobs.give_back(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
-            elif isinstance(error, _PASSING):
+            elif isinstance(error, _PASSING) and (job.waits < _MOST_WAITS or isinstance(error, _ELSEWHERE)):
                 _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
                 note, pause_s = error.message, error.wait_s
                 ended, kept = "given back", jobs.put_off(session, lease, note=note, pause_s=pause_s)

@@ -252,9 +252,8 @@ class _Reserve:
                 file.write(bytes(RESERVE_BYTES))
                 file.flush()
                 os.fsync(file.fileno())
-        except (
-            OSError
-        ):  # a quota, or somebody else was quicker: no 4 MB for each record
+        except OSError:
+            # A quota, or somebody else was quicker: no 4 MB for each record.
             self._next_try = time.monotonic() + _RETRY_S
             with contextlib.suppress(OSError):
                 self._path.unlink(missing_ok=True)

@@ -323,7 +323,7 @@ class Job(Base):
     not_before: Mapped[datetime | None]
     """When it may be tried again, of a job for which something was away; by the clock of the database."""
     waits: Mapped[int] = mapped_column(default=0, server_default="0")
-    """How often in a row something was away."""
+    """How often something was away."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None] = mapped_column(index=True)

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from webapp.app.main import COMPOSITION, root
-from webapp.errors import Busy, NotReady, StorageUnavailable
+from webapp.errors import BeingOpened, NotReady, StorageUnavailable
 from webapp.store.maps import maps
 from webapp.tasks.find import find_map
 from webapp.tasks.find.rank_maps import MapRanking
@@ -69,15 +69,26 @@ def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queri
     assert found.maps == () and "was over" in found.not_searched[0].reason.message
 
 
-def test_a_map_whose_storage_is_away_is_named(monkeypatch, library, record, queries, settings):
-    def away(*_, **__):
-        raise StorageUnavailable("the object storage cannot be reached", wait_s=5)
+@pytest.mark.parametrize("error", [StorageUnavailable, BeingOpened])
+def test_a_map_that_cannot_be_opened_now_is_named_and_others_are_searched(
+    monkeypatch, library, record, queries, settings, error
+):
+    localize, asked = find_map.upload.localize_uploads, []
 
-    monkeypatch.setattr(find_map.upload, "localize_uploads", away)
+    def away_at_first(*given, **named):
+        asked.append(given)
+        if len(asked) == 1:
+            raise error("it cannot be reached", wait_s=5)
+        return localize(*given, **named)
+
     photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
     search = find_map.LibrarySearch(MapCache(library, settings), MapRanking(library, settings), settings)
-    found = find_map.find_map(search, [record()], photo=photo)
-    assert found.maps == () and "cannot be reached" in found.not_searched[0].reason.message
+    monkeypatch.setattr(find_map.upload, "localize_uploads", away_at_first)
+    found = find_map.find_map(search, [record(), record()], photo=photo)
+    assert len(found.maps) == 1 and "cannot be reached" in found.not_searched[0].reason.message
+    asked.clear()
+    with pytest.raises(error, match="cannot be reached"):
+        find_map.find_map(search, [record()], photo=photo)
 
 
 def test_who_asks_while_another_opens_the_map_does_not_wait_for_long(monkeypatch, library, record, settings):
@@ -85,7 +96,7 @@ def test_who_asks_while_another_opens_the_map_does_not_wait_for_long(monkeypatch
     asked, cache = [], MapCache(library, settings)
 
     def open_slowly(*_, **__):
-        with pytest.raises(Busy, match="is being opened"), ThreadPoolExecutor() as another:
+        with pytest.raises(BeingOpened, match="is being opened"), ThreadPoolExecutor() as another:
             another.submit(cache.get, record().id, MethodChoice()).result()
         asked.append(True)
         raise NotReady("it has no index")

@@ -550,7 +550,7 @@ def test_a_move_into_s3_says_how_many_files_it_could_not_store(move, library, pa
     pointer = damaged.read_text()
     damaged.write_text("{}")
     code, out, said = move()
-    assert (code, out) == (1, "") and "1 files could not be stored" in said and "run it again" in said
+    assert (code, out) == (1, "") and "1 of 1 files could not be stored" in said and "run it again" in said
     assert f"{park}/photos/a.jpg" in said
     damaged.write_text(pointer)
     assert move()[0] == 0

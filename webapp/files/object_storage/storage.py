@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from webapp.errors import ObjectLost, StorageError
+from webapp.errors import ObjectLost, StorageError, StorageUnavailable
 from webapp.files.atomic import storage_error
 from webapp.files.object_storage.bucket import Bucket
 from webapp.files.object_storage.cache import ObjectCache
@@ -68,18 +68,12 @@ class ObjectStorage:
             facts.st_size,
             facts.st_mtime_ns,
         )
-        self.bucket.put(pointer.key, file)
-        after = file.stat()
-        if (after.st_size, after.st_mtime_ns, after.st_ino) != (
-            facts.st_size,
-            facts.st_mtime_ns,
-            facts.st_ino,
-        ):
-            raise StorageError(
-                "this file was changed while it was stored",
-                where=str(file),
-                hint="try again when it is complete",
-            )
+        try:
+            self.bucket.put(pointer.key, file)
+        except StorageUnavailable:
+            _check_unchanged(file, facts)  # its checksum may be that of the file before
+            raise
+        _check_unchanged(file, facts)
         return pointer
 
     def reachable(self) -> bool:
@@ -324,6 +318,22 @@ def bring_back(path: Path) -> None:
                 )
         move_in(part, path)
     discard(pointer_path(path))
+
+
+def _check_unchanged(file: Path, before: os.stat_result) -> None:
+    """Refuse a file that is not what it was.
+
+    Raises
+    ------
+    StorageError
+    """
+    now = file.stat()
+    if (now.st_size, now.st_mtime_ns, now.st_ino) != (before.st_size, before.st_mtime_ns, before.st_ino):
+        raise StorageError(
+            "this file was changed while it was stored",
+            where=str(file),
+            hint="try again when it is complete",
+        )
 
 
 def _is_same(path: Path, pointer: Pointer) -> bool:

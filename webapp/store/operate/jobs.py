@@ -284,7 +284,7 @@ def give_back(session: Session, held: Lease) -> bool:
 def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool:
     """Put a job back into the queue because something is away; False when the lease is lost.
 
-    Until a pause is over, others are given. It doubles each time in a row, up to five minutes.
+    Until a pause is over, others are given. It doubles each time, up to five minutes.
 
     Parameters
     ----------
@@ -357,7 +357,7 @@ def _is_hopeless(job: Job, limits: Limits) -> bool:
     """Count the death of a worker; work that gets on between deaths comes to its end."""
     if job.done > 0:
         job.attempts = 0
-    return job.attempts >= limits.attempts or job.fence >= 10 * limits.attempts
+    return job.attempts >= limits.attempts or job.fence - job.waits >= 10 * limits.attempts
 
 
 def _given(job: Job, who: str, *, at: datetime, limits: Limits) -> Job:

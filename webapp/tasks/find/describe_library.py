@@ -34,8 +34,8 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.find.queue_refresh import JOB
 from webapp.tasks.localize.index_location import index_bases, index_folder
 
-LEAST_MAPS = 10
-"""A basis is trained from so many maps on: a search has time for all of fewer, in any order."""
+LEAST_MAPS = 7
+"""A basis is trained from so many maps on: fewer stay open, with two looks each, and are all searched."""
 
 GROWTH = 4
 """A basis is trained anew when there are so many times as many photos."""

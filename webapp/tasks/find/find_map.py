@@ -9,6 +9,7 @@ from typing import Any
 
 from webapp.core.hypotheses.across_maps import probabilities_over_maps
 from webapp.errors import (
+    BeingOpened,
     Busy,
     ExpMapError,
     IndexDamaged,
@@ -132,8 +133,8 @@ def find_map(
     ------
     PhotoError
         The photo cannot be used.
-    Busy
-        Others are being answered, before any map has been searched.
+    Busy, StorageUnavailable
+        No map could be searched: others are being answered, or opened, or their storage is away.
     Cancelled
     """
     begun = time.perf_counter()
@@ -146,6 +147,7 @@ def find_map(
     request = LocalizeRequest((photo,), MethodChoice(), top=top)
     answers: list[tuple[MapRecord, dict[str, Any]]] = []
     skipped: list[SkippedMap] = []
+    away: ExpMapError | None = None
     for record in searched:
         progress.check()
         progress.note(record.name)
@@ -160,13 +162,18 @@ def find_map(
             answers.append((record, found.form))
         except NotReady:
             skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))
+        except (BeingOpened, StorageUnavailable) as error:
+            away = away or error
+            skipped.append(SkippedMap(record.slug, record.name, error))
         except Busy as error:
             if not answers:
                 raise
             skipped.append(SkippedMap(record.slug, record.name, error))
-        except (MapError, NotFound, IndexDamaged, StorageUnavailable) as error:
+        except (MapError, NotFound, IndexDamaged) as error:
             skipped.append(SkippedMap(record.slug, record.name, error))
         progress.advance(1)
+    if away is not None and not answers:
+        raise away
     each, none = probabilities_over_maps([_on_map(form) for _, form in answers])
     found_maps = [FoundMap(r.slug, r.name, p, form) for (r, form), p in zip(answers, each, strict=True)]
     found_maps.sort(key=lambda one: -one.probability)

@@ -17,7 +17,7 @@ from threading import Lock
 from webapp.core.features.table import METHODS, Method, choose
 from webapp.core.mapmodel.model import Map
 from webapp.errors import (
-    Busy,
+    BeingOpened,
     IndexDamaged,
     InputError,
     MapError,
@@ -146,7 +146,7 @@ class MapCache:
         ------
         NotReady
             It has no index with these features yet.
-        Busy
+        BeingOpened
             Another request is opening it, and that takes long.
         MapError
             It has no image, no photo, or none with anything to recognise it by.
@@ -170,6 +170,8 @@ class MapCache:
             return _with_second_look(opened, self._get_look(map_id, second))
         except (NotReady, IndexDamaged):
             return replace(opened, to_calibrate=True)  # it is built meanwhile, and one look answers
+        except BeingOpened:
+            return opened  # until it is open, one look answers
         except (MapError, MissingPart, InputError):
             return opened  # `expmap build` says why
 
@@ -185,7 +187,7 @@ class MapCache:
         options = replace(options, features="auto", detector=choice.detector, extractor=choice.extractor)
         slot = self._slot((map_id, options))
         if not slot.lock.acquire(timeout=_OPEN_WAIT_S):  # from S3, a large map may take minutes
-            raise Busy("the map is being opened", wait_s=5, hint="try again in a moment")
+            raise BeingOpened("the map is being opened", wait_s=5, hint="try again in a moment")
         try:
             slot.ready = self._current(slot, map_id, options)
             return slot.ready

@@ -106,7 +106,7 @@ def move_locked_photos(library: Library, *, stops: Callable[[], bool] = lambda: 
     Raises
     ------
     StorageError
-        The storage or the disk refused everything; what is not stored is still a file.
+        The storage or the disk refused; what is not stored is still a file.
     """
     storage = in_use()
     if storage is None:

@@ -82,8 +82,9 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
     with _alone_at_it(library, progress=progress):
         moved = move_locked_photos(library, stops=stops)
     if moved.left:
+        left, all_ = len(moved.left), len(moved.left) + moved.stored
         raise StorageError(
-            f"{len(moved.left)} files could not be stored and stay in the folder; {moved.stored} were stored",
+            f"{left} of {all_} files could not be stored and stay in the folder",
             where=str(moved.left[0].relative_to(library.folder)),
             hint="run it again; the log says what was wrong with each",
         )

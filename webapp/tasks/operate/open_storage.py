@@ -59,6 +59,8 @@ def open_storage(library: Library, settings: Settings) -> None:
     """
     is_marked, marker = check_marker(library.inner, settings), library.inner / MARKER
     storage = connect(settings)
+    if is_marked:
+        discard(library.inner / _CLAIM)
     if storage is None or settings.storage is None or is_marked:
         return
     with FileLock(library.inner / "storage.lock", timeout=_WAIT_S):

@@ -22,16 +22,24 @@ def sweep_uploads(library: Library, *, settings: Settings) -> int:
         Files deleted.
     """
     keep = timedelta(hours=settings.upload.keep_hours)
+    with library.database.read() as session:
+        begun, known = uploads.begun_before(session, now() - keep), uploads.known_ids(session)
+    if not begun and not _unknown(library, keep, known=known):
+        return 0
     with library.database.write() as session:
         for upload in uploads.begun_before(session, now() - keep):
             if _older(library.uploads / f"{upload.id}.part", keep):
                 uploads.finish(session, upload.id)
-        known = uploads.known_ids(session)
-        old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
-        gone = [path for path in old if path.stem not in known]
+        gone = _unknown(library, keep, known=uploads.known_ids(session))
         for path in gone:
             discard(path)
     return len(gone)
+
+
+def _unknown(library: Library, keep: timedelta, *, known: set[str]) -> list[Path]:
+    """List files that are old enough and belong to no upload."""
+    old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
+    return [path for path in old if path.stem not in known]
 
 
 def _older(path: Path, age: timedelta) -> bool:

@@ -68,7 +68,8 @@ class SearchOut(Schema):
     not_searched = List(
         Nested(SkippedMapOut),
         metadata={
-            "description": f"Maps without an index, and those that {BUDGET_S:.0f} s were not enough for. "
+            "description": "Maps without an index, those that cannot be opened now, and those that "
+            f"{BUDGET_S:.0f} s were not enough for. "
             "That the photo is on one of them is a part of `no_map_probability`."
         },
     )

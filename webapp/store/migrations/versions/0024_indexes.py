@@ -7,9 +7,9 @@ down_revision = "0023"
 
 
 def upgrade() -> None:
-    """Make the new ones before the old one goes; what programs read and write stays as it is."""
+    """Make the new ones first: to drop one, PostgreSQL locks the table until the end."""
     op.create_index(
         "ix_edit_map_id_edit_account_id_edit_state_edit_id", "edit", ["map_id", "account_id", "state", "id"]
     )
-    op.drop_index("ix_edit_map_id_edit_account_id_edit_state", "edit")
     op.create_index("ix_job_ended_at", "job", ["ended_at"])
+    op.drop_index("ix_edit_map_id_edit_account_id_edit_state", "edit")
