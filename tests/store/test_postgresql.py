@@ -16,7 +16,7 @@ from webapp.errors import DatabaseUnavailable, MissingPart, NotFound, StorageErr
 from webapp.store import clock
 from webapp.store import library as store_library
 from webapp.store.database import Database, announce, backend_of
-from webapp.store.library import DATABASE, INNER, migrate, open_library
+from webapp.store.library import DATABASE, INNER, SERVER, migrate, open_library
 from webapp.store.maps import maps
 from webapp.store.operate import job_views, jobs
 from webapp.store.operate.jobs import Limits
@@ -295,6 +295,36 @@ def test_folder_and_database_must_be_of_one_library(library, database_url, postg
     with pytest.raises(StorageError, match="not that of the library in the database"):
         open_library(tmp_path / "new", url=empty)
     postgresql.drop(empty)
+
+
+def test_the_folder_of_one_library_is_refused_with_the_database_of_another(postgresql, tmp_path):
+    urls = {name: postgresql.new_database(empty=True) for name in ("city", "park")}
+    for name, url in urls.items():
+        open_library(tmp_path / name, url=url).database.close()
+    with pytest.raises(StorageError, match="are of two libraries") as refused:
+        open_library(tmp_path / "city", url=urls["park"])
+    assert refused.value.where == str(tmp_path / "city")
+    open_library(tmp_path / "city", url=urls["city"]).database.close()
+    for url in urls.values():
+        postgresql.drop(url)
+
+
+def test_a_library_of_an_older_version_gets_its_key_when_it_is_opened(postgresql, tmp_path):
+    url, marker = postgresql.new_database(empty=True), tmp_path / "library" / INNER / SERVER
+    open_library(tmp_path / "library", url=url).database.close()
+    address, key = marker.read_text().splitlines()
+    marker.write_text(f"{address}\n")
+    open_library(tmp_path / "library", url=url).database.close()
+    assert marker.read_text() == f"{address}\n{key}\n", "that of the database"
+    database = Database(url)
+    with database.engine.begin() as connection:
+        connection.exec_driver_sql("DROP TABLE library_key")
+    database.close()
+    open_library(tmp_path / "library", url=url).database.close()
+    marker.write_text(f"{address}\nanother\n")
+    with pytest.raises(StorageError, match="are of two libraries"):
+        open_library(tmp_path / "library", url=url)
+    postgresql.drop(url)
 
 
 def test_who_is_killed_at_the_first_start_can_start_again(postgresql, tmp_path, monkeypatch):

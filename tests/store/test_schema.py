@@ -16,13 +16,16 @@ from webapp.store import sharing
 from webapp.store.database import Database
 from webapp.store.library import Library, migrate, newest_schema, open_library, schema_version
 from webapp.store.maps import edits
+from webapp.store.moving.marks import MARKS
 from webapp.store.operate import jobs
 from webapp.store.schema import Account, Base, Job, Photo
 
 
 def test_the_migrations_make_the_tables(library):
+    compared = {"include_name": lambda name, kind, _: kind != "table" or name not in MARKS}
     with library.database.engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+        context = MigrationContext.configure(connection, opts=compared)
+        assert compare_metadata(context, Base.metadata) == []
 
 
 def test_the_newest_schema_is_that_of_a_new_library(library):

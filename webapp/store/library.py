@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ DATABASE = "library.db"
 """Its file in there, where the records are not in a database server."""
 
 SERVER = "database-server"
-"""Marks the folder of a library whose records are in one."""
+"""Marks the folder of a library whose records are in one: its address, and the key that it has, too."""
 
 MOVING = "moving.lock"
 """Is held by who moves the records to another database."""
@@ -178,7 +179,7 @@ def _check_not_elsewhere(library: Library) -> None:
         raise StorageError(
             "the records of this library are in a database server",
             where=str(library.folder),
-            hint=f"set EXPMAP_DATABASE: {marker.read_text('utf-8').strip()}; or have them in SQLite again: "
+            hint=f"set EXPMAP_DATABASE: {server_address(marker)}; or have them in SQLite again: "
             "expmap library move --to sqlite",
         )
 
@@ -218,8 +219,8 @@ def _check_is_here(database: Database) -> None:
 
 def _open_on_server(library: Library) -> None:
     """Migrate the database of a server, if the folder has the files of the library in it, or both are new."""
-    marker = library.inner / SERVER
-    _check_is_here(library.database)
+    marker, database = library.inner / SERVER, library.database
+    _check_is_here(database)
     if (library.inner / DATABASE).exists():
         raise StorageError(
             "this folder has a library of its own, in SQLite",
@@ -227,7 +228,7 @@ def _open_on_server(library: Library) -> None:
             hint="move its records to the server: expmap library move --to postgresql; or begin in another "
             "folder, or unset EXPMAP_DATABASE",
         )
-    is_new, is_empty = not marker.is_file(), not has_tables(library.database)
+    is_new, is_empty = not marker.is_file(), not has_tables(database)
     if _has_maps(library) if is_empty else is_new:
         raise StorageError(
             "this folder is not that of the library in the database",
@@ -235,9 +236,52 @@ def _open_on_server(library: Library) -> None:
             hint="is it mounted? All machines need the same one; a new library needs an empty folder and an "
             "empty database",
         )
-    if is_new:  # before the tables: killed in between, the next start makes them
-        marker.write_text(f"{library.database.name}\n", "utf-8")
-    migrate(library.database)
+    key, there = _marker_key(marker), _database_key(database)
+    if key is None:  # before the tables: killed in between, the next start makes them
+        key = there or secrets.token_hex(16)
+        part = marker.with_suffix(".part")
+        part.write_text(f"{database.name}\n{key}\n", "utf-8")
+        part.replace(marker)
+    if there in (None, key):
+        migrate(database)
+        there = there or _give_key(database, key)
+    if there != key:
+        raise StorageError(
+            "the folder and the database are of two libraries",
+            where=str(library.folder),
+            hint="check EXPMAP_DATABASE and the folder of the library",
+        )
+
+
+def server_address(marker: Path) -> str:
+    """Read where the records of a library are, without the password, from the file `SERVER` in its folder."""
+    return marker.read_text("utf-8").partition("\n")[0]
+
+
+def _marker_key(marker: Path) -> str | None:
+    """Read the key of the library in a folder; None of one that an older version has made."""
+    lines = marker.read_text("utf-8").splitlines() if marker.is_file() else []
+    return lines[1] if len(lines) > 1 else None
+
+
+def _database_key(database: Database) -> str | None:
+    """Read the key of the library in a database; None as for `_marker_key`."""
+    with database.translated_errors(), database.engine.connect() as connection:
+        return marks.library_key(connection)
+
+
+def _give_key(database: Database, key: str) -> str:
+    """Give a database the key, if none has come first; returns the one that it has."""
+    with (
+        database.translated_errors(),
+        database.engine.connect() as connection,
+        database.backend.migration(connection),
+    ):
+        there = marks.library_key(connection)
+        if there is None:
+            marks.set_library_key(connection, key)
+            connection.commit()
+    return there or key
 
 
 def has_tables(database: Database) -> bool:

@@ -1,6 +1,6 @@
-"""Marks in a database: it is being filled by a move, or its records have moved elsewhere.
+"""Marks in a database: it is being filled by a move, its records have moved elsewhere, or whose it is.
 
-Neither is ever opened as a library, so that there are never two of one.
+One that is being filled or has been left is never opened as a library, so that there are never two of one.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ _FILLING = Table("library_filling", _METADATA, Column("key", String, nullable=Fa
 _MOVED = Table(
     MOVED, _METADATA, Column("key", String, nullable=False), Column("place", String, nullable=False)
 )
+_LIBRARY = Table("library_key", _METADATA, Column("key", String, nullable=False))
 
 MARKS = frozenset(_METADATA.tables)
 """Names of their tables."""
@@ -67,3 +68,16 @@ def mark_moved(connection: Connection, mark: MovedMark) -> None:
     """Say where the records have gone; from now on nobody writes here."""
     _MOVED.create(connection)
     connection.execute(_MOVED.insert().values(key=mark.key, place=mark.place))
+
+
+def library_key(connection: Connection) -> str | None:
+    """Return the key of the library in a database, which its folder has, too; None where it has none yet."""
+    if not inspect(connection).has_table(_LIBRARY.name):
+        return None
+    return str(connection.execute(select(_LIBRARY.c.key)).scalar_one())
+
+
+def set_library_key(connection: Connection, key: str) -> None:
+    """Give a database the key of its library."""
+    _LIBRARY.create(connection)
+    connection.execute(_LIBRARY.insert().values(key=key))

@@ -26,7 +26,15 @@ from webapp.files.lock import any_alive
 from webapp.progress import Progress
 from webapp.store.clock import now
 from webapp.store.database import Database, backend_of
-from webapp.store.library import DATABASE, INNER, MOVING, SERVER, newest_schema, schema_version
+from webapp.store.library import (
+    DATABASE,
+    INNER,
+    MOVING,
+    SERVER,
+    newest_schema,
+    schema_version,
+    server_address,
+)
 from webapp.store.moving import marks
 from webapp.store.moving.copying import OtherRows, TableCopy, copy_records, prepare
 from webapp.store.moving.marks import MovedMark
@@ -93,7 +101,7 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
             raise UsageError(
                 "the records of this library are in a database server already",
                 where=str(folder),
-                hint=marker.read_text("utf-8").strip(),
+                hint=server_address(marker),
             )
         tables: tuple[TableCopy, ...] = ()
         if not marker.exists():
@@ -141,7 +149,7 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
             raise UsageError(
                 "the address of the database is needed",
                 where="EXPMAP_DATABASE",
-                hint=f"set it: {marker.read_text('utf-8').strip()}",
+                hint=f"set it: {server_address(marker)}",
             )
         tables: tuple[TableCopy, ...] = ()
         with closing(Database(url)) as source:
