@@ -10,7 +10,7 @@ from playwright.sync_api import APIResponse, BrowserContext
 
 TOKEN = re.compile(r'<meta name="csrf-token" content="([^"]+)"')
 BUSY = ("queued", "running")
-PATIENCE_S = 240
+PATIENCE_S = 600
 
 
 class Api:
@@ -32,7 +32,10 @@ class Api:
         """Ask for a path below `/api/v1`; any status is an answer."""
         # The server closes idle connections, perhaps just when the next request is sent, so none is kept.
         headers = {**self._headers, "Connection": "close"}
-        return self.request.fetch(f"/api/v1{path}", method=method, headers=headers, **options)
+        retries = 1 if method == "GET" else 0  # after a reset, as a browser does what changes nothing
+        return self.request.fetch(
+            f"/api/v1{path}", method=method, headers=headers, max_retries=retries, **options
+        )
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
         """Ask for what must succeed; gives its JSON."""

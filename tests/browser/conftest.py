@@ -25,6 +25,8 @@ from tests.tile_server import TileServer, serving
 WIDE = {"width": 1280, "height": 800}
 SAMPLE_WITHIN_S = 180
 PATIENCE_MS = 60_000
+WORK_MS = 600_000
+"""For what a worker computes, beside much other work."""
 expect.set_options(timeout=PATIENCE_MS)
 
 

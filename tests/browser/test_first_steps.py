@@ -3,7 +3,7 @@
 from playwright.sync_api import expect
 
 from tests.browser import axe
-from tests.browser.conftest import sign_in
+from tests.browser.conftest import WORK_MS, sign_in
 
 
 def test_a_newcomer_gets_a_first_answer(open_context, api, sample_map):
@@ -22,7 +22,7 @@ def test_a_newcomer_gets_a_first_answer(open_context, api, sample_map):
         assert axe.findings(page) == []
         welcome.get_by_role("link", name="Try it on the sample").click()
         page.get_by_role("button", name="Try the photo query_02.jpg").click()
-        expect(page.get_by_test_id("hypothesis").first).to_be_visible(timeout=180_000)
+        expect(page.get_by_test_id("hypothesis").first).to_be_visible(timeout=WORK_MS)
         page.close()  # it may still load pictures, which are refused once the account is gone
     finally:
         api.ask("DELETE", f"/accounts/{link['account']}")

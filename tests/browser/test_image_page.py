@@ -8,6 +8,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.conftest import WORK_MS
 
 LANDMARKS = [(50.0765, 14.4164), (50.0771, 14.4187), (50.0779, 14.4172)]
 
@@ -66,7 +67,7 @@ def test_an_area_of_a_tile_service(image_page):
     assert axe.findings(page) == []
     # the worker may be at the sample's index
     by_id(page, "tile-fetch").click()
-    page.wait_for_url("**/edit", timeout=240_000)
+    page.wait_for_url("**/edit", timeout=WORK_MS)
     expect(page.locator(".toast")).to_contain_text("pixels")
     satellite = state()["satellite"]
     assert estimate.startswith(f"{satellite['width']:,} × {satellite['height']:,} pixels")

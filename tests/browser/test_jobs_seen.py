@@ -6,7 +6,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.api import Api
-from tests.browser.conftest import sign_in
+from tests.browser.conftest import WORK_MS, sign_in
 
 KINDS = ("Evaluation", "Export")
 
@@ -38,7 +38,7 @@ def test_progress_and_cancel_in_two_pages(page, context, api, sample_map):
     job = api.ask("GET", f"/jobs/{id}")
     assert (job["state"], job["done"] < job["total"]) == ("cancelled", True)
     row.get_by_role("button", name="Try again").click()
-    expect(row.get_by_text("done", exact=True)).to_be_visible(timeout=180_000)
+    expect(row.get_by_text("done", exact=True)).to_be_visible(timeout=WORK_MS)
 
 
 def test_what_a_job_waits_for_and_when_it_is_tried_again(make_page):

@@ -10,6 +10,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.conftest import WORK_MS
 from tests.browser.edit_page import EditPage
 
 LUND = (55.7055, 13.1930)
@@ -91,7 +92,7 @@ def test_photos_become_a_placed_map_by_three_clicks(new_page, api, photos, tiles
     assert axe.findings(page) == []
     assert not tiles.asked, "no service is asked for anything before the person asks"
     page.get_by_test_id("tile-fetch").click()
-    page.wait_for_url("**/edit", timeout=240_000)  # the worker may be at the sample's index
+    page.wait_for_url("**/edit", timeout=WORK_MS)  # the worker may be at the sample's index
     edit = EditPage(page, page.url.split("/")[-2])
     expect(edit.placed).to_have_text("28")
     expect(edit.unplaced).to_have_text("2")

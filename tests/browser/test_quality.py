@@ -3,6 +3,7 @@
 from playwright.sync_api import expect
 
 from tests.browser import axe
+from tests.browser.conftest import WORK_MS
 
 
 def test_it_is_tried_and_shown(make_page, api):
@@ -14,7 +15,7 @@ def test_it_is_tried_and_shown(make_page, api):
     page.get_by_test_id("evaluate").click()
     expect(page.get_by_test_id("job-progress")).to_be_visible()
     shown = page.get_by_test_id("quality")
-    expect(shown).to_have_count(2, timeout=180_000)
+    expect(shown).to_have_count(2, timeout=WORK_MS)
     expect(shown.first.locator("svg.chart")).to_have_count(2)
     expect(shown.first.get_by_role("row", name="Photos evaluated")).to_contain_text("6")
     assert axe.findings(page) == []
