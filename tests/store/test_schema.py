@@ -105,3 +105,27 @@ def test_other_schemas_are_refused_with_the_way_out(released, revision, way):
     with pytest.raises(StorageError, match="version") as refused:
         migrate(released)
     assert way in refused.value.hint
+
+
+def test_tables_of_short_rows_keep_what_they_have_and_need_no_index(released):
+    rows = {
+        "sign_in_link": ("hash", 1, "2026-01-01", None),
+        "member": (1, 1, "owner"),
+        "placed_elsewhere": (1, "Walk", 0, 1.5, 2.5),
+    }
+    with released.write() as session:
+        for table, row in rows.items():
+            marks = ", ".join("?" * len(row))
+            session.connection().exec_driver_sql(f"INSERT INTO {table} VALUES ({marks})", row)
+    migrate(released)
+    with released.write() as session:
+        run = session.connection().exec_driver_sql
+        for table, row in rows.items():
+            assert run(f"SELECT * FROM {table}").all() == [row]
+        for table in (*rows, "ended_session"):
+            made = run(f"SELECT sql FROM sqlite_master WHERE name = '{table}'").scalar_one()
+            assert made.rstrip().endswith("WITHOUT ROWID"), made
+        assert run("PRAGMA foreign_key_check").all() == []
+        run("DELETE FROM account WHERE id = 1")
+        for table in ("sign_in_link", "member"):
+            assert run(f"SELECT count(*) FROM {table}").scalar_one() == 0, "goes with its account"

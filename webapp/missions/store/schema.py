@@ -12,7 +12,7 @@ from sqlalchemy import ForeignKey, Index, LargeBinary, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from webapp.store.clock import now
-from webapp.store.schema import Base, ShareColumns
+from webapp.store.schema import WITHOUT_ROWID, Base, ShareColumns
 
 
 class Mission(Base):
@@ -83,7 +83,7 @@ class Pose(Base):
     """Where something was at one time."""
 
     __tablename__ = "pose"
-    __table_args__ = ({"sqlite_with_rowid": False},)
+    __table_args__ = WITHOUT_ROWID
 
     track_id: Mapped[int] = mapped_column(
         ForeignKey("track.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
