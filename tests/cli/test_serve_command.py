@@ -308,3 +308,12 @@ def test_clients_that_stop_half_way_keep_no_thread(impatient, sent):
             client.settimeout(10)
             while client.recv(4096):
                 pass
+
+
+def test_a_client_whose_request_is_held_back_for_a_while_is_answered(impatient):
+    port, _ = impatient
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        time.sleep(2)
+        client.sendall(b"GET /livez HTTP/1.1\r\nHost: here\r\nConnection: close\r\n\r\n")
+        client.settimeout(10)
+        assert client.makefile("rb").readline() == b"HTTP/1.1 200 OK\r\n"

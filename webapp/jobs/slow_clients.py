@@ -19,6 +19,11 @@ LEAST_BYTES_PER_S = 2000
 """Slower than any network that photos are sent over."""
 
 _ANSWER_S = 60.0
+_SILENT = 4
+"""Times the patience: how long a connection may stay silent that keeps no thread.
+
+A network that loses packets, or a busy machine, can hold back for a while what a client has sent.
+"""
 _LINGER_S = 0.1
 """How long a connection that is being closed is listened to, by the one thread that accepts all others."""
 
@@ -110,7 +115,7 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         connection = Connection(
             self.cfg, ClientSocket(fileno=accepted.detach()), address, listener.getsockname()
         )
-        connection.timeout = time.monotonic() + ClientSocket.patience_s
+        connection.timeout = time.monotonic() + _SILENT * ClientSocket.patience_s
         self.pending_conns.append(connection)
         self.poller.register(
             connection.sock, EVENT_READ, partial(self.on_pending_socket_readable, connection)
