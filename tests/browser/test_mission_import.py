@@ -117,7 +117,7 @@ def test_several_files_each_with_its_result(page, context, tmp_path, way, middle
     expect(lines.nth(0)).to_contain_text("30 poses", timeout=JOBS_MS)
     expect(lines.nth(2)).to_contain_text("30 poses", timeout=JOBS_MS)
     expect(lines.nth(1)).to_contain_text("no known format")
-    expect(by_id(page, "import-remarks")).to_contain_text("1 rows without a position")
+    expect(by_id(page, "import-remarks")).to_contain_text("Rows without a position (1)")
     assert axe.findings(page) == []
     page.get_by_role("button", name="Done").click()
     page.wait_for_url(re.compile(r"/missions/\d+$"))

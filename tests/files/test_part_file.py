@@ -22,7 +22,7 @@ from webapp.files.part_file import (
 )
 
 
-def test_pieces_in_order(tmp_path):
+def test_chunks_in_order(tmp_path):
     part = tmp_path / "a.part"
     assert arrived(part) == 0
     assert append(part, b"abc", offset=0, size=5) == 3

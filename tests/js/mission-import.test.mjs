@@ -62,7 +62,7 @@ class Server {
       this.sent += 1;
       return { id: `f${this.sent}`, offset: 0, chunk_bytes: 3 };
     };
-    this.sendPiece = async (id, piece, { headers }) => ({ offset: Number(headers["Upload-Offset"]) + piece.size });
+    this.sendChunk = async (id, chunk, { headers }) => ({ offset: Number(headers["Upload-Offset"]) + chunk.size });
     this.contents = (id, reading) => {
       this.asked.push(reading.columns);
       return this.answers[reading.columns];
@@ -74,7 +74,7 @@ class Server {
 
 const contents = (...tracks) => ({ kind: "table", objects: 0, sources: tracks.map((track) => ({ source: "gps", track, frame: "earth" })) });
 
-test("a file is sent in pieces, looked at, and dropped with the dialog", async () => {
+test("a file is sent in chunks, looked at, and dropped with the dialog", async () => {
   const server = new Server({ "": contents("a", "b") });
   const file = new StagedFile(new File(["1234567"], "log.csv"), server);
   await file.open();

@@ -139,7 +139,7 @@ class PlacesTuning:
     floor_sigma: float = 0.27
     """Uncertainty of the best position, place radii: the map's own positions are not better."""
 
-    photo_sigma: float = 0.6
+    photo_place_sigma: float = 0.6
     """Uncertainty of a place that is a photo's own, place radii: two of three right ones are so near."""
 
     max_sigma: float = 1.0

@@ -1,4 +1,4 @@
-"""The bytes of an upload, piece by piece, and the finished file on its way to its place."""
+"""The bytes of an upload, chunk by chunk, and the finished file on its way to its place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WAIT_S = 30
 
 
 class WrongOffset(Conflict):
-    """A piece that does not fit to what has arrived.
+    """A chunk that does not fit to what has arrived.
 
     Attributes
     ----------
@@ -60,14 +60,14 @@ def arrived(part: Path) -> int:
 
 
 def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
-    """Add a piece; when this returns, it is on the disk.
+    """Add a chunk; when this returns, it is on the disk.
 
     Parameters
     ----------
     part : Path
-        Is made with the first piece.
+        Is made with the first chunk.
     offset : int
-        Where the sender believes the piece belongs.
+        Where the sender believes the chunk belongs.
     size : int
         Bytes of the whole file.
 
@@ -81,9 +81,9 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     WrongOffset
         Another number of bytes has arrived; nothing was changed.
     InputError
-        The piece is larger than what is missing.
+        The chunk is larger than what is missing.
     DiskFull, StorageError
-        The piece was not kept.
+        The chunk was not kept.
     """
     there = arrived(part)
     if offset != there:

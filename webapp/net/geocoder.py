@@ -61,9 +61,9 @@ def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[Fou
     try:
         content = json.loads(_ask(str(settings.address), wish, timeout_s=settings.timeout_s))
     except ValueError as error:
-        raise InputError("it sent something else than places", where=_WHERE) from error
+        raise InputError("it did not send a list of places", where=_WHERE) from error
     if not isinstance(content, list):
-        raise InputError("it sent something else than places", where=_WHERE)
+        raise InputError("it did not send a list of places", where=_WHERE)
     found = (_place(item) for item in content[:_MOST])
     return tuple(place for place in found if place is not None)
 

@@ -73,7 +73,7 @@ class PoliteClient:
         try:
             self._origin = _origin(base)
         except ValueError as error:
-            raise self._error(f"has an address that is none: {base}", hint="see the settings") from error
+            raise self._error(f"has an invalid address: {base}", hint="see the settings") from error
         self._hosts = tuple(host.strip().lower() for host in settings.photo_hosts.split(",") if host.strip())
         self._settings = settings
         self._pace = RateLimit(settings.requests_per_second)
@@ -107,7 +107,7 @@ class PoliteClient:
         try:
             return json.loads(data)
         except (ValueError, RecursionError) as error:
-            raise self._error("sent something else than a list of photos") from error
+            raise self._error("did not send a list of photos") from error
 
     def photo(self, address: str, *, max_bytes: int) -> bytes:
         """Fetch a photo; errors as those of `json`, and InputError where its host is not allowed."""
@@ -163,7 +163,7 @@ class PoliteClient:
                     address = self._next_address(address, answer.headers["Location"])
                     continue
                 return self._content(answer, max_bytes) if answer.ok else answer
-        raise self._error("leads from one address to the next without end")
+        raise self._error("redirects too many times")
 
     def _is_own(self, address: str) -> bool:
         try:
@@ -175,7 +175,7 @@ class PoliteClient:
         try:
             return urljoin(address, location)
         except ValueError as error:
-            raise self._error("leads to an address that is none") from error
+            raise self._error("redirects to an invalid address") from error
 
     def _content(self, answer: requests.Response, max_bytes: int) -> bytes:
         data = bytearray()

@@ -163,7 +163,7 @@ def list_photos(
         while address is not None:
             progress.check()
             if address in asked or len(asked) >= _MOST_REQUESTS:
-                raise InputError(f"{service.name} gives its list of photos without end", where=_WHERE)
+                raise InputError(f"{service.name} keeps returning more pages of photos", where=_WHERE)
             asked.add(address)
             page = _read_page(service, client.json(address))
             for item in page.items:
@@ -185,7 +185,7 @@ def _read_page(service: StreetService, content: object) -> ListedPage:
             return page
     except (AttributeError, KeyError, TypeError):
         pass
-    raise InputError(f"{service.name} sent something else than a list of photos", where=_WHERE)
+    raise InputError(f"{service.name} did not send a list of photos", where=_WHERE)
 
 
 def _take(
@@ -260,7 +260,7 @@ def position(geometry: Any) -> LatLon:
 
 
 def number(value: Any) -> float | None:
-    """Read a number that may be missing; what is none is missing too."""
+    """Read an optional number; None where it is missing or not finite."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     return float(value) if is_number else None
 

@@ -76,7 +76,7 @@ class TileFetcher:
         Raises
         ------
         InputError
-            The service does not answer, refuses, or sends something else than an image.
+            The service does not answer, refuses, or does not send an image.
         StorageError
             The cache cannot be written.
         Cancelled
@@ -140,7 +140,7 @@ class TileFetcher:
             message = f"{self._service.name} cannot be reached"
             raise InputError(message, where="tile service", hint=hint) from error
         if len(data) > _MAX_BYTES or not bytes(data[:8]).startswith(_IMAGES):
-            message = f"{self._service.name} sent something else than a tile"
+            message = f"{self._service.name} did not send a tile"
             raise InputError(message, where="tile service", hint=hint)
         return bytes(data)
 

@@ -51,8 +51,8 @@ class ChartWords:
     place_radius: str = "place radius"
     reliability_title: str = "Reliability: share of right answers over stated probability"
     stated: str = "stated probability of the first hypothesis"
-    right: str = "of these right"
-    diagonal: str = "as sure as right"
+    right: str = "share of right answers"
+    diagonal: str = "perfect calibration"
     bin: str = "{count} queries: {stated} stated, {right} right"
     vertical: str = "vertical axis"
 

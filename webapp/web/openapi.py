@@ -18,7 +18,7 @@ from werkzeug.routing import Rule
 from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.render.export_file import FORMATS
 from webapp.render.sheet.options import SHEET_FORMATS
-from webapp.web import pieces
+from webapp.web import chunks
 from webapp.web.context import is_public
 from webapp.web.state import parts
 
@@ -41,7 +41,7 @@ _TAGS = {
     "Satellite image": "The image of a map, and where it is on the Earth.",
     "Floors": "Several images of a map, one above the other.",
     "Photos": "Photos of a map, several in one request.",
-    "Uploads": "Photos sent in pieces, which can be resumed.",
+    "Uploads": "Photos sent in chunks, which can be resumed.",
     "Placing": "Many photos placed at once.",
     "Landmarks": "Points that several photos show, with the cameras that see them, on the map.",
     "Placements": "Further sets of places for the photos of a map.",
@@ -117,7 +117,7 @@ _MORE: dict[str, dict[str, Any]] = {
     "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
     "maps.remove_one": {"parameters": [_IF_MATCH]},
-    "api_uploads.send": pieces.OPERATION,
+    "api_uploads.send": chunks.OPERATION,
 }
 """What routes read, and answer with, that no schema of theirs describes, by endpoint."""
 

@@ -14,10 +14,11 @@ import { sharesDialog } from "./share-mission.js";
  * Connect the buttons that the page has for who looks at it.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./track-lines.js").TrackLines} lines
- * @param {function(): Promise<void>} refresh
+ * @param {import("./live-events.js").Live} live
  */
-export function connectActions(store, lines, refresh) {
+export function connectActions(store, lines, live) {
   const server = store.server(store.id);
+  const refresh = () => live.refresh();
   const on = (name, run) => {
     for (const button of queryAll(`[data-does="${name}"]`, HTMLButtonElement)) {
       button.disabled = false; // until now a click would have been lost
@@ -43,7 +44,7 @@ export function connectActions(store, lines, refresh) {
   on("fuse", (button) => busy(button, () => fuse(server, refresh)));
   on("share", () => sharesDialog(server));
   on("rename", () => rename(store, server));
-  on("delete", () => bin(store, server));
+  on("delete", () => bin(store, server, live));
 }
 
 /** The tracks that are there, for those who place another one beside them. */
@@ -80,10 +81,16 @@ function rename({ mission }, server) {
   });
 }
 
-async function bin({ mission }, server) {
+async function bin({ mission }, server, live) {
   const title = t("Move {name} to the bin?", { name: mission.name });
   const text = t("It can be restored from there.");
   if (!(await confirmDialog({ title, text, action: t("Move to the bin") }))) return;
-  await server.bin();
+  live.pause(); // the server no longer answers for what is in the bin
+  try {
+    await server.bin();
+  } catch (error) {
+    live.start();
+    throw error;
+  }
   location.assign("/missions");
 }

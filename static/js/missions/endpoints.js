@@ -14,7 +14,7 @@ export const makeMission = (wish) => post("/missions", wish);
 export const fileEndpoints = {
   begin: (about) => post("/mission-files", about),
   look: (id) => get(`/mission-files/${id}`),
-  sendPiece: (id, piece, options) => upload(`/mission-files/${id}`, { method: "PATCH", body: piece, ...options }),
+  sendChunk: (id, chunk, options) => upload(`/mission-files/${id}`, { method: "PATCH", body: chunk, ...options }),
   contents: (id, reading) => post(`/mission-files/${id}/contents`, reading),
   importFile: (id, wish) => post(`/mission-files/${id}/import`, wish),
   drop: (id) => del(`/mission-files/${id}`),

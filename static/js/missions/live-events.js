@@ -23,14 +23,14 @@ export class Live extends EventTarget {
     this._server = store.server(id);
     this._away = new AbortController();
     const { signal } = this._away;
-    document.addEventListener("visibilitychange", () => (document.hidden ? this._pause() : this.start()), { signal });
+    document.addEventListener("visibilitychange", () => (document.hidden ? this.pause() : this.start()), { signal });
     addEventListener("online", () => this.start(), { signal });
-    addEventListener("pagehide", () => this._pause(), { signal });
+    addEventListener("pagehide", () => this.pause(), { signal });
   }
 
   /** Listen to what comes after the state that is known. */
   start() {
-    this._pause();
+    this.pause();
     const mission = this.store.missions.get(this.id);
     // it may still be corrected, which needs no stream; but people go on with its tasks
     if (mission.ended_at && !mission.objects) return this._later(ENDED_MS);
@@ -43,7 +43,7 @@ export class Live extends EventTarget {
   }
 
   stop() {
-    this._pause();
+    this.pause();
     this._away.abort();
   }
 
@@ -60,7 +60,8 @@ export class Live extends EventTarget {
     }
   }
 
-  _pause() {
+  /** Ask for nothing until `start` is called. */
+  pause() {
     clearTimeout(this._timer);
     this._stream?.close();
     this._stream = null;
@@ -81,7 +82,7 @@ export class Live extends EventTarget {
     this.failures += 1;
     this._tell(navigator.onLine && this.failures < 3);
     if (!closed) return;
-    this._pause();
+    this.pause();
     this._later(Math.min(ASK_MS * 2 ** Math.min(this.failures - 1, 6), SLOWEST_MS));
   }
 

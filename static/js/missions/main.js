@@ -81,7 +81,7 @@ function begin() {
   showPhotos(store, look);
   zoomButtons(view, fit);
   const live = new Live(store, page.id);
-  connectActions(store, lines, () => live.refresh());
+  connectActions(store, lines, live);
   state(live);
   live.start();
   firstPositions(view, fit);

@@ -1,12 +1,12 @@
 /**
- * Files on their way to the server: a few at a time, in pieces, resuming where they stopped.
+ * Files on their way to the server: a few at a time, in chunks, resuming where they stopped.
  *
  * The server finds a half-done file by its fingerprint, so after a reload the same files are chosen again and go
  * on. What is in the map already is not sent twice.
  */
 
 import { post, upload } from "./api.js";
-import { sendInPieces } from "./send-pieces.js";
+import { sendInChunks } from "./send-chunks.js";
 
 const PARALLEL = 3;
 const REMEMBERED = 5000;
@@ -20,7 +20,7 @@ export function uploadEndpoints(slug) {
   const uploads = `/maps/${encodeURIComponent(slug)}/uploads`;
   return {
     beginUpload: (about) => post(uploads, about),
-    sendPiece: (id, piece, options) => upload(`${uploads}/${id}`, { method: "PATCH", body: piece, ...options }),
+    sendChunk: (id, chunk, options) => upload(`${uploads}/${id}`, { method: "PATCH", body: chunk, ...options }),
   };
 }
 
@@ -131,9 +131,9 @@ export class Uploads extends EventTarget {
   _send(entry) {
     const { file } = entry;
     const about = { name: file.name, size_bytes: file.size, fingerprint: fingerprint(file) };
-    return sendInPieces(file, {
+    return sendInChunks(file, {
       begin: () => this._inTurn(() => this.server.beginUpload(about)),
-      sendPiece: this.server.sendPiece,
+      sendChunk: this.server.sendChunk,
       signal: this._stop.signal,
       onProgress: (sent) => {
         entry.sent = sent;

@@ -215,9 +215,9 @@ class TestRefused:
         [
             ({"status": 403}, "answered 403"),
             ({"status": 302}, "answered 302"),
-            ({"body": b"<html>no key</html>"}, "something else than a tile"),
+            ({"body": b"<html>no key</html>"}, "did not send a tile"),
             ({"body": b"\x89PNG\r\n\x1a\n" + bytes(50)}, "damaged tile"),
-            ({"body": b"\xff\xd8\xff" + bytes(5_000_000)}, "something else than a tile"),
+            ({"body": b"\xff\xd8\xff" + bytes(5_000_000)}, "did not send a tile"),
             ({"size": 512}, "512 x 512 pixels"),
         ],
     )

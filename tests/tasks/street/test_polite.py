@@ -108,5 +108,5 @@ def test_the_next_page_of_no_address_is_an_error(client, asked):
 
 
 def test_a_service_without_an_address_is_an_error():
-    with pytest.raises(InputError, match="has an address that is none"):
+    with pytest.raises(InputError, match="has an invalid address"):
         PoliteClient("Service", "https://[bad", settings=SETTINGS)

@@ -213,7 +213,7 @@ def test_a_photo_missing_on_disk_is_reported(send, client, park, library):
         assert str(library.folder) not in answer.text
 
 
-def test_a_file_comes_in_pieces(sender, photos, library):
+def test_a_file_comes_in_chunks(sender, photos, library):
     data = jpeg()
     assert len(data) > 20_000
     begun = sender.begin(data, "výlet.jpg")
@@ -256,7 +256,7 @@ def test_a_piece_says_where_it_belongs(sender, offset):
     assert sender.piece(id, b"x", offset=offset.encode("utf-8").decode("latin-1")).status_code == 400
 
 
-def test_pieces_have_a_largest_size(sender, client):
+def test_chunks_have_a_largest_size(sender, client):
     data = jpeg()
     id = sender.begin(data).json["id"]
     assert sender.piece(id, data[:10_001], offset=0).status_code == 413

@@ -142,7 +142,7 @@ def test_a_service_that_fails_is_one_sentence(client, base, service):
     service.bodies["/api/search"] = b"<html>"
     refused = client.post(f"{base}/preview", json={"source": "panoramax"})
     assert refused.status_code == 422
-    assert "Panoramax sent something else than a list of photos" in refused.json["error"]["message"]
+    assert "Panoramax did not send a list of photos" in refused.json["error"]["message"]
     service.bodies.clear()
     service.failing["/api/search"] = [429]
     service.retry_after = "3600"

@@ -77,7 +77,7 @@ class Camera:
 class RelativePose:
     """How the query's camera stood to a map photo's.
 
-    Both cameras are taken to be held level, so that only horizontal angles are kept.
+    Rotation and translation are complete; `bearing` takes both cameras to be held level.
 
     Attributes
     ----------

@@ -61,6 +61,11 @@ class MatchStatistics:
     """What the matching looked like before anybody interpreted it.
 
     Distances are in the units of the matcher's norm, over all matches, and None when there was no match.
+
+    Attributes
+    ----------
+    matches_pruned : int
+        Matches that pruning left.
     """
 
     keypoints: int

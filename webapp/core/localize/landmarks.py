@@ -109,7 +109,7 @@ def find_by_landmarks(
             off_map_probability=1.0,
             other_probability=0.0,
             no_pose=None if places else NoPose(reason),
-            statistics=match_statistics(len(query), distance, pruned=int((found.photo[:, 0] >= 0).sum())),
+            statistics=match_statistics(len(query), distance, left=int((found.photo[:, 0] >= 0).sum())),
             seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
         ),
     )

@@ -157,7 +157,7 @@ def estimate_places(
     -------
     list of PlaceCandidate
         Those by geometry first, then the others by the votes and the similarity around them; any two more
-        than a place radius apart; at most eight, or one of two photos that were checked.
+        than a place radius apart; at most eight, or half as many as were checked where that is more.
     """
     places: list[PlaceCandidate] = []
     by_pose, by_bearing = _by_floor(indexed, checked)
@@ -341,5 +341,5 @@ def _place_from_resection(
 def _photo_place(indexed: IndexedMap, photos: list[VerifiedPhoto], *, score: float) -> PlaceCandidate:
     photo = photos[0].matched.photo
     position, floor = _position(indexed, photo), int(indexed.floor[photo])
-    sigma_px = indexed.tuning.places.photo_sigma * indexed.place_radius_px
+    sigma_px = indexed.tuning.places.photo_place_sigma * indexed.place_radius_px
     return PlaceCandidate("photo", position, None, sigma_px, photos, score, position, floor=floor)

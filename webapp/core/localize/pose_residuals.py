@@ -78,7 +78,7 @@ class Correspondences:
         Number of the view.
     inverse_depth, depth_sigma : (d,) float64
         Of the first d matches: inverse depths in the photos, per map pixel.
-    query_sigma, photo_sigma : (m,) float64
+    query_ray_sigma, photo_ray_sigma : (m,) float64
         Standard deviations of the rays, at depth 1.
     radius : float
         The place radius, map pixels.
@@ -92,8 +92,8 @@ class Correspondences:
     view: NDArray[np.int64]
     inverse_depth: Array
     depth_sigma: Array
-    query_sigma: Array
-    photo_sigma: Array
+    query_ray_sigma: Array
+    photo_ray_sigma: Array
     views: int
     radius: float
     min_depth: float
@@ -129,7 +129,7 @@ def collect_correspondences(
     )
     order = np.argsort(np.isnan(inverse_depth), kind="stable")
     known = order[: np.isfinite(inverse_depth).sum()]
-    query_sigma, photo_sigma = np.repeat([v.ray_sigma for v in chosen], lengths, axis=0)[order].T
+    query_ray_sigma, photo_ray_sigma = np.repeat([v.ray_sigma for v in chosen], lengths, axis=0)[order].T
     return Correspondences(
         query=np.concatenate([v.query_ray for v in chosen])[order],
         photo=np.concatenate([v.photo_ray @ extrinsics.rotation[v.photo] for v in chosen])[order],
@@ -137,8 +137,8 @@ def collect_correspondences(
         view=np.repeat(np.array(usable, np.int64), lengths)[order],
         inverse_depth=inverse_depth[known],
         depth_sigma=np.concatenate([v.sigma for v in chosen])[known],
-        query_sigma=query_sigma,
-        photo_sigma=photo_sigma,
+        query_ray_sigma=query_ray_sigma,
+        photo_ray_sigma=photo_ray_sigma,
         views=len(views),
         radius=radius,
         min_depth=min_depth,
@@ -216,13 +216,13 @@ def epipolar_residual(matches: Correspondences, *, rotation: Array, centre: Arra
     # The photo's own image plane is not at hand; the whole vector differs little from its part in it.
     along_query = _dot(t_a, t_a)
     gradient = np.sqrt(query_gradient + along_query) + 1e-9
-    variance = matches.query_sigma**2 * query_gradient + matches.photo_sigma**2 * along_query
+    variance = matches.query_ray_sigma**2 * query_gradient + matches.photo_ray_sigma**2 * along_query
     # The point lies where both rays meet; with t to the photo, (t x b)(a x b) and (t x a)(a x b) have the
     # signs of its depths, which are the baseline times |t x b| and |t x a| over |a x b|.
     ahead = (_dot(b_t, a_b) <= 0.0) & (_dot(t_a, a_b) >= 0.0)
     angle = _dot(a_b, a_b)
     far = np.minimum(along_query, _dot(b_t, b_t)) * length**2 >= matches.min_depth**2 * angle
-    parallel = angle < _PARALLEL_SIGMAS**2 * (matches.query_sigma**2 + matches.photo_sigma**2)
+    parallel = angle < _PARALLEL_SIGMAS**2 * (matches.query_ray_sigma**2 + matches.photo_ray_sigma**2)
     return EpipolarResidual(
         value=_dot(a, b_t) / gradient,
         sigma=np.sqrt(variance + 1e-18) / gradient,
@@ -290,7 +290,7 @@ def depth_residual(matches: Correspondences, *, rotation: Array, centre: Array) 
     by_depth = by_u * u + by_v * v
     slope = [(by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)]
     # Noise in the photo is magnified, the nearer the query is to the point.
-    variance = matches.query_sigma[:count] ** 2 + (matches.photo_sigma[:count] / depth) ** 2
+    variance = matches.query_ray_sigma[:count] ** 2 + (matches.photo_ray_sigma[:count] / depth) ** 2
     return DepthResidual(
         value=du * by_u + dv * by_v,
         sigma=np.sqrt(variance + (move * matches.depth_sigma) ** 2),

@@ -38,7 +38,7 @@ from webapp.core.retrieval.retrieve import retrieve
 from webapp.core.retrieval.shortlist import (
     ShortlistedPhoto,
     filter_by_rotation,
-    median_turn_deg,
+    mean_turn_deg,
     quarter_turns,
     rematch_with_network,
     shortlist,
@@ -136,7 +136,7 @@ def find_places(
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
     camera = Camera(*query.photo_size, fov_deg)
-    turn_deg = median_turn_deg(indexed, query, found=found)
+    turn_deg = mean_turn_deg(indexed, query, found=found)
     upright = _roll_correction(turn_deg)
     if depths is None:
         depths = empty_depths() if hide or indexed.extrinsics is None else indexed.extrinsics.depths
@@ -160,7 +160,7 @@ def find_places(
             off_map_probability=1.0,
             other_probability=0.0,
             no_pose=None if places else NoPose(reason),
-            statistics=match_statistics(len(query), first, pruned=left),
+            statistics=match_statistics(len(query), first, left=left),
             seconds={s: b - a for s, a, b in zip(stages, clock, clock[1:], strict=False)},
             quarter_turns=quarter_turns(indexed, query, nearest=nearest, turn_deg=turn_deg),
         ),
@@ -197,7 +197,7 @@ def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     Parameters
     ----------
     askew_deg : float
-        As from `median_turn_deg`.
+        As from `mean_turn_deg`.
 
     Returns
     -------

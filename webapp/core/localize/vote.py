@@ -40,7 +40,7 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     matched = photo >= 0
     # In double precision: rounded down, the mean of equal distances would be nearer than each of them.
     kept = matched & (distance <= distance[matched].mean(dtype=np.float64)) if matched.any() else matched
-    statistics = match_statistics(len(query), distance[matched], pruned=int(kept.sum()))
+    statistics = match_statistics(len(query), distance[matched], left=int(kept.sum()))
     if not kept.any():
         return Answer((), None, 0.0, NoPose(_why_none(len(query))), statistics)
     of_photo = np.bincount(photo[kept], minlength=len(indexed.ids))
@@ -87,15 +87,15 @@ def _of_experiences(
     return together[mine], np.sort(best).astype(np.int64)
 
 
-def match_statistics(keypoints: int, distance: NDArray[np.float32], *, pruned: int) -> MatchStatistics:
-    """Sum up (m,) match distances; `pruned` is how many matches were left after pruning."""
+def match_statistics(keypoints: int, distance: NDArray[np.float32], *, left: int) -> MatchStatistics:
+    """Sum up (m,) match distances; `left` is how many of them pruning left."""
     if not len(distance):
         return MatchStatistics(keypoints, 0, 0, None, None, None, None)
     exact = distance.astype(np.float64)
     return MatchStatistics(
         keypoints=keypoints,
         matches=len(exact),
-        matches_pruned=pruned,
+        matches_pruned=left,
         distance_min=float(exact.min()),
         distance_max=float(exact.max()),
         distance_mean=float(exact.mean()),

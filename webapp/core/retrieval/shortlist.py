@@ -72,7 +72,7 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
     return Candidates(found.distance, np.where(keep, found.row, -1), np.where(keep, found.photo, -1))
 
 
-def median_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
+def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
     """Measure by how much the query must be turned, clockwise, to stand like the map's photos.
 
     Parameters
@@ -80,7 +80,7 @@ def median_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) 
     query : Features
         Where keypoints have no orientation, all angles are 0, and so is the turn.
     found : Candidates
-        (n, k), those of `consistent`.
+        (n, k), as from `filter_by_rotation`.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, 
     nearest : Candidates
         (n, k), before `filter_by_rotation`.
     turn_deg : float
-        As from `median_turn_deg`.
+        As from `mean_turn_deg`.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def shortlist(
 
     Returns
     -------
-    list of Shortlisted
+    list of ShortlistedPhoto
         Most votes first; only photos with at least one match.
     """
     order = np.argsort(-votes, kind="stable")[:most]

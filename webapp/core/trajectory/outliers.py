@@ -28,7 +28,7 @@ from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
 GROWTH = 1.8
 """Factor by which the loss becomes less convex in each step."""
 
-FIRST_CONTROL = 0.3
+INITIAL_MU = 0.3
 """The degree of non-convexity to begin with, as the first weights are good already."""
 
 MOST_STEPS = 40
@@ -36,7 +36,7 @@ MOST_STEPS = 40
 NEIGHBOURS = 4
 """Fixes before and after one with which it is compared."""
 
-BENT = 0.05
+DISTANCE_TOLERANCE = 0.05
 """Share of the way by which a distance changes with the scale and the turns of the odometry."""
 
 READMISSIONS = 3
@@ -48,15 +48,17 @@ def find_outliers(
 ) -> Judgement | None:
     """Judge all fixes together; where many in a row are wrong and agree, a new piece begins.
 
-    Returns
-    -------
-    Judgement or None
-        None without odometry: what lies between fixes is unknown then, and each could be right.
-
     Parameters
     ----------
     fixes : Fixes
         At least one.
+    check : callable
+        Called now and then; raises where the work was cancelled.
+
+    Returns
+    -------
+    Judgement or None
+        None without odometry: what lies between fixes is unknown then, and each could be right.
     """
     if not np.isfinite(steps.moves).any():
         return None
@@ -68,7 +70,7 @@ def find_outliers(
         mine = (fixes.node >= begin) & (fixes.node < end)
         if mine.any():
             gated[mine] = _judge(steps, fixes, noise=noise, begin=begin, end=end, check=check)[mine]
-        split = _carried(steps, fixes, np.flatnonzero(mine), gated=gated, noise=noise)
+        split = _first_of_consistent_run(steps, fixes, np.flatnonzero(mine), gated=gated, noise=noise)
         if split is None or not begin < split < end:
             begins.append(begin)
         else:
@@ -96,7 +98,7 @@ def _judge(
         return np.where(mine, np.einsum("mi,mij,mj->m", off, inverse, off), 0.0)
 
     solve()
-    distance, control = solve(), FIRST_CONTROL
+    distance, control = solve(), INITIAL_MU
     for _ in range(MOST_STEPS):
         weight[:] = _weights(distance, control)
         distance = solve()
@@ -136,7 +138,7 @@ def _consistent(steps: Steps, fixes: Fixes, *, mine: NDArray[np.bool_], noise: N
             measured = np.hypot(*(fixes.position[near] - fixes.position[i]).T)
             driven = np.hypot(*(reckoned[fixes.node[near]] - reckoned[fixes.node[i]]).T)
             spread = np.sqrt(variance[near] + variance[i] + noise.forward**2 * between)
-            agrees = np.abs(measured - driven) < 3.0 * spread + BENT * between
+            agrees = np.abs(measured - driven) < 3.0 * spread + DISTANCE_TOLERANCE * between
             judged[i] = 2 * agrees.sum() >= near.size
         found = judged
     return found
@@ -157,7 +159,7 @@ def _far(filter: Filter, fixes: Fixes, weight: Floats) -> NDArray[np.bool_]:
     return np.asarray(np.einsum("mi,mi->m", off, np.linalg.solve(around, off[:, :, None])[:, :, 0]) > GATE_2D)
 
 
-def _carried(
+def _first_of_consistent_run(
     steps: Steps, fixes: Fixes, mine: NDArray[np.intp], *, gated: NDArray[np.bool_], noise: Noise
 ) -> int | None:
     """Return the node of the first of several wrong fixes in a row that agree; None without them."""

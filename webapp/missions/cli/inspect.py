@@ -64,9 +64,9 @@ def _print(path: Path, report: FileReport) -> None:
     if report.table is not None and report.table.columns:
         click.echo(f"  columns: {', '.join(report.table.named())}")
     for one in report.skipped:
-        click.echo(f"  left out: {one.count} {one.reason} (first: {one.where})")
+        click.echo(f"  left out: {one}, first: {one.where}")
     for one in report.doubts:
-        click.echo(f"  odd: {one.count} {one.reason} (first: {one.where})")
+        click.echo(f"  odd: {one}, first: {one.where}")
     for note in report.notes:
         click.echo(f"  note: {note}")
     if report.problem:

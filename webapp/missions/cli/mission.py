@@ -183,9 +183,9 @@ def _print_import(path: Path, done: TrackImport) -> None:
     if not done.new:
         click.echo(f"{path.name}: all of it was there already", err=True)
     for one in done.skipped:
-        click.echo(f"{path.name}: {one.where}: left out {one.count} {one.reason}", err=True)
+        click.echo(f"{path.name}: {one.where}: left out: {one}", err=True)
     for one in done.doubts:
-        click.echo(f"{path.name}: {one.where}: odd: {one.count} {one.reason}", err=True)
+        click.echo(f"{path.name}: {one.where}: odd: {one}", err=True)
     for note in done.notes:
         click.echo(f"{path.name}: {note}", err=True)
 

@@ -66,7 +66,7 @@ def replay(
             bag, min_move=least, topics=topics, start=at or None, progress=progress
         )
     for left in found.left_out:
-        click.echo(f"{left.where}: {left.count} left out: {left.reason}", err=True)
+        click.echo(f"{left.where}: left out: {left}", err=True)
     target = find_target(folder, chosen)
     about = f"{bag.name}, min-move {least}, topics {', '.join(topics) or 'all'}, start {start}"
     options = RobotOptions(every_s=every, backoff_max_s=10.0)

@@ -116,6 +116,10 @@ class Skipped:
     count: int
     where: str
 
+    def __str__(self) -> str:
+        """Return it for people; a count in brackets goes with a plural."""
+        return f"{self.reason} ({self.count})"
+
 
 @dataclass(slots=True)
 class Findings:

@@ -263,5 +263,5 @@ def _ahead(xy_m: NDArray[np.float64], anchor: Anchor) -> NDArray[np.float64]:
 
 
 def _reasons(findings: Findings) -> str:
-    reasons = "; ".join(f"{one.count} {one.reason}" for one in findings.skipped())
+    reasons = "; ".join(map(str, findings.skipped()))
     return f"nothing in it can be used: {reasons or 'it has no track and no object'}"

@@ -183,7 +183,7 @@ def stream(
                 )
                 yield part
         if not found:
-            reasons = "; ".join(f"{one.count} {one.reason}" for one in findings.skipped())
+            reasons = "; ".join(map(str, findings.skipped()))
             raise TrackError(f"nothing in it can be used: {reasons or 'it has no track and no object'}")
 
 

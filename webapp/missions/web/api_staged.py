@@ -1,4 +1,4 @@
-"""Files with tracks that are looked at before they are imported: sent in pieces, read, taken or dropped."""
+"""Files with tracks that are looked at before they are imported: sent in chunks, read, taken or dropped."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from webapp.missions.web.api_imports import MAX_TEXT, ReadOptionsIn, TrackJobOut
 from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
-from webapp.web import pieces
+from webapp.web import chunks
 from webapp.web.context import account, library, open_map, settings
 from webapp.web.fields import RecordNumber
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_staged", __name__, url_prefix="/api/v1/mission-files", tag="Missions")
 
-OPERATIONS = {"api_staged.send": pieces.OPERATION}
+OPERATIONS = {"api_staged.send": chunks.OPERATION}
 
 _MOST_TRACKS = 10_000
 _QUICK_BYTES = 4_000_000
@@ -49,7 +49,7 @@ class FileOut(Schema):
     id = String()
     offset = Integer(metadata={"description": "Bytes that have arrived: where to resume."})
     size_bytes = Integer()
-    chunk_bytes = Integer(metadata={"description": "Largest piece."})
+    chunk_bytes = Integer(metadata={"description": "Largest chunk."})
 
 
 class OffsetOut(Schema):
@@ -185,8 +185,8 @@ class ContentsOut(Schema):
     problem = String(metadata={"description": "Why nothing can be imported as it is; empty otherwise."})
 
 
-blueprint.before_request(pieces.limit_bytes)
-blueprint.errorhandler(WrongOffset)(pieces.tell_offset)
+blueprint.before_request(chunks.limit_bytes)
+blueprint.errorhandler(WrongOffset)(chunks.tell_offset)
 
 
 @blueprint.post("")
@@ -211,13 +211,13 @@ def look(file_id: str) -> dict[str, Any]:
 @blueprint.patch("/<file_id>")
 @blueprint.output(OffsetOut)
 @blueprint.doc(
-    description="The body is the piece, its place the header `Upload-Offset`. A piece that does not fit is "
+    description="The body is the chunk, its place the header `Upload-Offset`. A chunk that does not fit is "
     "answered by 409 with the right `offset`."
 )
 def send(file_id: str) -> dict[str, int]:
-    """Send the next piece."""
+    """Send the next chunk."""
     staged = _find(file_id)
-    offset, data = pieces.given_offset(), request.get_data(cache=False)
+    offset, data = chunks.given_offset(), request.get_data(cache=False)
     with one_at_a_time(staged.path):
         return {"offset": append(staged.path, data, offset=offset, size=staged.size_bytes)}
 
@@ -303,7 +303,7 @@ def _state(staged: StagedFile) -> dict[str, Any]:
         "id": staged.id,
         "offset": staged.arrived,
         "size_bytes": staged.size_bytes,
-        "chunk_bytes": pieces.chunk_bytes(),
+        "chunk_bytes": chunks.chunk_bytes(),
     }
 
 

@@ -58,7 +58,7 @@ class Foliage:
 
 
 def grow(rng: np.random.Generator, trees: tuple[Tree, ...]) -> Foliage:
-    """Yield each tree its crown."""
+    """Make a crown for each tree."""
     parts = [_crown(rng, tree, number) for number, tree in enumerate(trees)]
     return Foliage(*(np.concatenate([getattr(part, name) for part in parts]) for name in Foliage.__slots__))
 

@@ -18,7 +18,7 @@ FENCE_M = 1.25
 
 
 def trunks(rng: np.random.Generator, trees: tuple[Tree, ...]) -> list[Quad]:
-    """Yield each tree a six-sided trunk."""
+    """Make a six-sided trunk for each tree."""
     dark = [_bark(rng, (102, 84, 66)) for _ in range(6)]
     pale = [_bark(rng, (206, 204, 196), marks=True) for _ in range(6)]
     quads = []

@@ -44,7 +44,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a lease may cost.
+    """How long a lease lasts, and how many workers may die on a job.
 
     Attributes
     ----------
@@ -388,5 +388,5 @@ def _died(job: Job) -> dict[str, Any]:
     return {
         "message": f"the worker died {job.attempts or job.fence} times on this job",
         "where": None,
-        "hint": "the log of the server says more; is there too little memory? Then try again",
+        "hint": "see the log of the server; if memory ran out, give the worker more, then try again",
     }

@@ -150,7 +150,7 @@ def store_result(
     request : LocalizeRequest
         Its file is moved.
     account_id : int
-        Who result.
+        Account that asked.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Photos through the API: added, uploaded in pieces, given back as a picture or file.
+"""Photos through the API: added, uploaded in chunks, given back as a picture or file.
 
-An upload in pieces is begun, sent, and taken in when the last piece is there. A piece that was answered is
+An upload in chunks is begun, sent, and taken in when the last chunk is there. A chunk that was answered is
 on the disk. A client that lost the answer asks for the offset and resumes there; one that lost everything
 starts over with the same fingerprint and finds what has arrived.
 """
@@ -32,7 +32,7 @@ from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
-from webapp.web import pieces
+from webapp.web import chunks
 from webapp.web.context import account, library, open_map, reading_map, settings
 from webapp.web.errors import as_json
 from webapp.web.maps import state
@@ -191,17 +191,17 @@ class UploadOut(Schema):
     id = String()
     offset = Integer(metadata={"description": "bytes that have arrived: where to resume"})
     size_bytes = Integer()
-    chunk_bytes = Integer(metadata={"description": "largest piece"})
+    chunk_bytes = Integer(metadata={"description": "largest chunk"})
 
 
-class PieceOut(IntakeOut):
+class ChunkOut(IntakeOut):
     """How far an upload is; with the last chunk also the result for the file."""
 
     offset = Integer()
 
 
-uploads_api.before_request(pieces.limit_bytes)
-uploads_api.errorhandler(WrongOffset)(pieces.tell_offset)
+uploads_api.before_request(chunks.limit_bytes)
+uploads_api.errorhandler(WrongOffset)(chunks.tell_offset)
 
 
 @uploads_api.post("")
@@ -228,17 +228,17 @@ def look(slug: str, id: str) -> dict[str, Any]:
 
 
 @uploads_api.patch("/<id>")
-@uploads_api.output(PieceOut)
+@uploads_api.output(ChunkOut)
 @uploads_api.doc(
-    description="The body is the piece, its place the header `Upload-Offset`. A piece that does not fit is "
+    description="The body is the chunk, its place the header `Upload-Offset`. A chunk that does not fit is "
     "answered by 409 with the right `offset`. The last chunk is answered by the result for the file; where "
-    "all bytes have arrived and that answer did not come, an empty piece at the end asks for it."
+    "all bytes have arrived and that answer did not come, an empty chunk at the end asks for it."
 )
 def send(slug: str, id: str) -> dict[str, Any]:
-    """Send the next piece."""
+    """Send the next chunk."""
     record = open_map(slug, "editor")
     upload = _find_upload(record, id)
-    offset, data, part = pieces.given_offset(), request.get_data(cache=False), _part(upload)
+    offset, data, part = chunks.given_offset(), request.get_data(cache=False), _part(upload)
     with one_at_a_time(part):
         try:
             there = append(part, data, offset=offset, size=upload.size_bytes)
@@ -278,7 +278,7 @@ def _state(upload: Upload) -> dict[str, Any]:
         "id": upload.id,
         "offset": arrived(_part(upload)),
         "size_bytes": upload.size_bytes,
-        "chunk_bytes": pieces.chunk_bytes(),
+        "chunk_bytes": chunks.chunk_bytes(),
     }
 
 

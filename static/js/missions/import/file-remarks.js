@@ -52,7 +52,7 @@ export function resultText(results) {
  * @param {{notes?: string[], skipped: Array<Object>, doubts: Array<Object>}} remarks
  */
 export function remarkList({ notes = [], skipped, doubts }) {
-  const counted = (all) => all.map(({ count, reason, where }) => `${count.toLocaleString(locale)} ${reason} (${where})`);
+  const counted = (all) => all.map(({ count, reason, where }) => `${reason} (${count.toLocaleString(locale)}), ${where}`);
   const lists = [[t("How it was understood"), notes], [t("Left out"), counted(skipped)], [t("Odd"), counted(doubts)]];
   return lists.filter(([, lines]) => lines.length).map(([title, lines]) => h("div", {}, h("h3", { class: "small" }, title), folded(lines)));
 }

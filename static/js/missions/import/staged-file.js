@@ -1,6 +1,6 @@
 /** A file that was chosen: sent, looked at, read again in another way, imported or dropped. */
 
-import { sendInPieces } from "../../shared/send-pieces.js";
+import { sendInChunks } from "../../shared/send-chunks.js";
 import { debounce } from "../../shared/timing.js";
 import { ended } from "../job-progress.js";
 
@@ -135,13 +135,13 @@ export class StagedFile extends EventTarget {
   }
 
   async _send() {
-    await sendInPieces(this.file, {
+    await sendInChunks(this.file, {
       begin: async () => {
         const begun = await (this._id === null ? this.server.begin({ name: this.name, size_bytes: this.file.size }) : this.server.look(this._id));
         this._id = begun.id;
         return begun;
       },
-      sendPiece: this.server.sendPiece,
+      sendChunk: this.server.sendChunk,
       signal: this._stop.signal,
       onProgress: (bytes) => {
         this.sent = bytes;

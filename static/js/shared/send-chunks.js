@@ -1,4 +1,4 @@
-/** A file on its way to the server in pieces, resumed where it stopped as often as the connection breaks. */
+/** A file on its way to the server in chunks, resumed where it stopped as often as the connection breaks. */
 
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 const MOST_REFUSALS = 5;
@@ -6,7 +6,7 @@ const MOST_REFUSALS = 5;
 /**
  * @typedef {Object} Way how a file is sent
  * @property {function(): Promise<{id: string, offset: number, chunk_bytes: number}>} begin begins, or finds what has arrived
- * @property {function(string, Blob, Object): Promise<Object>} sendPiece
+ * @property {function(string, Blob, Object): Promise<Object>} sendChunk
  * @property {function(number): void} onProgress called with the bytes that have arrived or are under way
  * @property {AbortSignal} signal
  */
@@ -15,9 +15,9 @@ const MOST_REFUSALS = 5;
  * Send a file.
  * @param {File} file
  * @param {Way} way
- * @returns {Promise<Object>} what the server answered to the last piece
+ * @returns {Promise<Object>} what the server answered to the last chunk
  */
-export async function sendInPieces(file, way) {
+export async function sendInChunks(file, way) {
   let sent = 0;
   const onProgress = (bytes) => {
     sent = bytes;
@@ -37,14 +37,14 @@ export async function sendInPieces(file, way) {
   }
 }
 
-async function sendRest(file, { begin, sendPiece, onProgress, signal }) {
+async function sendRest(file, { begin, sendChunk, onProgress, signal }) {
   const begun = await begin();
   let { offset } = begun;
   for (;;) {
     signal.throwIfAborted();
-    const piece = file.slice(offset, offset + begun.chunk_bytes);
+    const chunk = file.slice(offset, offset + begun.chunk_bytes);
     const first = offset;
-    const answer = await sendPiece(begun.id, piece, {
+    const answer = await sendChunk(begun.id, chunk, {
       headers: { "Upload-Offset": String(offset), "Content-Type": "application/octet-stream" },
       signal,
       onProgress: (bytes) => onProgress(Math.min(first + bytes, file.size)),

@@ -1,4 +1,4 @@
-"""Files that come in pieces: where a piece belongs, and the answer to one that does not fit."""
+"""Files that come in chunks: where a chunk belongs, and the answer to one that does not fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPERATION: dict[str, Any] = {
             "name": HEADER,
             "in": "header",
             "required": True,
-            "description": "Bytes of the file before this piece.",
+            "description": "Bytes of the file before this chunk.",
             "schema": {"type": "integer", "minimum": 0},
         }
     ],
@@ -27,23 +27,23 @@ OPERATION: dict[str, Any] = {
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
     },
 }
-"""What a route that takes a piece reads, for the OpenAPI document."""
+"""What a route that takes a chunk reads, for the OpenAPI document."""
 
 _JSON_BYTES = 100_000
 
 
 def chunk_bytes() -> int:
-    """Return the size of the largest piece."""
+    """Return the size of the largest chunk."""
     return int(settings().upload.chunk_mb * 1e6)
 
 
 def limit_bytes() -> None:
-    """Refuse pieces that are too large while they are read; for `before_request`."""
+    """Refuse chunks that are too large while they are read; for `before_request`."""
     request.max_content_length = chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
 
 
 def given_offset() -> int:
-    """Read where the sender believes its piece belongs.
+    """Read where the sender believes its chunk belongs.
 
     Raises
     ------
