@@ -37,7 +37,7 @@ class UploadLimits:
     """How files come in through the web."""
 
     chunk_mb: float = 4.0
-    """Largest piece of a resumable upload, megabytes (10^6 bytes)."""
+    """Largest chunk of a resumable upload, megabytes (10^6 bytes)."""
 
     files_per_request: int = 200
     """Photos in one request."""
@@ -151,7 +151,7 @@ class ServeSettings:
     """Requests at once in each of them."""
 
     patience_s: float = 15.0
-    """A request may keep a thread waiting so long, seconds, and one more for each 2000 bytes that arrive."""
+    """Seconds that a request may keep a thread waiting, and one more for each 2000 bytes that arrive."""
 
     stop_s: float = 5.0
     """Seconds that active requests have to end when the server stops."""

@@ -286,7 +286,7 @@ HALF = {
 
 @pytest.fixture(scope="module")
 def impatient(tmp_path_factory):
-    """Port and address of a server that waits a second for each client."""
+    """Port and address of a server that waits a second for a client that keeps a thread, four for others."""
     folder = new_library(tmp_path_factory.mktemp("impatient") / "library")
     with pytest.MonkeyPatch.context() as patch, reserved_port() as port:
         patch.setenv("EXPMAP_SERVE_PATIENCE_S", "1")

@@ -117,6 +117,7 @@ def test_tables_of_short_rows_keep_what_they_have_and_need_no_index(released):
         for table, row in rows.items():
             marks = ", ".join("?" * len(row))
             session.connection().exec_driver_sql(f"INSERT INTO {table} VALUES ({marks})", row)
+    _add_orphan(released)
     migrate(released)
     with released.write() as session:
         run = session.connection().exec_driver_sql
@@ -129,3 +130,12 @@ def test_tables_of_short_rows_keep_what_they_have_and_need_no_index(released):
         run("DELETE FROM account WHERE id = 1")
         for table in ("sign_in_link", "member"):
             assert run(f"SELECT count(*) FROM {table}").scalar_one() == 0, "goes with its account"
+        run("DELETE FROM map WHERE id = 1")
+        assert run("SELECT count(*) FROM placed_elsewhere").scalar_one() == 0, "goes with its map"
+
+
+def _add_orphan(database):
+    """Add a member of a map that is not there, as a program does that does not check foreign keys."""
+    with sqlite3.connect(database.engine.url.database) as raw:
+        raw.execute("INSERT INTO member VALUES (99, 1, 'viewer')")
+    raw.close()

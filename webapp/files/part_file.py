@@ -42,7 +42,7 @@ def one_at_a_time(part: Path) -> Iterator[None]:
     Raises
     ------
     Conflict
-        Somebody else has been at it for long.
+        Another process has held it too long.
     """
     try:
         with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):

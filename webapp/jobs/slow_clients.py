@@ -20,10 +20,13 @@ LEAST_BYTES_PER_S = 2000
 
 _ANSWER_S = 60.0
 _SILENT = 4
-"""Times the patience: how long a connection may stay silent that keeps no thread.
+"""Times the patience: how long a connection may stay silent, which keeps no thread.
 
 A network that loses packets, or a busy machine, can hold back for a while what a client has sent.
 """
+
+_CROWDED = 0.5
+"""Share of the connections of a process from which silent ones are closed after the patience alone."""
 _LINGER_S = 0.1
 """How long a connection that is being closed is listened to, by the one thread that accepts all others."""
 
@@ -92,6 +95,9 @@ class ClientSocket(socket.socket):
 class Connection(TConn):  # type: ignore[misc]
     """A connection that is closed without waiting long for the client to notice."""
 
+    patient_until = 0.0
+    """When it counts as silent where others need its room, by the monotonic clock."""
+
     def close(self, graceful: bool = False) -> None:
         """Close it; gracefully, so that the end of the answer is not lost."""
         if graceful:
@@ -115,11 +121,19 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         connection = Connection(
             self.cfg, ClientSocket(fileno=accepted.detach()), address, listener.getsockname()
         )
-        connection.timeout = time.monotonic() + _SILENT * ClientSocket.patience_s
+        connection.patient_until = time.monotonic() + ClientSocket.patience_s
+        connection.timeout = connection.patient_until + (_SILENT - 1) * ClientSocket.patience_s
         self.pending_conns.append(connection)
         self.poller.register(
             connection.sock, EVENT_READ, partial(self.on_pending_socket_readable, connection)
         )
+
+    def murder_pending(self) -> None:
+        """Close connections that were silent for long; sooner where many are open or the server stops."""
+        if not self.alive or self.nr_conns > _CROWDED * self.worker_connections:
+            for connection in self.pending_conns:
+                connection.timeout = connection.patient_until
+        super().murder_pending()
 
     def handle(self, conn: Connection) -> Any:
         """Answer a request."""

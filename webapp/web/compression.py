@@ -1,4 +1,4 @@
-"""Answers of text are compressed for those who take it."""
+"""Compresses text responses for clients that accept gzip."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def init_app(app: Flask) -> None:
 
 
 def accepts_gzip() -> bool:
-    """Return whether who asks takes compressed answers."""
+    """Return whether the client accepts gzip."""
     return request.accept_encodings.quality("gzip") > 0
 
 

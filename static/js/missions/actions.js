@@ -3,7 +3,7 @@
 import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
 import { listenToDrops, usable } from "../shared/drop-files.js";
-import { labelled, locale, t } from "../shared/i18n.js";
+import { locale, t } from "../shared/i18n.js";
 import { toast, toastError } from "../shared/toast.js";
 import { resultText } from "./import/file-remarks.js";
 import { importDialog } from "./import/wizard.js";
@@ -55,7 +55,7 @@ function knownLines(store, lines) {
 
 /** What an import says when it is done; what could not be used was listed with its reason. */
 function tellImported(results) {
-  const hint = results.flatMap(({ skipped }) => skipped).map(({ reason, count }) => labelled(reason, count.toLocaleString(locale))).join("; ");
+  const hint = results.flatMap(({ skipped }) => skipped).map(({ reason, count }) => `${reason} (${count.toLocaleString(locale)})`).join("; ");
   toast(resultText(results), { hint: hint || null });
 }
 

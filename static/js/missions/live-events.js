@@ -18,28 +18,44 @@ export class Live extends EventTarget {
     this.id = id;
     this.connected = true;
     this.failures = 0;
+    this._following = false;
     this._stream = null;
     this._timer = 0;
+    this._turn = 0; // counts the times of opening and closing, of which an answer can be late for one
     this._server = store.server(id);
     this._away = new AbortController();
     const { signal } = this._away;
-    document.addEventListener("visibilitychange", () => (document.hidden ? this.pause() : this.start()), { signal });
-    addEventListener("online", () => this.start(), { signal });
-    addEventListener("pagehide", () => this.pause(), { signal });
+    document.addEventListener("visibilitychange", () => (document.hidden ? this._close() : this._open()), { signal });
+    addEventListener("online", () => this._open(), { signal });
+    addEventListener("pagehide", () => this._close(), { signal });
   }
 
   /** Listen to what comes after the state that is known. */
   start() {
-    this.pause();
+    this._following = true;
+    this._open();
+  }
+
+  /** Ask for nothing until `start` is called. */
+  pause() {
+    this._following = false;
+    this._close();
+  }
+
+  _open() {
+    this._close();
+    if (!this._following) return;
     const mission = this.store.missions.get(this.id);
     // it may still be corrected, which needs no stream; but people go on with its tasks
-    if (mission.ended_at && !mission.objects) return this._later(ENDED_MS);
+    if (mission.ended_at && !mission.objects) {
+      this._later(ENDED_MS);
+      return;
+    }
     this._stream = this._server.events(mission.cursor, {
       changed: (received, cursor) => this._take(received, cursor),
       open: () => this._heard(),
       error: (closed) => this._lost(closed),
     });
-    return null;
   }
 
   stop() {
@@ -49,19 +65,20 @@ export class Live extends EventTarget {
 
   /** Take everything that changed until now, without the stream. */
   async refresh() {
+    const turn = this._turn;
     try {
       const mission = await this._server.state();
       if (!this.store.missions.has(this.id)) return;
       this._heard();
       this.store.refresh(mission);
     } catch (error) {
-      if (error.status === 404) this._gone();
+      if (error.status === 404 && turn === this._turn) this._gone();
       else this._tell(error.code !== "offline");
     }
   }
 
-  /** Ask for nothing until `start` is called. */
-  pause() {
+  _close() {
+    this._turn += 1;
     clearTimeout(this._timer);
     this._stream?.close();
     this._stream = null;
@@ -82,12 +99,16 @@ export class Live extends EventTarget {
     this.failures += 1;
     this._tell(navigator.onLine && this.failures < 3);
     if (!closed) return;
-    this.pause();
+    this._close();
     this._later(Math.min(ASK_MS * 2 ** Math.min(this.failures - 1, 6), SLOWEST_MS));
   }
 
   _later(wait) {
-    this._timer = setTimeout(() => this.refresh().then(() => this._away.signal.aborted || this.start()), wait);
+    const turn = this._turn;
+    this._timer = setTimeout(async () => {
+      await this.refresh();
+      if (turn === this._turn) this._open();
+    }, wait);
   }
 
   _gone() {

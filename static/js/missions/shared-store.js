@@ -47,6 +47,7 @@ export class Following extends EventTarget {
 
   start() {
     this._pause();
+    if (document.hidden) return; // who looks again starts it
     this._timer = setTimeout(() => this._ask(), Math.min(ASK_MS * 2 ** this._failures, SLOWEST_MS));
   }
 

@@ -7,7 +7,7 @@ from tests.core.landmarks.scene import known_at, submodel_of
 from webapp.core.geometry import so3
 from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
-from webapp.core.landmarks.georegister import georegister, odd_ones
+from webapp.core.landmarks.georegister import georegister, outlying_positions
 from webapp.core.landmarks.placing import LaidSubmodel, lay_submodel
 from webapp.core.landmarks.similarity import fit_similarity
 from webapp.core.landmarks.submodels import Submodel
@@ -199,9 +199,9 @@ def test_a_position_far_from_all_others_is_not_wrong_for_the_uncertainty_of_the_
     for _ in range(100):
         plan = np.append(rng.uniform(-20.0, 20.0, 5) + 1j * rng.uniform(-20.0, 20.0, 5), 500.0)
         at = 2.0 * plan + rng.normal(0.0, 1.0, 6) + 1j * rng.normal(0.0, 1.0, 6)
-        assert not len(odd_ones(plan, at, sigma=np.ones(6)))
+        assert not len(outlying_positions(plan, at, sigma=np.ones(6)))
     at[2] += 100.0
-    assert odd_ones(plan, at, sigma=np.ones(6)).tolist() == [2]
+    assert outlying_positions(plan, at, sigma=np.ones(6)).tolist() == [2]
 
 
 def test_a_point_with_many_clicks_is_found_from_some_of_their_pairs(rng, monkeypatch):

@@ -273,7 +273,7 @@ def test_a_download_that_was_cut_off_goes_on_at_another_machine(machine, park, s
     assert len(s3.requests) == fetched, "ranges are cut from the copy that is here"
 
 
-def test_an_upload_in_pieces_goes_on_at_another_machine(machine, library, park):
+def test_an_upload_in_chunks_goes_on_at_another_machine(machine, library, park):
     data, here = jpeg(), machine("a")
     url = f"/api/v1/maps/{park}/uploads"
     asked = {"name": "a.jpg", "size_bytes": len(data), "fingerprint": "f"}
@@ -281,9 +281,9 @@ def test_an_upload_in_pieces_goes_on_at_another_machine(machine, library, park):
     kind = "application/octet-stream"
     for start in range(0, len(data), begun["chunk_bytes"]):
         client = machine("b" if start else "a")
-        piece = data[start : start + begun["chunk_bytes"]]
+        chunk = data[start : start + begun["chunk_bytes"]]
         answer = client.patch(
-            f"{url}/{begun['id']}", data=piece, headers={"Upload-Offset": str(start)}, content_type=kind
+            f"{url}/{begun['id']}", data=chunk, headers={"Upload-Offset": str(start)}, content_type=kind
         )
     assert answer.status_code == 200
     assert photos(library, park) == ["a.jpg"]
@@ -328,21 +328,21 @@ def test_a_connection_that_breaks_off_is_one_sentence_in_page_and_log(
     assert [(one.getMessage(), one.exc_info) for one in ours] == [(f"{settings.storage}: {said}", None)]
 
 
-def test_an_upload_in_pieces_waits_for_s3(machine, library, park, s3):
+def test_an_upload_in_chunks_waits_for_s3(machine, library, park, s3):
     data, client = jpeg(side=40), machine("a")
     url = f"/api/v1/maps/{park}/uploads"
     asked = {"name": "a.jpg", "size_bytes": len(data), "fingerprint": "f"}
     begun = client.post(url, json=asked).get_json()
-    piece = {"data": data, "headers": {"Upload-Offset": "0"}, "content_type": "application/octet-stream"}
+    chunk = {"data": data, "headers": {"Upload-Offset": "0"}, "content_type": "application/octet-stream"}
     s3.refuse = (503, "SlowDown")
-    refused = client.patch(f"{url}/{begun['id']}", **piece)
+    refused = client.patch(f"{url}/{begun['id']}", **chunk)
     assert (refused.status_code, refused.get_json()["error"]["code"]) == (503, "storage_unavailable")
     assert int(refused.headers["Retry-After"]) > 0
     assert photos(library, park) == []
     s3.reset()
     known = client.post(url, json=asked).get_json()
     assert (known["id"], known["offset"]) == (begun["id"], len(data))
-    rest = {**piece, "data": b"", "headers": {"Upload-Offset": str(len(data))}}
+    rest = {**chunk, "data": b"", "headers": {"Upload-Offset": str(len(data))}}
     assert client.patch(f"{url}/{begun['id']}", **rest).status_code == 200
     assert photos(library, park) == ["a.jpg"]
 

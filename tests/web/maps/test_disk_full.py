@@ -72,7 +72,7 @@ def files(seed, name="a.jpg", **fields):
 
 
 def upload(client):
-    """Send the only piece of a photo."""
+    """Send the only chunk of a photo."""
     about = {"name": "u.jpg", "size_bytes": len(jpeg(PHOTO_SEED)), "fingerprint": "u"}
     begun = client.post("/api/v1/maps/park/uploads", json=about)
     if begun.status_code != 201:

@@ -1,4 +1,4 @@
-"""Photos in through the API: many in a request, or piece by piece; and out again."""
+"""Photos in through the API: many in a request, or chunk by chunk; and out again."""
 
 import io
 import mimetypes
@@ -71,7 +71,7 @@ class Sender:
         given = {"name": name, "size_bytes": size, "fingerprint": fingerprint or f"{name}/{size}"}
         return self.client.post(self.url, json=given)
 
-    def piece(self, id, data, *, offset):
+    def chunk(self, id, data, *, offset):
         return self.client.patch(
             f"{self.url}/{id}",
             data=data,
@@ -83,7 +83,7 @@ class Sender:
         """Send from where it stands; gives the last answer."""
         offset, answer = begun["offset"], None
         while offset < len(data):
-            answer = self.piece(begun["id"], data[offset : offset + begun["chunk_bytes"]], offset=offset)
+            answer = self.chunk(begun["id"], data[offset : offset + begun["chunk_bytes"]], offset=offset)
             offset = answer.json.get("offset", len(data))
         return answer
 
@@ -218,7 +218,7 @@ def test_a_file_comes_in_chunks(sender, photos, library):
     assert len(data) > 20_000
     begun = sender.begin(data, "výlet.jpg")
     assert (begun.status_code, begun.json["offset"], begun.json["chunk_bytes"]) == (201, 0, 10_000)
-    assert sender.piece(begun.json["id"], data[:10_000], offset=0).json == {"offset": 10_000}
+    assert sender.chunk(begun.json["id"], data[:10_000], offset=0).json == {"offset": 10_000}
     again = sender.begin(data, "výlet.jpg").json
     assert (again["id"], again["offset"]) == (begun.json["id"], 10_000)
     result = sender.rest(again, data)
@@ -237,12 +237,12 @@ def test_photos_are_numbered_in_the_order_in_which_they_were_begun(sender, clien
     assert {photo["id"]: photo["name"] for photo in found} == {n: f"IMG_{n}.JPG" for n in range(3)}
 
 
-def test_a_piece_that_does_not_fit_gets_the_offset_to_go_on_at(sender, client):
+def test_a_chunk_that_does_not_fit_gets_the_offset_to_go_on_at(sender, client):
     data = jpeg()
     id = sender.begin(data).json["id"]
-    sender.piece(id, data[:5000], offset=0)
+    sender.chunk(id, data[:5000], offset=0)
     for offset in (0, 4999, 6000):
-        answer = sender.piece(id, data[offset : offset + 1000], offset=offset)
+        answer = sender.chunk(id, data[offset : offset + 1000], offset=offset)
         assert (answer.status_code, answer.json["offset"]) == (409, 5000)
         assert answer.headers["Upload-Offset"] == "5000"
         assert answer.json["error"]["code"] == "wrong_offset"
@@ -251,15 +251,15 @@ def test_a_piece_that_does_not_fit_gets_the_offset_to_go_on_at(sender, client):
 
 
 @pytest.mark.parametrize("offset", ["", "-1", "x", "1.5", "9" * 30, "²"])
-def test_a_piece_says_where_it_belongs(sender, offset):
+def test_a_chunk_says_where_it_belongs(sender, offset):
     id = sender.begin(jpeg()).json["id"]
-    assert sender.piece(id, b"x", offset=offset.encode("utf-8").decode("latin-1")).status_code == 400
+    assert sender.chunk(id, b"x", offset=offset.encode("utf-8").decode("latin-1")).status_code == 400
 
 
 def test_chunks_have_a_largest_size(sender, client):
     data = jpeg()
     id = sender.begin(data).json["id"]
-    assert sender.piece(id, data[:10_001], offset=0).status_code == 413
+    assert sender.chunk(id, data[:10_001], offset=0).status_code == 413
     assert client.get(f"{sender.url}/{id}").json["offset"] == 0
 
 
@@ -273,7 +273,7 @@ def test_a_file_that_is_not_a_photo_is_refused_at_the_end(sender, photos, librar
 
 def test_more_than_was_announced_is_refused(sender, library):
     id = sender.begin(b"", size=10).json["id"]
-    assert sender.piece(id, b"x" * 11, offset=0).status_code == 422
+    assert sender.chunk(id, b"x" * 11, offset=0).status_code == 422
     assert (left(library), records(library)) == ([], 0)
 
 
@@ -304,22 +304,22 @@ def test_an_upload_is_its_owners(sender, sign_in, new_account, library, park, ow
         record = session.query(MapRecord).filter_by(slug=park).one()
         accounts.set_member_role(session, record, account=ana, role="editor")
     other = Sender(sign_in(ana), park)
-    assert other.piece(id, data[:10], offset=0).status_code == 404
+    assert other.chunk(id, data[:10], offset=0).status_code == 404
     assert other.begin(data).json["id"] != id
     for wrong in ("0" * 32, "..", "../../x", "%2e%2e%2f"):
-        assert sender.piece(wrong, b"x", offset=0).status_code == 404
+        assert sender.chunk(wrong, b"x", offset=0).status_code == 404
 
 
 def test_an_upload_given_up_is_deleted(sender, client, library):
     data = jpeg()
     id = sender.begin(data).json["id"]
-    sender.piece(id, data[:10_000], offset=0)
+    sender.chunk(id, data[:10_000], offset=0)
     assert client.delete(f"{sender.url}/{id}").status_code == 204
     assert (left(library), records(library)) == ([], 0)
     assert client.get(f"{sender.url}/{id}").status_code == 404
 
 
-def test_killed_after_the_last_piece_an_empty_one_completes(sender, library, monkeypatch, photos):
+def test_killed_after_the_last_chunk_an_empty_one_completes(sender, library, monkeypatch, photos):
     data = jpeg(side=120)
     id = sender.begin(data).json["id"]
 
@@ -329,11 +329,11 @@ def test_killed_after_the_last_piece_an_empty_one_completes(sender, library, mon
     with monkeypatch.context() as patch:
         patch.setattr(add_photo, "add_photo", killed)
         with pytest.raises(KeyboardInterrupt):
-            sender.piece(id, data, offset=0)
+            sender.chunk(id, data, offset=0)
     assert photos() == []
     begun = sender.begin(data).json
     assert (begun["id"], begun["offset"]) == (id, len(data))
-    assert sender.piece(id, b"", offset=len(data)).json["id"] == 0
+    assert sender.chunk(id, b"", offset=len(data)).json["id"] == 0
 
 
 def test_killed_after_the_commit_the_file_sent_again_is_the_same_photo(sender, monkeypatch, photos, library):
@@ -346,10 +346,10 @@ def test_killed_after_the_commit_the_file_sent_again_is_the_same_photo(sender, m
     with monkeypatch.context() as patch:
         patch.setattr(api_photos, "_give_up", killed)
         with pytest.raises(KeyboardInterrupt):
-            sender.piece(id, data, offset=0)
+            sender.chunk(id, data, offset=0)
     begun = sender.begin(data).json
     assert (begun["id"], begun["offset"]) == (id, 0)
-    again = sender.piece(id, data, offset=0)
+    again = sender.chunk(id, data, offset=0)
     assert (again.json["id"], again.json["duplicate"]) == (0, True)
     assert (photos(), left(library), records(library)) == (["a.jpg"], [], 0)
 
@@ -360,9 +360,9 @@ def test_a_full_disk_leaves_nothing(sender, monkeypatch, library):
 
     data = jpeg()
     begun = sender.begin(data).json
-    sender.piece(begun["id"], data[:100], offset=0)
+    sender.chunk(begun["id"], data[:100], offset=0)
     monkeypatch.setattr(api_photos, "append", full)
-    assert sender.piece(begun["id"], data[100:200], offset=100).status_code == 507
+    assert sender.chunk(begun["id"], data[100:200], offset=100).status_code == 507
     assert (left(library), records(library)) == ([], 0)
     monkeypatch.setattr(api_photos, "check_space", full)
     assert sender.begin(data).status_code == 507

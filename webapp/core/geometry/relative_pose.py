@@ -18,7 +18,7 @@ _MAX_EPIPOLAR_ERROR = 0.0025
 """Largest distance of an inlier from its epipolar line, as a share of the longer side of the photo."""
 
 INLIER_SCALE = 35.0
-"""Inliers beyond chance that make two of three poses right."""
+"""Inliers beyond chance that make two out of three poses right."""
 
 _CHANCE_INLIERS = 6.0
 """Inliers that any pair of photos has."""

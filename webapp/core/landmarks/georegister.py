@@ -61,7 +61,7 @@ class Georegistration:
     points : tuple of PointFit
         Of the control points whose place in the submodel is known.
     problems : tuple of NotTriangulated
-        Of all others.
+        Control points that could not be triangulated, and why.
     """
 
     laid: LaidSubmodel | NotLaid
@@ -159,7 +159,7 @@ class _Extended:
     def lay(self) -> LaidSubmodel | NotLaid:
         """Lay it without the positions that contradict all others."""
         at, sigma = self.known.at[self.submodel.photo], self.known.sigma_px[self.submodel.photo]
-        wrong = odd_ones(self.view.position, at, sigma=sigma)
+        wrong = outlying_positions(self.view.position, at, sigma=sigma)
         kept = self.known.at.copy()
         kept[self.submodel.photo[wrong]] = complex(np.nan, np.nan)
         laid = lay_submodel(self.submodel, replace(self.known, at=kept), view=self.view)
@@ -172,8 +172,8 @@ class _Extended:
         return replace(laid, residual_px=residual, others_have=others, contradicting=contradicting)
 
 
-def odd_ones(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
-    """List positions without which all others fit one similarity, as exactly as they are known or nearly.
+def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
+    """Find positions to leave out so that the others fit one similarity within their accuracy.
 
     Parameters
     ----------

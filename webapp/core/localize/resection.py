@@ -23,7 +23,7 @@ _FULL_PARALLAX = math.radians(2.0)
 """From this parallax on a bearing counts fully; below, its photo only says "near"."""
 
 _NEAR = 3.0
-"""How fast a photo's say fades with its distance, in place radii."""
+"""How fast a photo's weight decays with its distance, in place radii."""
 
 _FARTHEST = math.exp(-4.0 / 3.0)
 """Nearness from which on a photo can speak for a place: four place radii away."""

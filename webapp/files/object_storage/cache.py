@@ -71,7 +71,7 @@ class ObjectCache:
         self._locks = [threading.Lock() for _ in range(_LOCKS)]
 
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
-        """Give the copy of an object, made where it is missing.
+        """Return the local copy of an object; fetch it where it is missing.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class ObjectCache:
         return place
 
     @contextmanager
-    def once(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Iterator[Path]:
+    def read_once(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Iterator[Path]:
         """Give an object for the block: the copy that is here, or one that is deleted after it.
 
         Whoever reads everything once takes no room from what others ask for again and again. Parameters and

@@ -181,7 +181,7 @@ def read_once(path: Path) -> Iterator[Path]:
     if storage is None or pointer is None or is_replaced(path, pointer):
         yield path
         return
-    with storage.cache.once(
+    with storage.cache.read_once(
         pointer, name=path.name, fetch=lambda target: storage.bucket.get(pointer.key, target)
     ) as copy:
         yield copy

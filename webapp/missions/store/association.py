@@ -1,4 +1,4 @@
-"""Gives detections without an id the id of the object that they show: one that is known, or another one."""
+"""Gives detections without an id the id of the object that they show: a known one, or a new one."""
 
 from __future__ import annotations
 

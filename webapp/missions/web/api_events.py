@@ -88,7 +88,7 @@ def events(mission_id: int, query: dict[str, Any]) -> Response:
 
 
 class _Follower:
-    """Where a follower of a mission is."""
+    """A client's position in the event stream of a mission."""
 
     def __init__(self, database: Database, mission_id: int, known: str | None) -> None:
         self._database = database

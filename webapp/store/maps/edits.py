@@ -150,7 +150,7 @@ def apply(
     Conflict
         Nothing was changed.
     NotFound
-        A photo that the map has not.
+        The map has no such photo.
     """
     rows = _Rows(session, record, changes)
     steps: list[dict[str, Any]] = []

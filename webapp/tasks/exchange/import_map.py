@@ -119,7 +119,7 @@ def _listed(paths: Collection[Path], folder: Path) -> str:
     return ", ".join(quoted(name) for name in names[:10]) + (" ..." if len(names) > 10 else "")
 
 
-_BEARABLE = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
+_TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 """Errors of single photos: the map is imported, and they are listed."""
 
 
@@ -311,7 +311,7 @@ def _move_into(source: Path, folder: Path) -> None:
 def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
     report = check_map.check_map(cfg, settings=settings, progress=progress)
     findings = tuple(relative_finding(f, cfg.parent) for f in report.findings)
-    errors = [f for f in findings if f.severity == "error" and f.code not in _BEARABLE]
+    errors = [f for f in findings if f.severity == "error" and f.code not in _TOLERATED]
     if errors:
         first = errors[0]
         more = f", and {len(errors) - 1} more errors" if len(errors) > 1 else ""
@@ -324,7 +324,7 @@ def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Find
 
 
 def archive_path(library: Library, token: str) -> Path:
-    """Where an uploaded zip waits for its import; its folder is made when missing.
+    """Return the path where an uploaded zip waits for its import; its folder is made where it is missing.
 
     Parameters
     ----------

@@ -29,8 +29,8 @@ NOT_YET = "the landmarks around this place are not reconstructed yet: ask again 
 """Note of an answer that is to come with the pose when they are."""
 
 
-def usual_options(cfg: Path, options: OpenOptions, *, settings: Settings) -> OpenOptions:
-    """Return how places are found: as asked, but by `verified` where landmarks are only around them."""
+def options_for_retrieval(cfg: Path, options: OpenOptions, *, settings: Settings) -> OpenOptions:
+    """Return how places are retrieved: as asked, or by `verified` where landmarks are made on demand."""
     if options.method != "landmarks" or has_landmarks(cfg) or not can_reconstruct(settings):
         return options
     choice = options.choice()
@@ -50,10 +50,10 @@ def can_reconstruct(settings: Settings) -> bool:
 
 
 _ENOUGH = 100
-"""Matches of two photos above which more say nothing more."""
+"""Matches of two photos above which further ones add no information."""
 
 _REACH = 4
-"""Photos are chosen from so many times as many, the nearest."""
+"""Photos are chosen from this many times the wanted number, the nearest ones."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from webapp.files.localize.models import with_weights
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.on_demand import usual_options
+from webapp.tasks.landmarks.on_demand import options_for_retrieval
 from webapp.tasks.localize import build_index, calibrate, cascade, describe_photos, geometry, open_map
 from webapp.tasks.localize.build_index import BuildReport, BuildRequest
 from webapp.tasks.localize.index_location import index_bases, index_folder
@@ -54,7 +54,7 @@ def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: 
     """
     options.choice()  # what cannot work is reported before anything is read
     the_map = read_map(cfg)
-    options = usual_options(cfg, options, settings=settings)
+    options = options_for_retrieval(cfg, options, settings=settings)
     one, *further = cascade.look_options(options, first=choose("verified"), settings=settings)
     first = _build_look(cfg, one, the_map=the_map, settings=settings, progress=progress)
     if not further:

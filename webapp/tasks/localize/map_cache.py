@@ -34,7 +34,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
+from webapp.tasks.landmarks.on_demand import LandmarksAround, options_for_retrieval
 from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry, open_map, orient_map
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
@@ -158,7 +158,7 @@ class MapCache:
         """
         method, features = choice.resolved()
         asked = OpenOptions(method=method, features=features, build=False)
-        asked = usual_options(self._cfg(map_id), asked, settings=self._settings)
+        asked = options_for_retrieval(self._cfg(map_id), asked, settings=self._settings)
         around = None if asked.method == method else LandmarksAround(self._settings, Progress(), build=False)
         first, *further = cascade.look_options(asked, first=choose("verified"), settings=self._settings)
         opened = self._get_look(map_id, first)

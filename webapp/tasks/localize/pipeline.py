@@ -48,7 +48,7 @@ from webapp.files.maps.folder import read_map
 from webapp.files.object_storage.storage import local
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.on_demand import LandmarksAround, usual_options
+from webapp.tasks.landmarks.on_demand import LandmarksAround, options_for_retrieval
 from webapp.tasks.localize import (
     calibrate,
     cascade,
@@ -318,7 +318,7 @@ def open_pipeline(
     """
     options.choice()  # what cannot work is reported before anything is read
     the_map = read_map(cfg)
-    asked, options = options.method, usual_options(cfg, options, settings=settings)
+    asked, options = options.method, options_for_retrieval(cfg, options, settings=settings)
     around = None if options.method == asked else LandmarksAround(settings, progress, build=True)
     newest = cascade.newest_features(cfg, options, settings=settings)
     one, *further = cascade.look_options(options, first=newest, settings=settings)

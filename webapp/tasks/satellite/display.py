@@ -57,7 +57,7 @@ class DisplayFile:
     Attributes
     ----------
     key : str
-        Another one means another content.
+        Changes when the content does.
     """
 
     path: Path
@@ -98,7 +98,7 @@ def whole(library: Library, record: MapRecord, *, settings: Settings) -> Display
 
 
 def copy(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Return a copy without anything that the file says besides its pixels; see `whole`."""
+    """Return a copy without metadata; see `whole`."""
     return _small(library, record, _original(library, record), name="preview", settings=settings)
 
 

@@ -95,7 +95,7 @@ class PhotoChange(Schema):
 
 
 class NumberedChange(PhotoChange):
-    """... with the photo's id."""
+    """A change with the id of its photo."""
 
     id = RecordNumber(required=True)
 
@@ -117,7 +117,7 @@ class RemoveRequest(Schema):
 
 
 class Since(Schema):
-    """From where on."""
+    """The revision to start from."""
 
     since = RecordNumber(least=-1, load_default=-1)
 

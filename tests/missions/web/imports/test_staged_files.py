@@ -186,7 +186,7 @@ def test_a_file_without_a_track_is_refused_by_name(client, stage, mission):
         assert "not a file with a track" in error["message"]
 
 
-def test_pieces_resume_where_they_stopped(client, mission):
+def test_chunks_resume_where_they_stopped(client, mission):
     address = f"{FILES}/{client.post(FILES, json={'name': 'a', 'size_bytes': 10}).json['id']}"
     client.patch(address, data=b"12345", headers={"Upload-Offset": "0"})
     wrong = client.patch(address, data=b"12345", headers={"Upload-Offset": "0"})

@@ -11,8 +11,12 @@ _TABLES = ("sign_in_link", "ended_session", "member", "placed_elsewhere")
 def upgrade() -> None:
     """Make the tables anew with the rows that they have; PostgreSQL knows no such tables."""
     op.drop_index("ix_upload_created_at", "upload")
-    if op.get_bind().dialect.name == "sqlite":
+    connection = op.get_bind()
+    if connection.dialect.name == "sqlite":
         for name in _TABLES:
+            # whose map or account another program has deleted without them: they could not be inserted anew
+            orphans = f"SELECT rowid FROM pragma_foreign_key_check('{name}')"
+            connection.exec_driver_sql(f"DELETE FROM {name} WHERE rowid IN ({orphans})")
             without_rowid = {"sqlite_with_rowid": False}
             with op.batch_alter_table(name, recreate="always", table_kwargs=without_rowid):
                 pass
