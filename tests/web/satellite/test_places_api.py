@@ -88,8 +88,8 @@ def test_who_waits_too_long_is_told(tmp_path):
     [
         (503, b"", "answered 503"),
         (302, b"", "answered 302"),
-        (200, b"<html>", "something else"),
-        (200, b'{"error": "x"}', "something else"),
+        (200, b"<html>", "did not send a list of places"),
+        (200, b'{"error": "x"}', "did not send a list of places"),
         (200, b"[" + b" " * 2_000_000 + b"]", "far too much"),
     ],
 )
