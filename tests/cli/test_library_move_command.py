@@ -47,3 +47,11 @@ def test_what_does_not_work_is_said_in_a_line(folder, expmap, to, code, words):
     ended, _, err = expmap("library", "move", "--to", to, "--library", folder)
     assert ended == code
     assert words in err.strip().splitlines()[-1]
+
+
+def test_a_place_that_is_none_is_refused_at_once(expmap, tmp_path):
+    code, out, err = expmap("library", "move", "--to", "mysql", "--library", tmp_path)
+    assert (code, out) == (2, "")
+    assert err.startswith(
+        "expmap: --to: nothing can be moved to 'mysql' (write sqlite, postgresql, s3, folder"
+    )

@@ -1,10 +1,12 @@
 """`expmap localize` as it is typed: text, JSON, pictures, exit codes."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from webapp.cli.localize import answer_text
@@ -243,6 +245,15 @@ def test_map_photos_that_cannot_be_used_are_reported_when_the_index_is_built(exp
 def own_sample(ready_sample, tmp_path):
     """A copy of the sample with its index."""
     return shutil.copytree(ready_sample, tmp_path / "sample")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/first-map.md"])
+def test_the_documents_show_the_answer_that_is_given(expmap, own_sample, page):
+    first = re.compile(r"^1 +>99 % +(\d+) +(\d+) +([\d.]+) m +(\d+)°", re.MULTILINE)
+    _, out, _ = expmap("localize", own_sample / "map.cfg", own_sample / "queries" / "query_02.jpg")
+    text = (Path(__file__).parents[2] / page).read_text("utf-8")
+    shown, given = (np.array(first.search(said).groups(), float) for said in (text, out))
+    assert given == pytest.approx(shown, abs=1.0)
 
 
 def test_a_georeferenced_map_gives_latitude_and_metres(expmap, own_sample):

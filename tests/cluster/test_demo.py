@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 from contextlib import suppress
@@ -154,3 +155,13 @@ def test_what_cannot_be_used_is_refused(tmp_path):
         done = subprocess.run([*COMMAND, *options], capture_output=True, text=True, cwd=ROOT, timeout=300)
         assert (done.returncode, done.stdout) == (2, "")
         assert sentence in done.stderr
+
+
+def test_a_port_that_is_taken_is_refused_before_anything_starts(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        words = [*COMMAND, "--port", str(port), "--folder", str(tmp_path / "demo")]
+        done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"expmap: 127.0.0.1:{port}: another program uses this port (stop it")
+    assert not (tmp_path / "demo").exists()

@@ -97,7 +97,7 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
         raise MissingPart(
             "the server does not run natively on Windows", hint="run it in WSL: wsl --install, then make run"
         )
-    with ExitStack() as on_end, _listen(site.host, site.port) as listener, Drain() as drain:
+    with ExitStack() as on_end, listen(site.host, site.port) as listener, Drain() as drain:
         library = open_library(settings.library, url=settings.database)
         try:
             open_storage(library, settings)
@@ -128,8 +128,14 @@ def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
         yield {METRICS_FOLDER: folder}
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """Listen, and wait a little where an earlier server has not ended completely."""
+def listen(host: str, port: int) -> socket.socket:
+    """Listen, and wait a little where an earlier server has not ended completely.
+
+    Raises
+    ------
+    UsageError
+        Another program uses the port, or there is no such address.
+    """
     until = time.monotonic() + _FREE_WITHIN_S
     while True:
         try:

@@ -21,6 +21,7 @@ from webapp.cli.demo.postgresql import as_user, new_cluster
 from webapp.configuration import load_settings
 from webapp.errors import ExpMapError, UsageError
 from webapp.extras import extra, require
+from webapp.jobs.serving import listen
 from webapp.settings import environment_for
 from webapp.store.accounts import accounts
 from webapp.store.library import open_library
@@ -55,6 +56,8 @@ class DemoCluster:
     ------
     MissingPart
         A package is not installed.
+    UsageError
+        The port is taken.
     ExpMapError
         A part does not start.
     """
@@ -73,6 +76,7 @@ class DemoCluster:
         self._environment = environment_for()
 
     def __enter__(self) -> Self:
+        listen(_HERE, self._port).close()  # what cannot work is to fail before all else is started
         try:
             self._start()
         except BaseException:
@@ -238,6 +242,7 @@ class DemoCluster:
 
     def _stop(self) -> None:
         """Stop all, those first that use others."""
+        self._echo("stopping")
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)  # it is being done
         front = [

@@ -58,7 +58,6 @@ def demo(port: int, map_folder: Path | None, folder: Path | None) -> None:
         )
         with suppress(KeyboardInterrupt):
             cluster.watch()
-        click.echo("stopping", err=True)
 
 
 def _as_ctrl_c(_number: int, _frame: FrameType | None) -> None:

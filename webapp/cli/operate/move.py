@@ -33,6 +33,12 @@ def move(to: str, library: Path | None) -> None:
     database is used, and all files with their hashes. Nothing is deleted: objects are kept, and so is the old
     database, but it cannot be opened any more. A move that was killed is completed by the same command.
     """
+    if to not in (_SQLITE, _SERVER, _STORAGE, _FOLDER) and "://" not in to:
+        raise UsageError(
+            f"nothing can be moved to {to!r}",
+            where="--to",
+            hint="write sqlite, postgresql, s3, folder, or postgresql+psycopg://user:password@host/database",
+        )
     settings = library_settings(library)
     if to in (_STORAGE, _FOLDER):
         _move_objects(to, settings)
