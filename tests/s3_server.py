@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from contextlib import closing
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from uuid import uuid4
@@ -107,11 +108,11 @@ class _Handler(BaseHTTPRequestHandler):
         if self.proxy.refuse is not None and self.command in self.proxy.refused_methods:
             self._refuse(*self.proxy.refuse)
             return
-        there = HTTPConnection(self.proxy.host, self.proxy.port, timeout=30)
         headers = {name: value for name, value in self.headers.items() if name.lower() != "expect"}
-        there.request(self.command, self.path, body, headers)
-        answer = there.getresponse()
-        content = answer.read()
+        with closing(HTTPConnection(self.proxy.host, self.proxy.port, timeout=30)) as there:
+            there.request(self.command, self.path, body, headers)
+            answer = there.getresponse()
+            content = answer.read()
         self.send_response(answer.status)
         for name, value in answer.getheaders():
             if name.lower() in _PASSED_ON and not (
@@ -130,7 +131,6 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(content[start : start + _BLOCK])
             if self.proxy.bytes_per_s:
                 time.sleep(len(content[start : start + _BLOCK]) / self.proxy.bytes_per_s)
-        there.close()
 
     do_GET = do_PUT = do_POST = do_HEAD = do_DELETE = _answer  # noqa: N815 - as the base class has them
 

@@ -64,6 +64,7 @@ class TcpProxy:
                     server.connect(self._server)
                 except OSError:
                     client.close()
+                    server.close()
                     continue
                 pair = (client, server)
                 self._pairs.add(pair)

@@ -33,6 +33,7 @@ def start(postgresql, tmp_path):
         return app
 
     yield make
+    storage.use(None)
     for library in opened:
         library.database.close()
     postgresql.drop(url)
