@@ -92,7 +92,7 @@ def test_a_mission_that_is_not_there_takes_nothing(mission, tmp_path):
     path.write_text(GPX)
     code, _, err = mission("import", "9", path)
     assert code == 1
-    assert "mission 9: there is no such mission, or it is in the bin" in err
+    assert "mission 9: the mission was not found, or is in the bin" in err
 
 
 def test_topics_are_listed(mission, shared_data):

@@ -134,7 +134,7 @@ def listen(host: str, port: int) -> socket.socket:
     Raises
     ------
     UsageError
-        Another program uses the port, or there is no such address.
+        Another program uses the port, or the address is not of this machine.
     """
     until = time.monotonic() + _FREE_WITHIN_S
     while True:

@@ -294,7 +294,7 @@ def _free(session: Session, mission: Mission, source: Source, *, title: str) -> 
 def _mission(session: Session, mission_id: int) -> Mission:
     mission = session.get(Mission, mission_id, with_for_update=True)
     if mission is None or mission.binned_at is not None:
-        raise NotFound("there is no such mission, or it is in the bin", where=f"mission {mission_id}")
+        raise NotFound("the mission was not found, or is in the bin", where=f"mission {mission_id}")
     return mission
 
 
