@@ -157,6 +157,11 @@ class Findings:
         """Return what was left out, in the order in which it was met."""
         return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
 
+    def nothing_usable(self) -> str:
+        """Return the sentence for a file of which nothing is left."""
+        reasons = "; ".join(map(str, self.skipped()))
+        return f"nothing in it can be used: {reasons or 'it has no track and no object'}"
+
     def doubts(self) -> tuple[Skipped, ...]:
         """Return what was taken and is doubtful, in the order in which it was met."""
         return tuple(self._doubts.values())

@@ -135,7 +135,7 @@ def inspect_file(
             objects += _take(piece, placer, found=found, anchors=anchors)
             progress.advance(len(piece.poses) if isinstance(piece, WorldPiece | RobotPiece) else 1)
     sources = tuple(gathered.source(*key) for key, gathered in found.items())
-    problem = "" if sources or objects else _reasons(findings)
+    problem = "" if sources or objects else findings.nothing_usable()
     doubts, notes = findings.doubts(), tuple(findings.notes)
     in_metres = any(source.frame == "robot" for source in sources)
     may = (("columns", head is not None), ("axes", in_metres and kind in _WITH_AXES))
@@ -260,8 +260,3 @@ def _ahead(xy_m: NDArray[np.float64], anchor: Anchor) -> NDArray[np.float64]:
     sin, cos = math.sin(anchor.yaw_rad), math.cos(anchor.yaw_rad)
     turned: NDArray[np.float64] = (xy_m - (anchor.x_m, anchor.y_m)) @ np.array([[cos, -sin], [sin, cos]])
     return turned
-
-
-def _reasons(findings: Findings) -> str:
-    reasons = "; ".join(map(str, findings.skipped()))
-    return f"nothing in it can be used: {reasons or 'it has no track and no object'}"

@@ -183,8 +183,7 @@ def stream(
                 )
                 yield part
         if not found:
-            reasons = "; ".join(map(str, findings.skipped()))
-            raise TrackError(f"nothing in it can be used: {reasons or 'it has no track and no object'}")
+            raise TrackError(findings.nothing_usable())
 
 
 def file_pieces(path: Path, *, options: ReadOptions, findings: Findings) -> Iterator[Piece]:
