@@ -12,7 +12,8 @@ KINDS = ("Evaluation", "Export")
 
 
 def test_progress_and_cancel_in_two_pages(page, context, api, sample_map):
-    id = api.ask("POST", f"/maps/{sample_map}/evaluation", data={})["id"]  # long enough to be cancelled
+    photos = {"limit": 40}  # enough for time to cancel it
+    id = api.ask("POST", f"/maps/{sample_map}/evaluation", data=photos)["id"]
     page.goto(f"/maps/{sample_map}/edit")
     listed = context.new_page()
     listed.goto(f"/maps/{sample_map}/jobs")

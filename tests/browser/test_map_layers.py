@@ -48,8 +48,9 @@ def tile_of(zoom, column, row):
 
 
 @pytest.fixture
-def addresses(tiles):
-    """The addresses of the service's tiles."""
+def addresses(tiles, page):
+    """The addresses of the service's tiles, which the page may ask for."""
+    page.context.watch.allow(f"http://127.0.0.1:{tiles.port}")
     return re.compile(re.sub(r"\\{[zxy]\\}", r"(\\d+)", re.escape(tiles.url)))
 
 
