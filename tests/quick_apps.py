@@ -1,23 +1,34 @@
 """What an application works out at its start, kept for the next one of this process: each test has its own.
 
-That is code of addresses, which Werkzeug compiles anew for every rule, and code of page templates.
+That is what Werkzeug compiles the rules of addresses to, and code of page templates.
 """
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from flask import Flask
 from jinja2 import BytecodeCache
 from jinja2.bccache import Bucket
 from werkzeug.routing import Rule
 
-_compile_builder = Rule._compile_builder
-_builders: dict[tuple[object, ...], Callable[..., tuple[str, str]]] = {}
+_compile = Rule.compile
+_compiled: dict[tuple[object, ...], "_Compiled"] = {}
 _templates: dict[str, bytes] = {}
 
 
+@dataclass(frozen=True, slots=True)
+class _Compiled:
+    """What Werkzeug makes of a rule; the functions that build its address have the rule as an argument."""
+
+    attributes: dict[str, Any]
+    arguments: frozenset[str]
+    build: Any
+    build_unknown: Any
+
+
 def remember_rules() -> None:
-    """Let equal rules of all applications share the function that builds their addresses."""
-    Rule._compile_builder = _remembered
+    """Let equal rules of all applications share what they are compiled to."""
+    Rule.compile = _remembered
 
 
 def remember_templates(app: Flask) -> None:
@@ -25,12 +36,23 @@ def remember_templates(app: Flask) -> None:
     app.jinja_env.bytecode_cache = _Templates()
 
 
-def _remembered(rule: Rule, append_unknown: bool = True) -> Callable[..., tuple[str, str]]:
-    """As the original; the function has the rule as an argument, so it depends on nothing but this key."""
-    key = (repr(rule), tuple(rule._trace), repr(rule.defaults), append_unknown)
-    if key not in _builders:
-        _builders[key] = _compile_builder(rule, append_unknown)
-    return _builders[key]
+def _remembered(rule: Rule) -> None:
+    converters = tuple(rule.map.converters.items())
+    settings = rule.map.host_matching, rule.host, rule.subdomain, rule.merge_slashes, repr(rule.defaults)
+    key = (rule.rule, *settings, converters)
+    if (known := _compiled.get(key)) is None:
+        _compile(rule)
+        _compiled[key] = _Compiled(
+            {name: getattr(rule, name) for name in ("_parts", "_trace", "_converters")},
+            frozenset(rule.arguments),
+            rule._build.__func__,
+            rule._build_unknown.__func__,
+        )
+        return
+    vars(rule).update(known.attributes)
+    rule.arguments |= known.arguments
+    rule._build = known.build.__get__(rule, None)
+    rule._build_unknown = known.build_unknown.__get__(rule, None)
 
 
 class _Templates(BytecodeCache):
