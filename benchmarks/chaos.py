@@ -168,7 +168,7 @@ def main() -> None:
         problems += [f"a job of kind {kind} is {state}" for kind, state in jobs if state == "failed"]
         longest = _longest(load.refusals, cluster.outages)
         if longest["s"] > arguments.longest:
-            problems.append(f"a client got no answer for {longest['s']} s")
+            problems.append(f"a client got no answer for {longest['s']} s: {longest['request']}")
         if problems:
             print(tail(folder / "log"))
     figures = {**_figures(load, arguments), "jobs": dict(Counter(f"{k} {s}" for k, s in jobs))}
@@ -325,14 +325,18 @@ def _upload_problems(library: Library, one: Uploader) -> list[str]:
 
 
 def _longest(refusals: Refusals, outages: list[tuple[float, float]]) -> dict[str, Any]:
-    """Find the longest refusal; what overlaps an outage of the database is counted apart."""
+    """Find the longest refusal and its request; what overlaps an outage of the database is counted apart."""
     away = [(begin, end + _RECOVERY_S) for begin, end in outages]
     kinds = {"s": 0.0, "with_the_database_away_s": 0.0}
-    for begin, end in refusals.times:
+    longest = ""
+    for begin, end, what in refusals.times:
         overlaps = any(begin < until and end > since for since, until in away)
         name = "with_the_database_away_s" if overlaps else "s"
-        kinds[name] = max(kinds[name], round(end - begin, 1))
-    return {**kinds, "refusals": len(refusals.times)}
+        if name == "s" and end - begin > kinds["s"]:
+            longest = what
+        kinds[name] = max(kinds[name], end - begin)
+    seconds = {name: round(value, 1) for name, value in kinds.items()}
+    return {**seconds, "request": longest, "refusals": len(refusals.times)}
 
 
 def _figures(load: Load, arguments: argparse.Namespace) -> dict[str, Any]:

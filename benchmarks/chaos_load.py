@@ -35,13 +35,13 @@ class Refusals:
 
     Attributes
     ----------
-    times : list of tuple of float
-        By the monotonic clock.
+    times : list of tuple
+        Both by the monotonic clock, and what was asked first and why there was no answer.
     errors : list of str
         Answers that should not be, even while parts of the cluster are away.
     """
 
-    times: list[tuple[float, float]] = field(default_factory=list)
+    times: list[tuple[float, float, str]] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
 
 
@@ -51,7 +51,7 @@ class PatientClient(Client):
     def __init__(self, url: str, link: str, refusals: Refusals) -> None:
         super().__init__(url, link)
         self._refusals = refusals
-        self._since: float | None = None
+        self._refused: tuple[float, str] | None = None
 
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
         """Ask the API once; refusals are noted.
@@ -67,12 +67,13 @@ class PatientClient(Client):
                 self._refusals.errors.append(f"{method} {path}: 500 {answer.text[:300]}")
             if answer.status_code in _UNSURE:
                 raise requests.RequestException(f"{answer.status_code} {answer.text[:200]}")
-        except requests.RequestException:
-            self._since = time.monotonic() if self._since is None else self._since
+        except requests.RequestException as error:
+            self._refused = self._refused or (time.monotonic(), f"{method} {path}: {str(error)[:200]}")
             raise
-        if self._since is not None:
-            self._refusals.times.append((self._since, time.monotonic()))
-            self._since = None
+        if self._refused is not None:
+            since, what = self._refused
+            self._refusals.times.append((since, time.monotonic(), what))
+            self._refused = None
         return answer
 
     def repeat(self, method: str, path: str, **options: Any) -> requests.Response:

@@ -61,6 +61,6 @@ def test_what_is_lost_double_or_not_exported_is_found(editors, served, revision,
 
 
 def test_refusals_while_the_database_was_away_are_counted_apart():
-    refusals = Refusals(times=[(10.0, 12.5), (100.0, 109.0), (205.0, 206.0)])
-    found = _longest(refusals, [(101.0, 103.0), (190.0, 201.0)])
-    assert found == {"s": 2.5, "with_the_database_away_s": 9.0, "refusals": 3}
+    times = [(10.0, 12.5, "a"), (20.0, 22.0, "b"), (100.0, 109.0, "c"), (205.0, 206.0, "d")]
+    found = _longest(Refusals(times=times), [(101.0, 103.0), (190.0, 201.0)])
+    assert found == {"s": 2.5, "with_the_database_away_s": 9.0, "request": "a", "refusals": 4}
