@@ -36,7 +36,7 @@ class Refusals:
     Attributes
     ----------
     times : list of tuple
-        Both by the monotonic clock, and what was asked first and why there was no answer.
+        Begin and end by the monotonic clock, and what was asked first and why there was no answer.
     errors : list of str
         Answers that should not be, even while parts of the cluster are away.
     """

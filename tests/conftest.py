@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 # A shell starts what runs in the background without the interrupt, and commands that are tested inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Python's usual thresholds are for small programs: a third of the time of many tests went to collections.
+# Python's usual thresholds are for small programs: a quarter of the time of page tests went to collections.
 gc.set_threshold(20_000, 50, 100)
 
 # Time limits and a search for new examples would make tests fail by chance. `make fuzz` searches, and what it
