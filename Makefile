@@ -9,6 +9,7 @@ BIN    := $(VENV)/bin
 endif
 SAMPLE := maps/sample
 SITE   := build/docs
+LINT   := style types scripts
 # Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
 QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
@@ -34,24 +35,28 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 # Many tests start a server or a command: without compiled modules each takes a second of computing more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint style types scripts quick postgresql test cluster ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts quick postgresql test browser cluster ros-install ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
 
 install: $(VENV)/.installed ## make .venv with the command expmap in it
 
-$(VENV)/.installed: pyproject.toml constraints.txt
+define make-venv
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	@echo "installing Experience Map into $(VENV): about a minute, longer where the network is slow; pip says what it fetches"
 	$(PYTHON) -m venv $(VENV)
+endef
+
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(make-venv)
 	$(PIP) -e '.[all]'
 	@touch $@
 
-$(VENV)/.tested: $(VENV)/.installed
-	@echo "installing what the tests need"
-	$(PIP) --quiet -e '.[all,test]'
-	@touch $@
+$(VENV)/.tested: pyproject.toml constraints.txt
+	$(make-venv)
+	$(PIP) -e '.[all,test]'
+	@touch $(VENV)/.installed $@
 
 run: install     ## make the sample map, localize a photo on it, start the web application and print its address
 	$(BIN)/expmap sample $(SAMPLE)
@@ -60,7 +65,7 @@ run: install     ## make the sample map, localize a photo on it, start the web a
 	$(BIN)/expmap serve --library maps
 
 lint: $(VENV)/.tested ## check style and types, those of scripts besides
-	@$(MAKE) --no-print-directory -j 2 style types scripts
+	@$(MAKE) --no-print-directory -j 2 $(LINT)
 
 style: $(VENV)/.tested
 	$(BIN)/ruff check .
@@ -78,14 +83,22 @@ quick: $(VENV)/.tested ## run the tests that need no server, no browser and no o
 postgresql: $(VENV)/.tested ## run the tests of records on PostgreSQL, which they start themselves
 	$(PYTEST) -q --database postgresql $(RECORDS)
 
-test: lint       ## run everything that must pass; installs chromium through apt where there is no browser
-	$(BIN)/python tests/browser/ensure_browser.py
+# What is installed comes two at a time, as one half is computing and the other waiting for the network.
+test:            ## run everything that must pass; installs chromium through apt where there is no browser
+	@$(MAKE) --no-print-directory -j 2 $(VENV)/.tested browser
+	@$(MAKE) --no-print-directory -j 3 $(LINT) ros-install
 	$(PYTEST) -q $(QUICK)
 	$(PYTEST) -q --database postgresql $(RECORDS)
 	$(PYTEST) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	@$(MAKE) --no-print-directory -j 2 cluster ros-test
 	$(PYTEST) -n $(BROWSERS) -q tests/browser
+
+browser:
+	$(PYTHON) tests/browser/ensure_browser.py
+
+ros-install: $(VENV)/.tested
+	$(BIN)/python ros/run_tests.py --install
 
 cluster: $(VENV)/.tested ## run the tests of computing on other machines
 	$(BIN)/pytest -q $(CLUSTER)
