@@ -24,8 +24,8 @@ REST    = $(filter-out $(QUICK) $(PAGES) tests/browser tests/cluster tests/vendo
 # In a process of their own, with the tests of ROS beside them, which wait most of the time.
 # Clients of Dask that lose their scheduler leave coroutines behind, which pytest would count against any later test.
 CLUSTER := -p no:unraisableexception -W "ignore:coroutine:RuntimeWarning" tests/cluster
-# Half of the time of a browser is waiting: more of them than processors.
-BROWSERS = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
+# Tests that start servers and commands or use a browser wait for a part of their time: more of them at once than processors.
+PROCESSES = $(shell expr $$(nproc 2>/dev/null || echo 2) \* 3 / 2)
 # The tests of a file share what they need, so they run in one process; `tests/conftest.py` orders the files.
 PYTEST  = $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 PIP    := $(BIN)/python -m pip install --disable-pip-version-check
@@ -89,10 +89,10 @@ test:            ## run everything that must pass; installs chromium through apt
 	@$(MAKE) --no-print-directory -j 3 $(LINT) ros-install
 	$(PYTEST) -q $(QUICK)
 	$(PYTEST) -q --database postgresql $(RECORDS)
-	$(PYTEST) -q $(REST)
+	$(PYTEST) -n $(PROCESSES) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	@$(MAKE) --no-print-directory -j 2 cluster ros-test
-	$(PYTEST) -n $(BROWSERS) -q tests/browser
+	$(PYTEST) -n $(PROCESSES) -q tests/browser
 
 browser:
 	$(PYTHON) tests/browser/ensure_browser.py
