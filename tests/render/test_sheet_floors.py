@@ -12,7 +12,7 @@ from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.core.mapmodel.notes import MapNote
 from webapp.errors import UsageError
 from webapp.render.sheet import make
-from webapp.render.sheet.book import draw_book
+from webapp.render.sheet.make import draw_book
 from webapp.render.sheet.options import SheetAnswer, SheetOptions, english
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Source

@@ -17,10 +17,9 @@ from webapp.files.maps.control_point_table import read_rows
 from webapp.files.maps.control_points import point_fields
 from webapp.files.maps.folder import read_map
 from webapp.tasks.landmarks.accept import library_of, owner_of
-from webapp.tasks.landmarks.control_points import Residual
+from webapp.tasks.landmarks.control_points import Residual, stored_residuals
 from webapp.tasks.landmarks.edit_points import set_in_folder, set_in_library
 from webapp.tasks.landmarks.point_table import photo_sizes, points_from, table_of
-from webapp.tasks.landmarks.stored_residuals import stored_residuals
 from webapp.tasks.maps import export
 
 

@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.sequence import Belief, filter_step, motion_model, smooth
-from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
+from webapp.core.hypotheses.sequence import (
+    Belief,
+    belief_from_json,
+    belief_to_json,
+    filter_step,
+    motion_model,
+    smooth,
+)
 
 COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 RADIUS = 20.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -16,9 +16,9 @@ from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
 from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced
-from webapp.render.sheet.book import draw_book
+from webapp.render.sheet.drawing import PdfDrawing
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
-from webapp.render.sheet.page import SheetContent, draw_sheet, printed_part
+from webapp.render.sheet.page import SheetContent, compose, draw_sheet, page_size, printed_part
 from webapp.settings import Settings
 from webapp.tasks.exchange.export_source import Source
 from webapp.tasks.satellite.files import source_of
@@ -139,3 +139,21 @@ def _side(source: Source, options: SheetOptions) -> int:
     needed = max(options.page_sizes()[0]) / 72 * options.dpi
     share = max((part.right - part.left) / image.width, (part.bottom - part.top) / image.height)
     return min(math.ceil(needed / share), _MOST_PX)
+
+
+def draw_book(
+    contents: Iterable[SheetContent], *, title: str, options: SheetOptions, words: SheetWords
+) -> bytes:
+    """Draw a PDF with a page for each content; one at a time is in memory.
+
+    Parameters
+    ----------
+    title : str
+        Of the document; each page has that of its content.
+    """
+    drawing = PdfDrawing(options.page_sizes()[0], title=title)
+    for number, content in enumerate(contents):
+        size = page_size(content.map, options)
+        drawing.page(size, first=number == 0)
+        compose(drawing, content, size=size, options=options, words=words)
+    return drawing.finish()

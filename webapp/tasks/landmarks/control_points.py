@@ -21,12 +21,16 @@ from webapp.core.landmarks.submodels import Submodel, turn_of_view
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
+from webapp.core.mapmodel.views import content_of, level_views
 from webapp.errors import IndexDamaged
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
+from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
-from webapp.tasks.landmarks.known import AnyPhoto, known_positions
+from webapp.files.maps.folder import photo_hash
+from webapp.tasks.landmarks.known import AnyPhoto, all_photos, known_positions
 from webapp.tasks.landmarks.reconstruct import Reconstruction
+from webapp.tasks.localize.index_location import landmarks_folder
 
 _DEFAULT_PX, _LEAST_PX = 1.0, 0.01
 """Standard deviation of a point on the map where none is given, and that is not believed to be smaller."""
@@ -239,3 +243,21 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
             if one.point.name == point.name and one.clicks > clicks:
                 clicks, problem = one.clicks, f"it {one.reason}" if one.clicks < 2 else one.reason
     return Residual(None, point.name, point.position, wrong=wrong, problem=problem)
+
+
+def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
+    """List how well known positions fit the landmarks of a map that are there; None where there are none.
+
+    Raises
+    ------
+    MapError
+    """
+    folder = landmarks_folder(cfg)
+    stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
+    if stored is None or submodels is None or stored.key != submodels.cloud_key:
+        return None
+    photos = {content_of(one, photo_hash(cfg, one.photo)): one for one in level_views(all_photos(the_map))}
+    of_cloud = [photos.get(content) for content in submodels.contents]
+    lenses = PhotoLenses(folder, stored.cloud, dict(enumerate(submodels.contents)))
+    results = georegister_all(submodels.submodels, of_cloud, the_map=the_map, lenses=lenses)
+    return residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)

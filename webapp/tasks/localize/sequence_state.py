@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from webapp.core.hypotheses.model import Answer
-from webapp.core.hypotheses.sequence import Belief, filter_step
-from webapp.core.hypotheses.sequencejson import belief_from_json, belief_to_json
+from webapp.core.hypotheses.sequence import Belief, belief_from_json, belief_to_json, filter_step
 from webapp.files.atomic import write_text
 from webapp.files.part_file import discard
 from webapp.store.library import Library
