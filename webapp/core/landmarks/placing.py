@@ -21,7 +21,6 @@ from webapp.core.landmarks.radii import (
     radius_by_covariance,
     radius_by_distance,
 )
-from webapp.core.landmarks.similarity import Similarity
 from webapp.core.landmarks.submodels import (
     PlanView,
     Points,
@@ -141,20 +140,6 @@ class PlanTransform:
     def error_rate(self) -> float:
         """Error over the distance to the nearest placed photo."""
         return max(self.least_rate, error_rate_of(self.relative))
-
-    def similarity(self) -> Similarity:
-        """Fit one similarity of the whole submodel to map pixels, with a third axis that points down."""
-        own = self.centre @ self.frame.T
-        weight = self.sigma_px**-2.0 / (self.sigma_px**-2.0).sum()
-        plan = own[:, 0] + 1j * own[:, 1]
-        middle, goal = weight @ plan, weight @ self.at
-        off = plan - middle
-        factor = complex((weight * off.conj()) @ (self.at - goal) / (weight @ np.abs(off) ** 2))
-        turn = factor / abs(factor)
-        rotation = np.array([[turn.real, -turn.imag, 0.0], [turn.imag, turn.real, 0.0], [0.0, 0.0, 1.0]])
-        shift = goal - factor * middle
-        height = -abs(factor) * float(weight @ own[:, 2])
-        return Similarity(abs(factor), rotation @ self.frame, np.array([shift.real, shift.imag, height]))
 
     def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
         """Leave out photos of the submodel, (n,); None where the others are at fewer than two spots."""

@@ -37,16 +37,6 @@ def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
     return tuple(found[name] for name in sorted(found))
 
 
-def read_point(name: str, fields: Mapping[str, Any], *, where: str) -> GroundControlPoint:
-    """Read one from its fields without the name.
-
-    Raises
-    ------
-    MapJsonError
-    """
-    return parse_control_points(JsonField([{"name": name, **fields}], where, "$"))[0]
-
-
 def point_fields(point: GroundControlPoint) -> dict[str, Any]:
     """Return a control point as `map.json` has it, without its name; what is unknown is left out."""
     at = point.position

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
 from webapp.core.geo.floors import BASE_FLOOR
@@ -21,16 +21,6 @@ def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
     """
     found = by_id(field, parse=_note)
     return tuple(found[id] for id in sorted(found))
-
-
-def read_note(id: int, fields: Mapping[str, Any], *, where: str) -> MapNote:
-    """Read one from its fields without the id.
-
-    Raises
-    ------
-    MapJsonError
-    """
-    return parse_notes(JsonField([{"id": id, **fields}], "$", where))[0]
 
 
 def parse_text(field: JsonField) -> str | None:

@@ -56,7 +56,8 @@ def inspect(files: tuple[Path, ...], columns: str | None, axes: str | None, as_j
 def _print(path: Path, report: FileReport) -> None:
     click.echo(f"{path.name}: {report.kind}")
     for source in report.sources[:_SHOWN]:
-        click.echo(f"  {source.source} {source.track!r}: {_facts(source)}")
+        name = f" {source.track!r}" if source.track else ""
+        click.echo(f"  {source.source}{name}: {_facts(source)}")
     if len(report.sources) > _SHOWN:
         click.echo(f"  and {len(report.sources) - _SHOWN} more")
     if report.objects:
