@@ -124,7 +124,7 @@ def test_inspect_needs_no_start(mission, tmp_path):
     path.write_text("# axes\n0 0 0 0 0 0 0 1\n1 3 4 0 0 0 0 1\n")
     code, out, _ = mission("inspect", path)
     assert code == 0
-    assert "odometry '': 2 poses, 1970-01-01T00:00:00Z to 1970-01-01T00:00:01Z, 3.0 m x 4.0 m x 0.0 m" in out
+    assert "odometry: 2 poses, 1970-01-01T00:00:00Z to 1970-01-01T00:00:01Z, 3.0 m x 4.0 m x 0.0 m" in out
     assert "odd: poses dated before 1980" in out and "(2), first: line 1" in out
     code, out, _ = mission("inspect", path, "--axes", "camera")
     assert "0.0 m x 3.0 m x 4.0 m" in out
