@@ -46,7 +46,7 @@ _CHANGING = ("POT-Cre", "PO-Rev", "Generated", "Project-Id", "Report-Msg", "Last
 
 _NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 
-_WITH_ERRORS = {"objects", "store", "tasks", "web"}
+_WITH_ERRORS = {"store", "tasks", "web"}
 """Layers, here and in the missions wing, whose errors have texts that are translated when they are shown."""
 
 _IN_JOBS = {"jobs", "jobs.py", "sample", "tasks"}

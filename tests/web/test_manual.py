@@ -26,7 +26,7 @@ def test_pictures_are_there_and_nothing_else(client):
 @pytest.mark.parametrize(
     "page",
     ["/", "/account", "/field", "/missions", *(f"/maps/row/{tab}" for tab in
-     ("edit", "localize", "image", "quality", "jobs", "settings"))],
+     ("edit", "localize", "image", "quality", "jobs", "settings", "landmarks", "control-points"))],
 )  # fmt: skip
 def test_the_question_mark_opens_the_chapter_of_the_page(client, library, owner, make_map, page):
     make_map(library.map_folder("row"), 2)
@@ -34,3 +34,10 @@ def test_the_question_mark_opens_the_chapter_of_the_page(client, library, owner,
     (target,) = set(re.findall(r'href="/help/([^"]*)"', client.get(page).text))
     name, _, anchor = target.partition("#")
     assert not anchor or f'id="{anchor}"' in manual.chapter(name).html
+
+
+def test_pages_of_landmarks_have_a_chapter_of_their_own(client, library, owner, make_map):
+    make_map(library.map_folder("row"), 2)
+    adopt_map.adopt_map(library, "row", account_id=owner.id)
+    for page, chapter in (("landmarks", "landmarks-in-3d"), ("control-points", "control-points")):
+        assert f'href="/help/dozen-clicks#{chapter}"' in client.get(f"/maps/row/{page}").text

@@ -27,7 +27,7 @@ from webapp.store.library import Library
 from webapp.web import installable, make_app, manual, metrics, operate
 from webapp.web.accounts import api_accounts
 from webapp.web.accounts import pages as accounts_pages
-from webapp.web.landmarks import api_cloud, api_points, api_rest
+from webapp.web.landmarks import api_cloud, api_place_rest, api_points
 from webapp.web.landmarks import pages as landmarks_pages
 from webapp.web.localize import api_find, api_localize, api_queries
 from webapp.web.localize import pages as localize_pages
@@ -80,7 +80,7 @@ BLUEPRINTS: tuple[Blueprint, ...] = (
     localize_pages.blueprint,
     api_cloud.blueprint,
     api_points.blueprint,
-    api_rest.landmarks_api,
+    api_place_rest.landmarks_api,
     landmarks_pages.blueprint,
     api_blur.blur_api,
     api_checks.checks_api,

@@ -1,8 +1,8 @@
 """The numbers that steer localization, in one frozen value that is passed in from the top.
 
-They are not settings: nobody has to choose them, and changing one calls for a new calibration. They are here
-to be read together, and to be varied (`benchmarks/ablation.py`). Lengths that scale with the map are in place
-radii, the distance within which an answer counts as right.
+All but the length of the shortlist are no settings: nobody has to choose them, and changing one calls for a
+new calibration. They are here to be read together, and to be varied (`benchmarks/ablation.py`). Lengths that
+scale with the map are in place radii, the distance within which an answer counts as right.
 """
 
 from __future__ import annotations

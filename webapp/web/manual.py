@@ -18,6 +18,8 @@ _OF_PAGES = {
     "satellite": "satellite",
     "localize_pages.localize": "localization#in-the-browser",
     "localize_pages.quality": "measurements#how-to-read-an-evaluation",
+    "landmarks_pages.show": "dozen-clicks#landmarks-in-3d",
+    "landmarks_pages.control_points": "dozen-clicks#control-points",
     "jobs_page": "operating#what-to-watch",
     "mission_pages": "missions",
     "installable": "field",
