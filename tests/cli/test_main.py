@@ -103,7 +103,7 @@ def test_a_shell_completes_options_also_after_a_mistyped_command():
     [
         (["bogus"], "No such command 'bogus' (see expmap --help)"),
         (["map", "bogus"], "No such command 'bogus' (see expmap map --help)"),
-        (["localise"], "there is no command 'localise'; did you mean 'localize'? (see expmap --help)"),
+        (["localise"], "No such command 'localise'; did you mean 'localize'? (see expmap --help)"),
         (["--quux"], "No such option '--quux' (see expmap --help)"),
         (["build"], "Missing argument 'MAP.cfg' (see expmap build --help)"),
         (["localize", "map.cfg", "a.jpg", "--top", "0"], "Invalid value for '--top': 0 is not in the range"),

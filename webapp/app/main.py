@@ -79,7 +79,7 @@ class LazyGroup(click.Group):
         """Find the command that is meant; for a name that is nearly one of them that is suggested."""
         near = difflib.get_close_matches(args[0], self._lazy, n=1)
         if near and args[0] not in self._lazy and not ctx.resilient_parsing:
-            ctx.fail(f"there is no command {args[0]!r}; did you mean {near[0]!r}?")
+            ctx.fail(f"No such command {args[0]!r}; did you mean {near[0]!r}?")
         return super().resolve_command(ctx, args)
 
 
