@@ -83,12 +83,12 @@ quick: $(VENV)/.tested ## run the tests that need no server, no browser and no o
 postgresql: $(VENV)/.tested ## run the tests of records on PostgreSQL, which they start themselves
 	$(PYTEST) -q --database postgresql $(RECORDS)
 
-# What is installed comes two at a time, as one half is computing and the other waiting for the network.
+# What is installed comes side by side, as a part of it is computing and another waiting for the network.
 test:            ## run everything that must pass; installs chromium through apt where there is no browser
-	@$(MAKE) --no-print-directory -j 2 $(VENV)/.tested browser
-	@$(MAKE) --no-print-directory -j 3 $(LINT) ros-install
+	@$(MAKE) --no-print-directory -j 3 $(VENV)/.tested browser ros-install
+	@$(MAKE) --no-print-directory -j 2 $(LINT)
 	$(PYTEST) -q $(QUICK)
-	$(PYTEST) -q --database postgresql $(RECORDS)
+	$(PYTEST) -n $(PROCESSES) -q --database postgresql $(RECORDS)
 	$(PYTEST) -n $(PROCESSES) -q $(REST)
 	$(PYTEST) -q $(wildcard $(PAGES))
 	@$(MAKE) --no-print-directory -j 2 cluster ros-test
@@ -97,13 +97,13 @@ test:            ## run everything that must pass; installs chromium through apt
 browser:
 	$(PYTHON) tests/browser/ensure_browser.py
 
-ros-install: $(VENV)/.tested
-	$(BIN)/python ros/run_tests.py --install
+ros-install:
+	$(PYTHON) ros/install.py $(VENV)
 
 cluster: $(VENV)/.tested ## run the tests of computing on other machines
 	$(BIN)/pytest -q $(CLUSTER)
 
-ros-test: $(VENV)/.tested ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
+ros-test: $(VENV)/.tested ros-install ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
 	$(BIN)/python ros/run_tests.py
 
 fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and other ones each time

@@ -113,7 +113,8 @@ def test_each_part_of_the_suite_is_run_once(project):
 
     recipe = recipe_of("test")
     assert recipe.count("-j 2 cluster ros-test\n") == 1
-    assert recipe.count("-j 2 $(VENV)/.tested browser\n") == 1
+    assert recipe.count("-j 3 $(VENV)/.tested browser ros-install\n") == 1
+    assert recipe_of("ros-install").count("ros/install.py") == 1
     assert recipe_of("browser").count("tests/browser/ensure_browser.py") == 1
     recipe += recipe_of("cluster") + recipe_of("ros-test")
     for part in ("$(LINT)", "$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser", "$(CLUSTER)"):
