@@ -53,9 +53,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PIP) -e '.[all]'
 	@touch $@
 
+# Python compiles what the tests use; pip would compile a thousand modules more.
 $(VENV)/.tested: pyproject.toml constraints.txt
 	$(make-venv)
-	$(PIP) -e '.[all,test]'
+	$(PIP) --no-compile -e '.[all,test]'
 	@touch $(VENV)/.installed $@
 
 run: install     ## make the sample map, localize a photo on it, start the web application and print its address

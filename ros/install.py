@@ -62,7 +62,7 @@ def _install(environment: Path) -> None:
         return
     sys.stdout.write("installing the wheels of ROS 2 into .venv-ros\n")
     venv.create(FOLDER, clear=True, with_pip=True)
-    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    pip = [PYTHON, "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
     subprocess.run([*pip, "--constraint", ROOT / "constraints.txt", *packages], check=True)
     if subprocess.run([PYTHON, BUILDER, *MESSAGES]).returncode:
         sys.stdout.write(

@@ -22,6 +22,7 @@ import pytest
 from filelock import FileLock
 
 import webapp
+from tests.names_failures import NamesFailures
 from webapp.extras import EXTRAS
 from webapp.progress import Progress
 from webapp.sample import make as make_sample
@@ -71,6 +72,12 @@ TESTS_WORTH = {
     "test_localize_by_landmarks": 30,
 }
 """Files with long tests: how many usual ones take as long."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have tests that fail named at once."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        config.pluginmanager.register(NamesFailures(config))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -5,6 +5,7 @@ import re
 import shutil
 import stat
 import subprocess
+import sys
 
 import pytest
 import yaml
@@ -120,6 +121,32 @@ def test_each_part_of_the_suite_is_run_once(project):
     for part in ("$(LINT)", "$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser", "$(CLUSTER)"):
         assert recipe.count(part) == 1, part
     assert recipe.count("ros/run_tests.py") == 1
+
+
+def test_a_test_that_fails_is_named_at_once(project, tmp_path):
+    (tmp_path / "conftest.py").write_text(
+        "from tests.names_failures import NamesFailures\n"
+        "def pytest_configure(config):\n    config.pluginmanager.register(NamesFailures(config))\n"
+    )
+    (tmp_path / "test_two.py").write_text("def test_one():\n    assert 0\ndef test_two(missing):\n    pass\n")
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--rootdir",
+        tmp_path,
+        tmp_path,
+    ]
+    environ = {**os.environ, "PYTHONPATH": str(project)}
+    done = subprocess.run([*map(str, command)], cwd=tmp_path, env=environ, capture_output=True, text=True)
+    before, _, _ = done.stdout.partition(" ERRORS ")
+    assert (
+        "FAILED test_two.py::test_one (call)\n" in before
+        and "FAILED test_two.py::test_two (setup)\n" in before
+    )
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
