@@ -1,7 +1,7 @@
 """Kinds of jobs: each has a name and a function, which is imported when the first job of its kind comes.
 
-A new kind is a function that takes a `Context`, and a line in `KINDS`, here or in a wing of its own. The work
-may be killed at any moment and is then done again from the start, so every step of it must be repeatable.
+A new kind is a function that takes a `Context`, and a line in `KINDS`, here or in a wing of its own. It may
+be killed at any moment and is then called again: each step must be repeatable, and what is finished stays.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import pycolmap
 
 from webapp.core.features.types import Features
 from webapp.core.geometry import so3
-from webapp.files.landmarks.match_database import MatchDatabase, verify
+from webapp.files.landmarks.match_database import MatchDatabase, two_view_geometry
 
 PHOTOS, LENGTH, FOCAL = 22, 66.0, 500.0
 
@@ -96,6 +96,6 @@ def write_matches(model, path):
         for other in range(one + 1, min(PHOTOS, one + 4)):
             both = sorted(row[one].keys() & row[other].keys())
             matches = np.array([(row[one][id], row[other][id]) for id in both], np.uint32).reshape(-1, 2)
-            geometry = verify(stored[one], stored[other], matches=matches)
+            geometry = two_view_geometry(stored[one], stored[other], matches=matches)
             database.keep(stored[one], stored[other], geometry=geometry)
     database.close()

@@ -225,7 +225,7 @@ class MatchDatabase:
         return hashlib.sha256(json.dumps([sorted(chosen), sorted(pairs)]).encode()).hexdigest()
 
 
-def verify(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
+def two_view_geometry(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
     """Find the relative pose that most matches agree with; safe in several threads at once."""
     colmap = pycolmap()
     if len(matches) < LEAST_INLIERS:

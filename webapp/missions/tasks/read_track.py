@@ -214,10 +214,12 @@ def file_pieces(path: Path, *, options: ReadOptions, findings: Findings) -> Iter
                     yield from igc.read(file, findings=findings)
                 case "tum" | "kitti":
                     yield from trajectory_text.read(file, kind, findings=findings, axes=options.axes)
-                case _:
+                case "csv":
                     yield from csv_reader.read(
                         file, columns=options.columns, findings=findings, axes=options.axes
                     )
+                case _:
+                    raise AssertionError(f"no reader of {kind}")
 
 
 def file_kind(path: Path, options: ReadOptions) -> Kind:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.matching import Views, choose_pairs, match_mutually
-from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, stored_photo, verify
+from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, stored_photo, two_view_geometry
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
@@ -106,4 +106,4 @@ def compare_photos(
 
 def _compare(photos: ComparedPhotos, pair: tuple[int, int]) -> Any:
     one, other = map(photos.photo, pair)
-    return verify(one, other, matches=match_mutually(one.descriptors, other.descriptors))
+    return two_view_geometry(one, other, matches=match_mutually(one.descriptors, other.descriptors))
