@@ -15,16 +15,16 @@ _FIRST = "make-a-map#1-a-new-map-and-its-image"
 _OF_PAGES = {
     "map_pages.editor": "make-a-map#3-place",
     "map_pages.settings": "sharing",
-    "satellite": "satellite",
+    "satellite_pages": "satellite",
     "localize_pages.localize": "localization#in-the-browser",
     "localize_pages.quality": "measurements#how-to-read-an-evaluation",
     "landmarks_pages.show": "dozen-clicks#landmarks-in-3d",
     "landmarks_pages.control_points": "dozen-clicks#control-points",
-    "jobs_page": "operating#what-to-watch",
+    "jobs_pages": "operating#what-to-watch",
     "mission_pages": "missions",
     "installable": "field",
-    "account_page": "operating#accounts",
-    "people_page": "operating#accounts",
+    "account_pages": "operating#accounts",
+    "people_pages": "operating#accounts",
 }
 """Chapter of a view, or of all views of a blueprint."""
 

@@ -27,7 +27,7 @@ from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
 jobs_api = APIBlueprint("jobs", __name__, url_prefix="/api/v1/jobs", tag="Jobs")
-jobs_pages = Blueprint("jobs_page", __name__)
+jobs_pages = Blueprint("jobs_pages", __name__)
 health_pages = Blueprint("health", __name__)
 
 

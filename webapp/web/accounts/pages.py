@@ -18,10 +18,10 @@ from webapp.web.context import account, library, public, settings
 from webapp.web.language import LANGUAGES
 from webapp.web.pages import back, own_path, text
 
-account_pages = Blueprint("account_page", __name__)
+account_pages = Blueprint("account_pages", __name__)
 
 # A plain blueprint with a `before_request` has APIFlask fail while it writes the OpenAPI document.
-people_pages = APIBlueprint("people_page", __name__, url_prefix="/people", enable_openapi=False)
+people_pages = APIBlueprint("people_pages", __name__, url_prefix="/people", enable_openapi=False)
 
 sign_in_pages = Blueprint("sign_in", __name__)
 
@@ -41,7 +41,7 @@ def rename() -> Response | tuple[str, int]:
     except ExpMapError as error:
         return _page(error), errors.status_of(error)
     flash(_("Your name has been changed."), "success")
-    return back("account_page.show")
+    return back("account_pages.show")
 
 
 @account_pages.post("/account/password")
@@ -66,7 +66,7 @@ def set_password() -> Response | tuple[str, int]:
         accounts.end_sessions(me)
     sessions.sign_in(me)
     flash(_("The password has been set; you are signed out everywhere else."), "success")
-    return back("account_page.show")
+    return back("account_pages.show")
 
 
 @account_pages.post("/account/end-sessions")
@@ -77,7 +77,7 @@ def end_sessions() -> Response:
         accounts.end_sessions(me)
     sessions.sign_in(me)
     flash(_("You are signed out everywhere else."), "success")
-    return back("account_page.show")
+    return back("account_pages.show")
 
 
 @account_pages.post("/account/tokens")
@@ -97,7 +97,7 @@ def revoke_token(token_id: int) -> Response:
     with library().database.write() as db:
         accounts.revoke_token(db, account(), token_id=token_id)
     flash(_("The token has been revoked."), "success")
-    return back("account_page.show")
+    return back("account_pages.show")
 
 
 @account_pages.post("/language")
@@ -167,7 +167,7 @@ def remove(account_id: int) -> Response | tuple[str, int]:
     except ExpMapError as error:
         return _people_page(error=error), errors.status_of(error)
     flash(_("The account has been removed; its maps and links are still here."), "success")
-    return back("people_page.show_people")
+    return back("people_pages.show_people")
 
 
 @people_pages.post("/removed/revoke-shares")
@@ -176,7 +176,7 @@ def revoke_shares_of_removed() -> Response:
     with library().database.write() as db:
         count = sharing.revoke_of_removed_accounts(db)
     flash(ngettext("%(num)s link has been revoked.", "%(num)s links have been revoked.", count), "success")
-    return back("people_page.show_people")
+    return back("people_pages.show_people")
 
 
 def _person(found: Account | None) -> Account:

@@ -18,7 +18,7 @@ from webapp.web.maps.state import satellite_json
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import offered_layers
 
-blueprint = Blueprint("satellite", __name__)
+blueprint = Blueprint("satellite_pages", __name__)
 
 T = TypeVar("T")
 
