@@ -65,7 +65,7 @@ run: install     ## make the sample map, localize a photo on it, start the web a
 	@echo "starting the web application: open the link that says sign in, and stop it with Ctrl-C"
 	$(BIN)/expmap serve --library maps
 
-lint: $(VENV)/.tested ## check style and types, those of scripts besides
+lint: $(VENV)/.tested ## check style and types, also of the scripts of the pages
 	@$(MAKE) --no-print-directory -j 2 $(LINT)
 
 style: $(VENV)/.tested
@@ -81,11 +81,11 @@ scripts: $(VENV)/.tested
 quick: $(VENV)/.tested ## run the tests that need no server, no browser and no other process, in less than a minute
 	$(PYTEST) -q $(QUICK)
 
-postgresql: $(VENV)/.tested ## run the tests of records on PostgreSQL, which they start themselves
+postgresql: $(VENV)/.tested ## run the database tests on PostgreSQL, which they start themselves
 	$(PYTEST) -q --database postgresql $(RECORDS)
 
 # What is installed comes side by side, as a part of it is computing and another waiting for the network.
-test:            ## run everything that must pass; installs chromium through apt where there is no browser
+test:            ## run everything that must pass; installs chromium with apt if there is no browser
 	@$(MAKE) --no-print-directory -j 3 $(VENV)/.tested browser ros-install
 	@$(MAKE) --no-print-directory -j 2 $(LINT)
 	$(PYTEST) -q $(QUICK)
@@ -101,30 +101,30 @@ browser:
 ros-install:
 	$(PYTHON) ros/install.py $(VENV)
 
-cluster: $(VENV)/.tested ## run the tests of computing on other machines
+cluster: $(VENV)/.tested ## run the tests of computing on several machines
 	$(BIN)/pytest -q $(CLUSTER)
 
-ros-test: $(VENV)/.tested ros-install ## run the tests of the ROS 2 nodes, with wheels of ROS 2 in .venv-ros
+ros-test: $(VENV)/.tested ros-install ## run the tests of the ROS 2 nodes, with ROS 2 wheels in .venv-ros
 	$(BIN)/python ros/run_tests.py
 
-fuzz: $(VENV)/.tested ## search for inputs that break a property, by chance and other ones each time
+fuzz: $(VENV)/.tested ## search for inputs that break a property, with new random ones each time
 	$(PYTEST) -m hypothesis --hypothesis-profile fuzz
 
-coverage: $(VENV)/.tested ## run the tests without a browser and print which lines they reach; half as slow again
+coverage: $(VENV)/.tested ## run the tests that need no browser and print their line coverage; takes half as long again
 	$(PYTEST) -q --ignore tests/browser --ignore tests/cluster --cov=webapp --cov-report=term:skip-covered
 
-audit: $(VENV)/.tested ## look for known vulnerabilities of what is used, changed scripts of others, unusual licences
+audit: $(VENV)/.tested ## check dependencies for known vulnerabilities, changed vendored scripts and unusual licences
 	@$(BIN)/python tests/design/audit.py
 
-docs: $(VENV)/.tested ## make a site of docs/ in build/docs; a warning is an error
+docs: $(VENV)/.tested ## build docs/ as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file .mkdocs.yml --site-dir $(SITE)
 	@echo "open $(SITE)/index.html"
 
-translations: $(VENV)/.tested ## collect the texts of pages and scripts for translators, and compile what they wrote
+translations: $(VENV)/.tested ## collect the texts of pages and scripts for translators, and compile their translations
 	$(BIN)/python docs/make_translations.py
 
-robot: $(VENV)/.tested ## build the client of robots as a wheel of its own, dist/experience_map_robot-*.whl
+robot: $(VENV)/.tested ## build the robot client as a separate wheel, dist/experience_map_robot-*.whl
 	$(BIN)/python -m build --wheel --no-isolation --outdir dist webapp/robot
 
-clean:           ## remove what was made here, but no map
+clean:           ## remove everything that was built here, except maps
 	rm -rf $(VENV) .venv-ros build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -225,7 +225,9 @@ def _flattened(
             yield from ((f"{name}.{own}", one) for own, one in value.items())
         else:
             raise UsageError(
-                "is a section", where=f"{path}: {name}", hint=f"write [{name}] and settings below it"
+                "is a section, not a setting",
+                where=f"{path}: {name}",
+                hint=f"write [{name}] and its settings below",
             )
 
 
@@ -233,6 +235,6 @@ def _known(table: Mapping[str, Setting], section: str) -> str:
     """List the settings of a section, or the sections and settings outside of them."""
     if section:
         names = [key.removeprefix(f"{section}.") for key in table if key.startswith(f"{section}.")]
-        return f"in {section} there are {', '.join(names)}"
+        return f"known in {section}: {', '.join(names)}"
     sections = dict.fromkeys(f"[{key.partition('.')[0]}]" for key in table if "." in key)
-    return f"there are {', '.join([*sections, *(key for key in table if '.' not in key)])}"
+    return f"known: {', '.join([*sections, *(key for key in table if '.' not in key)])}"

@@ -35,7 +35,7 @@ _PURPOSE = {
     "sfm": "reconstructions from photos",
     "foxglove": "views in Foxglove",
     "telemetry": "traces for OpenTelemetry",
-    "cluster": "libraries in PostgreSQL or S3, metrics and computing by Dask",
+    "cluster": "libraries in PostgreSQL or S3, metrics and computing with Dask",
     "demo": "demos of several machines",
 }
 
@@ -78,5 +78,5 @@ def extra(name: str) -> Iterator[None]:
         if (error.name or "").partition(".")[0] not in EXTRAS[name]:
             raise
         raise MissingPart(
-            f"{error.name} is not installed, which {_PURPOSE[name]} need", hint=install_line(name)
+            f"{error.name} is not installed; it is needed for {_PURPOSE[name]}", hint=install_line(name)
         ) from error

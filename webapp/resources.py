@@ -33,5 +33,5 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     raise MissingPart(
         f"the folder {name} of the program is missing",
         where=str(package),
-        hint="install experience-map again",
+        hint="reinstall experience-map",
     )

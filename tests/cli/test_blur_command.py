@@ -54,7 +54,7 @@ def test_in_a_library_the_photos_are_blurred_there(expmap, cfg, models, monkeypa
     id = adopt_map.adopt_map(library, "park", account_id=owner.id)
     code, out, err = expmap("map", "blur", cfg, "--accept", "--json")
     assert code == 0
-    assert "faces are not looked for: expmap models fetch faces" in err
+    assert "faces will not be searched for: expmap models fetch faces" in err
     answer = json.loads(out)
     assert answer["missing"] == ["faces"]
     assert [(p["id"], p["blurred"], p["boxes"][0]["kind"]) for p in answer["photos"]] == [(1, True, "plate")]

@@ -32,7 +32,7 @@ def test_what_was_built_is_one_line_on_standard_output(expmap, cfg):
 def test_the_time_of_the_calibration_is_in_the_sum(expmap, cfg):
     _, out, _ = expmap("build", cfg)
     index, total = out.splitlines()
-    assert total.endswith(" s in all, calibration included")
+    assert total.endswith(" s in total, including calibration")
     assert float(total.split()[0]) > float(index.split()[-2])
 
 
@@ -84,7 +84,7 @@ def test_photos_that_cannot_be_used_are_reported_and_end_with_1(expmap, cfg):
 def test_photos_behind_a_link_are_refused_with_the_reason_that_the_check_gives(expmap, cfg, tmp_path):
     (cfg.parent / "photos").rename(tmp_path / "elsewhere")
     (cfg.parent / "photos").symlink_to(tmp_path / "elsewhere")
-    reason = "is a link that leads out of the map's folder"
+    reason = "is a link that points outside the map's folder"
     _, checked, _ = expmap("map", "check", cfg)
     assert f"'photos/0.jpg' {reason}" in checked
     _, _, err = expmap("build", cfg, "--method", "vote")

@@ -133,7 +133,7 @@ def test_a_mission_becomes_an_mcap_file_with_every_pose_at_its_time(expmap, miss
     assert [latitude for _, latitude in fixes] == pytest.approx([50.0, 50.0001, 50.0002])
     assert [time for topic, time, _ in found if topic == "/mission"] == [times[-1]]
     code, _, error = expmap("foxglove", "mission", mission, "--out", out)
-    assert code == 2 and "exists already" in error
+    assert code == 2 and "already exists" in error
 
 
 def test_a_mission_that_is_not_there_and_a_port_that_is_taken_are_told(expmap, mission):

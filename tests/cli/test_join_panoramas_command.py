@@ -30,7 +30,7 @@ def test_instants_are_listed_with_their_outcome(expmap, tmp_path, asked):
     options = ["--rig", tmp_path / "rig.json", "--out", "out", "--width", 720, "--mask", "m.png"]
     code, out, err = expmap("map", "join-panoramas", tmp_path, *options)
     assert code == 1
-    assert out.splitlines() == ["1.jpg  joined", "2.jpg  there already", "3.jpg  no photo"]
+    assert out.splitlines() == ["1.jpg  joined", "2.jpg  already there", "3.jpg  no photo"]
     assert "out: 2 of 3 panoramas" in err
     assert asked["cameras"][0].yaw_deg == 10.0
     assert (asked["options"].width, asked["options"].mask.name) == (720, "m.png")

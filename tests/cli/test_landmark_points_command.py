@@ -67,7 +67,7 @@ def test_points_come_from_a_table_and_go_to_one(expmap, cfg):
         ("x_px;y_px\n", "has no column name"),
         ("name;x_px;y_px\ngate;;3\n", "only one of x_px and y_px"),
         ("name;x_px;y_px\ngate;a;3\n", "'a' is not a number"),
-        ("name;x_px;y_px\ngate;1;3\ngate;2;3\n", "position of the point gate is another one"),
+        ("name;x_px;y_px\ngate;1;3\ngate;2;3\n", "position of the point gate differs"),
         ("name;lat;lon\ngate;50;14\n", "need a map with a georeference"),
         ("name;photo;photo_x_px;photo_y_px\ngate;77.jpg;1;1\n", "no photo of the map is called '77.jpg'"),
         ("name;photo;photo_x_px;photo_y_px\ngate;1.jpg;13;1\n", "outside the photo of 12 x 8 pixels"),
@@ -102,7 +102,7 @@ def test_how_far_they_are_off_is_said(expmap, cfg, monkeypatch):
     _, out, _ = expmap("landmarks", "points", cfg)
     assert out.splitlines() == [
         "gate  x 20.5, y 18.2, clicked in 2 photos; 5.0 px off; left out: the others agree on another place; "
-        "clicked wrongly in photos/1.jpg",
+        "wrong click in photos/1.jpg",
         "well  x 3.0, y 4.0, clicked in 0 photos; it is clicked in no joined photo",
     ]
     found = json.loads(expmap("landmarks", "points", cfg, "--json")[1])

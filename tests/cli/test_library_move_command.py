@@ -39,7 +39,7 @@ def test_an_address_may_be_given(folder, url, expmap):
     [
         ("sqlite", 2, "are in SQLite already"),
         ("postgresql", 2, "EXPMAP_DATABASE: the address of the database is needed"),
-        ("mysql://host/database", 2, "no database that can be used"),
+        ("mysql://host/database", 2, "not a supported database"),
         ("postgresql+psycopg://a@127.0.0.1:1/b", 1, "cannot be reached"),
     ],
 )
@@ -52,6 +52,4 @@ def test_what_does_not_work_is_said_in_a_line(folder, expmap, to, code, words):
 def test_a_place_that_is_none_is_refused_at_once(expmap, tmp_path):
     code, out, err = expmap("library", "move", "--to", "mysql", "--library", tmp_path)
     assert (code, out) == (2, "")
-    assert err.startswith(
-        "expmap: --to: nothing can be moved to 'mysql' (write sqlite, postgresql, s3, folder"
-    )
+    assert err.startswith("expmap: --to: cannot move to 'mysql' (write sqlite, postgresql, s3, folder")

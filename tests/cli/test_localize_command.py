@@ -153,7 +153,7 @@ def test_a_folder_is_no_photo(expmap, cfg, photos):
 def test_two_pictures_need_two_files(expmap, cfg, photos, tmp_path):
     same = tmp_path / "both.png"
     code, _, err = expmap("localize", cfg, photos / "1.jpg", "--picture", same, "--matches", same)
-    assert (code, err) == (2, "expmap: --picture: is also that of --matches (name another file)\n")
+    assert (code, err) == (2, "expmap: --picture: must not be the file of --matches (choose another file)\n")
     assert not same.exists()
 
 
@@ -161,7 +161,7 @@ def test_a_guessed_field_of_view_is_reported_on_standard_error(expmap, cfg, phot
     code, out, err = expmap("localize", cfg, photos / "1.jpg")
     assert code == 0
     assert "not on this map" in out
-    assert "the field of view of 1.jpg is not known, 65° was taken; --fov DEGREES" in err
+    assert "the field of view of 1.jpg is not known; 65° is assumed; --fov DEGREES" in err
 
 
 def test_a_photo_without_texture_is_not_on_the_map(expmap, cfg, tmp_path):

@@ -118,7 +118,10 @@ def test_a_shell_completes_options_also_after_a_mistyped_command():
         (["localize", "map.cfg", "a.jpg", "--method", "best"], "Invalid value for '--method'"),
         (["localize", "map.cfg", "a.jpg", "--features", "brief"], "--features: unknown features 'brief'"),
         (["localize", "map.cfg", "a.jpg", "--picture", "none/a.png"], "--picture: folder none not found"),
-        (["localize", "map.cfg", "a.jpg", "--matches", "a.doc"], "--matches: cannot draw a a.doc"),
+        (
+            ["localize", "map.cfg", "a.jpg", "--matches", "a.doc"],
+            "--matches: cannot write a picture to a.doc",
+        ),
         (["evaluate", "map.cfg"], "evaluate: give either QUERIES.csv or --self"),
         (["evaluate", "map.cfg", "none.csv"], "Invalid value for '[QUERIES.csv]'"),
         (

@@ -62,7 +62,7 @@ def test_json_lists_everything(cfg: Path) -> None:
         "severity": "warning",
         "code": "duplicate-photo",
         "message": "the photo 'a.jpg' is already on line 2",
-        "fix": "delete one of the two lines, unless the photo shall stand at two places",
+        "fix": "delete one of the two lines, unless the photo is meant to be in two places",
     }
 
 

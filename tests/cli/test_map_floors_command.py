@@ -37,7 +37,7 @@ def first_floor(cfg):
 
 def test_a_floor_is_added_to_a_folder_listed_and_removed(expmap, cfg, plan):
     before = cfg.read_bytes()
-    assert expmap("map", "floors", cfg)[1].startswith("the map has one image alone")
+    assert expmap("map", "floors", cfg)[1].startswith("the map has only one image")
     code, out, _ = expmap(
         "map", "floors", cfg, "--add", "1st floor", "--level", "1", "--height", "4.5", "--image", plan
     )
@@ -77,8 +77,8 @@ def test_a_plan_that_is_gone_is_found_by_the_linter(expmap, cfg, plan):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--add", "Attic"], "go together"),
-        (["--height", "3"], "belong to --add"),
+        (["--add", "Attic"], "must be used together"),
+        (["--height", "3"], "can only be used with --add"),
         (["--remove", "Attic"], "no floor 'Attic'"),
         (["--add", "Attic", "--level", "0"], "same level"),
     ],

@@ -101,7 +101,7 @@ def test_nothing_placed_is_exit_code_1(expmap, folder):
     [
         ([], "--satellite"),
         (["--blank", "--satellite", "sat.png"], "--satellite"),
-        (["--satellite", "sat.png", "--corners", "corners.json", "--geotiff"], "exclude"),
+        (["--satellite", "sat.png", "--corners", "corners.json", "--geotiff"], "cannot be used together"),
         (["--satellite", "sat.png", "--crs", "EPSG:4326"], "--crs"),
         (["--satellite", "sat.png"], "--corners"),
     ],

@@ -86,7 +86,7 @@ def test_an_area_is_kept_to(expmap, cfg):
     assert (code, "not on the image" in err) == (2, True)
     for numbers in ("nan,0,10,10", "0,0,inf,10"):
         code, _, err = expmap("map", "plan", cfg, "--within", numbers)
-        assert (code, "four numbers with commas" in err) == (2, True)
+        assert (code, "four numbers separated by commas" in err) == (2, True)
 
 
 @pytest.mark.parametrize("answer", [None, []])
@@ -96,7 +96,7 @@ def test_a_file_with_other_answers_is_no_evaluation(expmap, cfg, tmp_path, answe
     file = tmp_path / "evaluation.json"
     file.write_text(json.dumps(schemes))
     code, _, err = expmap("map", "plan", cfg, "--evaluation", file)
-    assert (code, "this is no evaluation of a map" in err) == (2, True)
+    assert (code, "this is not an evaluation of a map" in err) == (2, True)
 
 
 def test_a_map_that_does_not_know_where_it_is_gives_no_gpx(expmap, cfg, tmp_path):

@@ -32,7 +32,7 @@ def test_another_ending_and_a_file_without_answers_are_refused(expmap, make_map,
     answers.write_text('{"maps": []}')
     code, _, err = expmap("map", "print", cfg, tmp_path / "sheet.pdf", "--answers", answers)
     assert code == 2
-    assert "these are no answers" in err
+    assert "the file does not contain answers" in err
     assert not (tmp_path / "sheet.pdf").exists()
 
 
@@ -53,4 +53,4 @@ def test_one_floor_and_all_of_them_exclude_each_other(expmap, make_map, tmp_path
     assert "only a PDF has several pages" in err
     code, _, err = expmap("map", "print", cfg, pdf, "--all-floors", "--floor", "1")
     assert code == 2
-    assert "exclude each other" in err
+    assert "cannot be used together" in err

@@ -47,7 +47,7 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     assert (code, out.split("\t")[:4]) == (0, ["1", "Yard", "2", "1"])
     code, _, err = mission("import", "1", good)
     assert code == 0
-    assert "all of it was there already" in err
+    assert "everything in it was already imported" in err
     code, out, _ = mission("export", "1", tmp_path / "out.geojson")
     assert (code, out) == (0, f"{tmp_path / 'out.geojson'}\n")
     assert (tmp_path / "out.geojson").read_text().startswith("{")
@@ -71,7 +71,7 @@ def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
     ("arguments", "message"),
     [
         (("export", "7", "out.kml"), "mission not found"),
-        (("export", "1", "out.doc"), "does not give the format"),
+        (("export", "1", "out.doc"), "the format cannot be told from the file name"),
         (("import", "9", "."), "the folder is not a ROS 2 bag"),
         (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
         (("new", "Yard", "--start", "95,14,0"), "not a valid position"),
@@ -110,7 +110,7 @@ def test_inspect_says_what_is_in_files(mission, tmp_path):
     assert code == 1, "one of two cannot be imported"
     assert "walk.gpx: GPX\n  gps 'track 1': 2 poses, no times, 50.000000 to 51.000000 north" in out
     assert "1 sightings of objects" in out
-    assert "no columns of positions are known" in err
+    assert "no columns of positions are recognised" in err
     code, out, _ = mission("inspect", "--json", good, tmp_path / "none.gpx")
     first, second = map(json.loads, out.splitlines())
     assert code == 1
@@ -155,7 +155,7 @@ def test_old_missions_are_thinned_pruned_and_kept(mission, tmp_path):
     code, out, _ = mission("prune", "1", "--older-than", "365")
     assert (code, out.splitlines()) == (
         0,
-        ["mission 1 is left out: it changed less than 365 days ago", "0 poses of 0 tracks removed"],
+        ["mission 1 is skipped: it changed less than 365 days ago", "0 poses of 0 tracks removed"],
     )
     code, out, _ = mission("thin", "1", "--to", "0.5", "--dry-run")
     assert (code, out.splitlines()[-1]) == (0, "58 poses of 1 tracks would be removed")

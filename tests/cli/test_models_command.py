@@ -22,7 +22,7 @@ def test_the_list_has_size_licence_source_and_state(expmap):
     assert "xfeat_800x576.onnx, 4.1 MB, Apache-2.0, XFeat of" in out
     assert "faces: face_detection_yunet_2023mar.onnx, 0.2 MB, MIT, YuNet of" in out
     assert "plates: license_plate_detection_lpd_yunet_2023mar.onnx, 4.1 MB, Apache-2.0, LPD-YuNet of" in out
-    assert "aliked: aliked.onnx, yours to supply: no published file is pinned, ALIKED of" in out
+    assert "aliked: aliked.onnx, to be supplied by you: no published file is pinned, ALIKED of" in out
     assert out.count("; missing\n") == out.count("\n") == 9
     assert "folder:" in err
     code, out, _ = expmap("models", "list", "--json")
@@ -42,7 +42,7 @@ def test_the_list_has_size_licence_source_and_state(expmap):
 def test_a_global_descriptor_is_named_and_tried(expmap, models):
     models.mkdir()
     (models / "global.onnx").write_bytes(tiny_image())
-    said = "global: global.onnx, yours to supply: no published file is pinned, a global descriptor, such as"
+    said = "global: global.onnx, to be supplied by you: no published file is pinned, a global descriptor"
     code, out, _ = expmap("models", "list")
     line = out.splitlines()[-1]
     assert code == 0 and line.startswith(said) and line.endswith("; here")
@@ -51,7 +51,8 @@ def test_a_global_descriptor_is_named_and_tried(expmap, models):
     problem = "global.onnx: not a global descriptor: it takes images of width 64"
     assert (
         code == 0
-        and f"; unusable: {problem}, and not of the stated width 20 (docs/features.md" in out.splitlines()[-1]
+        and f"; unusable: {problem}, and not of the stated width 20 (see 'A global descriptor' in"
+        in out.splitlines()[-1]
     )
     state = json.loads(expmap("models", "list", "--json")[1])[-1]
     assert state["state"] == "unusable" and state["problem"].startswith(problem)
@@ -68,9 +69,9 @@ def test_weights_from_a_folder_can_be_used(expmap, shared_models, models, monkey
     assert "; here" in expmap("models", "list")[1]
     code, out, err = expmap("models", "fetch")
     assert (code, out) == (0, "")
-    assert err.startswith("lighterglue: not fetched; take lighterglue_L3.onnx from a folder")
+    assert err.startswith("lighterglue: not fetched; copy lighterglue_L3.onnx from a folder")
     assert expmap("models", "fetch", "--from", shared_models)[0] == 0
-    assert expmap("models", "fetch")[0::2] == (0, "all are here\n")
+    assert expmap("models", "fetch")[0::2] == (0, "all models are already installed\n")
 
 
 def test_an_empty_folder_is_an_error_that_says_where_to_get_them(expmap, tmp_path):

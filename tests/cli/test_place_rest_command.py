@@ -88,7 +88,7 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
         "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
         "photos/4.jpg  too few photos show enough of the same",
     ]
-    assert "photos/1.jpg (id 1) contradicts the other placed photos: they have it 250 px (14 m) away" in err
+    assert "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) away" in err
     assert "2 photos joined, 1 not" in err
     assert "help most (ids): 3, 4" in err
     assert cfg.read_bytes() == before
@@ -133,9 +133,9 @@ def test_placed_photos_are_checked_those_that_contradict_the_others_first(expmap
     code, out, _ = expmap("map", "place-rest", cfg, "--check")
     assert code == 0
     assert out.splitlines() == [
-        "photos/1.jpg  250.0 px (14.0 m) from where the others have it, x 40.0, y 300.2; contradicts them",
-        "photos/5.jpg  30.0 px from where the others have it, x 7.0, y 8.0",
-        "photos/0.jpg  3.5 px from where the others have it, x 103.5, y 90.0",
+        "photos/1.jpg  250.0 px (14.0 m) from where the others put it, x 40.0, y 300.2; contradicts them",
+        "photos/5.jpg  30.0 px from where the others put it, x 7.0, y 8.0",
+        "photos/0.jpg  3.5 px from where the others put it, x 103.5, y 90.0",
     ]
     assert cfg.read_bytes() == before
     code, _, err = expmap("map", "place-rest", cfg, "--check", "--accept")
@@ -177,4 +177,4 @@ def test_a_map_of_the_library_gets_one_edit(expmap, cfg, make_map, tmp_path):
 def test_a_limit_without_accepting_is_refused(expmap, cfg):
     code, _, err = expmap("map", "place-rest", cfg, "--within", 20)
     assert code == 2
-    assert "--within goes with --accept only" in err
+    assert "--within can only be used with --accept" in err

@@ -227,7 +227,7 @@ def test_an_application_that_does_not_start_is_given_up(folder):
     )
     assert (done.returncode, done.stdout) == (1, "")
     assert "No module named 'webapp.nowhere'" in done.stderr
-    assert "the web server does not start" in done.stderr.splitlines()[-1]
+    assert "the web server did not start" in done.stderr.splitlines()[-1]
     assert not processes(folder)
 
 

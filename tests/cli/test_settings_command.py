@@ -35,7 +35,7 @@ def test_a_wrong_file_ends_with_what_is_wrong_in_it(expmap, tmp_path):
     (tmp_path / "my.toml").write_text("[extract]\nkeypoint = 500\n")
     code, _, err = expmap("--config", tmp_path / "my.toml", "settings")
     assert code == 2
-    assert "my.toml: extract.keypoint: unknown setting (in extract there are max_side_px" in err
+    assert "my.toml: extract.keypoint: unknown setting (known in extract: max_side_px" in err
     assert expmap("--config", tmp_path / "none.toml", "settings")[0] == 2
 
 

@@ -54,7 +54,7 @@ def test_an_area_in_degrees_or_in_pixels(expmap, cfg, service):
         _, out, _ = expmap("map", "street-photos", cfg, *area, "--dry-run", "--json")
         assert json.loads(out)["to_download"] == 1
     code, _, err = expmap("map", "street-photos", cfg, "--bbox", "1,2,3")
-    assert code == 2 and "four numbers with commas" in err
+    assert code == 2 and "four numbers separated by commas" in err
     code, _, err = expmap("map", "street-photos", cfg, "--bbox", "1,2,3,4", "--within", "1,2,3,4")
     assert code == 2 and "either --bbox or --within" in err
 

@@ -166,7 +166,7 @@ def test_a_scheduler_that_is_not_there(tmp_path, make_map, quick, monkeypatch):
         settings = replace(quick, dask=f"tcp://127.0.0.1:{port}")
         with pytest.raises(ClusterUnavailable, match=r"tcp://.*: the scheduler of Dask cannot be reached"):
             build(cfg, settings, tmp_path / "there", method="vote")
-    with pytest.raises(UsageError, match="is not the address of a scheduler"):
+    with pytest.raises(UsageError, match="is not the address of a Dask scheduler"):
         build(cfg, replace(quick, dask="nowhere://x"), tmp_path / "there", method="vote")
 
 
@@ -187,13 +187,13 @@ def test_a_scheduler_that_is_lost(tmp_path, make_map, quick):
 def test_workers_that_differ_are_refused(tmp_path, on_dask, monkeypatch):
     at = Workplace(on_dask, tmp_path)
     monkeypatch.setattr(on_worker, "versions", lambda: {"numpy": "1.0"})
-    with pytest.raises(UsageError, match=r"worker tcp://.* of Dask has numpy .*, this process 1\.0"):
+    with pytest.raises(UsageError, match=r"the Dask worker tcp://.* has numpy .*, this process 1\.0"):
         [*in_order(max, [1], shared=0, at=at, progress=Progress())]
 
 
 def test_workers_that_do_not_see_the_folder_are_refused():
     terms = on_worker.Terms(on_worker.versions(), Path("/nowhere/.computing-1"), None, carried())
-    with pytest.raises(UsageError, match="does not see the folder /nowhere"):
+    with pytest.raises(UsageError, match="cannot see the folder /nowhere"):
         terms.check("tcp://127.0.0.1:1")
 
 

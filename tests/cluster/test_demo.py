@@ -149,7 +149,7 @@ def test_a_missing_extra_is_one_line(name):
 def test_what_cannot_be_used_is_refused(tmp_path):
     (tmp_path / "something").write_text("")
     for options, sentence in (
-        (("--folder", tmp_path), "there is something already"),
+        (("--folder", tmp_path), "the folder is not empty"),
         (("--map", tmp_path), "there is no map.cfg"),
     ):
         done = subprocess.run([*COMMAND, *options], capture_output=True, text=True, cwd=ROOT, timeout=300)

@@ -29,7 +29,7 @@ def test_columns_are_named_or_numbered_with_units() -> None:
         ("time=9", "no column"),
         ("lat=2:furlong, lon=3", "no unit"),
         ("time=1", "no column holds a position"),
-        ("time=1, lat=2", "only one of two"),
+        ("time=1, lat=2", "only one of the two"),
     ],
 )
 def test_bad_columns_are_refused(text: str, message: str) -> None:

@@ -30,7 +30,7 @@ def test_chunks_in_order(tmp_path):
     with pytest.raises(WrongOffset) as caught:
         append(part, b"x", offset=2, size=5)
     assert caught.value.offset == 3
-    with pytest.raises(InputError, match="after the 5 bytes"):
+    with pytest.raises(InputError, match="beyond the 5 bytes"):
         append(part, b"def", offset=3, size=5)
     assert append(part, b"de", offset=3, size=5) == 5
     assert part.read_bytes() == b"abcde"

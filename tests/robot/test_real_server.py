@@ -105,7 +105,7 @@ def test_what_is_left_is_seen_and_recovered(site, expmap, mission, tmp_path):
         patch.setattr("webapp.robot.client._PATIENCE_S", 0.1)
         patch.setattr(RobotClient.close, "__kwdefaults__", {"wait_s": 0.1})
         code, _, err = expmap("send", tmp_path / "s", *words, stdin=line)
-    assert code == 1 and "1 records and 0 photos wait" in err
+    assert code == 1 and "1 records and 0 photos are still waiting" in err
     assert json.loads(expmap("status", tmp_path / "s", "--json")[1])["waiting"] == 1
     code, _, err = expmap("recover", tmp_path / "s", "--patience", "0")
     assert code == 1 and "later" in err
@@ -113,7 +113,7 @@ def test_what_is_left_is_seen_and_recovered(site, expmap, mission, tmp_path):
     assert expmap("recover", tmp_path / "s")[0] == 0
     assert site.poses().times_s.tolist() == [1]
     assert expmap("recover", tmp_path / "s")[0] == 0
-    assert "1 records, 0 of them wait" in expmap("status", tmp_path / "s")[1]
+    assert "1 records, 0 of them waiting" in expmap("status", tmp_path / "s")[1]
 
 
 def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
@@ -141,7 +141,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     [
         (("send", "SPOOL"), "either --mission N or --new NAME"),
         (("send", "SPOOL", "--mission", "99"), None),
-        (("send", "SPOOL", "--new", "x", "--start", "here"), "is not a start"),
+        (("send", "SPOOL", "--new", "x", "--start", "here"), "is not a start position and heading"),
         (("send", "SPOOL", "--new", "x", "--map", "nowhere"), "map not found"),
         (("send", "SPOOL", "--new", "x", "--token", "wrong"), "unknown token"),
         (("status", "SPOOL"), "no spool"),

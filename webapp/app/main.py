@@ -98,7 +98,7 @@ map_group = LazyGroup(
     name="map",
     help="Make and check map files.",
     commands={
-        "check": LazyCommand("webapp.cli.map:check", "Check a map file, and say how to fix it."),
+        "check": LazyCommand("webapp.cli.map:check", "Check a map file and say how to fix what is wrong."),
         "from-photos": LazyCommand("webapp.cli.map:from_photos", "Make a map from the photos in a folder."),
         "write-exif": LazyCommand(
             "webapp.cli.map:write_exif", "Write positions into the EXIF of photos, or of copies."
@@ -107,7 +107,7 @@ map_group = LazyGroup(
         "floors": LazyCommand("webapp.cli.floors:floors", "List, add or remove the floors of a map."),
         "plan": LazyCommand("webapp.cli.plan:plan", "Plan where to take the next photos."),
         "place-rest": LazyCommand(
-            "webapp.cli.place_rest:place_rest", "Place the photos in the tray by those that are placed."
+            "webapp.cli.place_rest:place_rest", "Place the photos in the tray using those already placed."
         ),
         "blur": LazyCommand(
             "webapp.cli.blur:blur", "Find faces and number plates in the photos, and blur them."
@@ -116,20 +116,20 @@ map_group = LazyGroup(
             "webapp.cli.street:street_photos", "Add street-level photos from Panoramax or Mapillary."
         ),
         "cut-panoramas": LazyCommand(
-            "webapp.cli.panoramas:cut_panoramas", "Cut panoramas into level views, which are photos."
+            "webapp.cli.panoramas:cut_panoramas", "Cut panoramas into level perspective views."
         ),
         "join-panoramas": LazyCommand(
-            "webapp.cli.panoramas:join_panoramas", "Join the photos of several cameras to panoramas."
+            "webapp.cli.panoramas:join_panoramas", "Join photos from several cameras into panoramas."
         ),
     },
 )
 
 landmarks_group = LazyGroup(
     name="landmarks",
-    help="Join the photos of a map, for other programs.",
+    help="Build the landmarks of a map, and manage its control points.",
     commands={
         "build": LazyCommand(
-            "webapp.cli.landmarks:build", "Join the photos of a map by structure from motion."
+            "webapp.cli.landmarks:build", "Build the landmarks of a map by structure from motion."
         ),
         "points": LazyCommand(
             "webapp.cli.landmark_points:points", "List, read or write the control points of a map."
@@ -139,35 +139,36 @@ landmarks_group = LazyGroup(
 
 mission_group = LazyGroup(
     name="mission",
-    help="What robots and people did: tracks, and objects that they saw.",
+    help="Manage missions: tracks of robots and people, and the objects they saw.",
     commands={
         "list": LazyCommand(
             "webapp.missions.cli.mission:list_missions",
-            "Print all missions: number, name, poses, objects, and when they last changed.",
+            "List all missions: number, name, poses, objects, and time of the last change.",
         ),
         "new": LazyCommand("webapp.missions.cli.mission:new", "Make a mission and print its number."),
         "inspect": LazyCommand(
             "webapp.missions.cli.inspect:inspect",
-            "Print what is in FILES: each source with its poses, times and extent, and what is odd.",
+            "Show what FILES contain: each source with its poses, times and extent, and anything odd.",
         ),
         "import": LazyCommand(
             "webapp.missions.cli.mission:import_files",
-            "Import FILES with tracks and objects into MISSION, a number.",
+            "Import tracks and objects from FILES into the mission with the number MISSION.",
         ),
         "export": LazyCommand(
-            "webapp.missions.cli.mission:export", "Write MISSION, a number, to FILE; `-` is standard output."
+            "webapp.missions.cli.mission:export",
+            "Export the mission with the number MISSION to FILE; `-` is standard output.",
         ),
         "thin": LazyCommand(
             "webapp.missions.cli.thinning:thin",
-            "Leave poses out of tracks of missions, so that at no time they are farther off than an error.",
+            "Remove poses from the tracks of missions, keeping the error below a limit at all times.",
         ),
         "prune": LazyCommand(
             "webapp.missions.cli.thinning:prune",
-            "Remove all poses of the tracks of missions but the first and the last.",
+            "Remove all poses from the tracks of missions except the first and the last.",
         ),
         "keep": LazyCommand(
             "webapp.missions.cli.thinning:keep",
-            "Mark missions to be kept as they are, whatever the settings say of old ones.",
+            "Mark missions to be kept as they are, whatever the settings say about old missions.",
         ),
     },
 )
@@ -183,29 +184,29 @@ foxglove_group = LazyGroup(
 
 account_group = LazyGroup(
     name="account",
-    help="Who may sign in, and with what.",
+    help="Manage accounts, sign-in links and tokens.",
     commands={
-        "link": LazyCommand("webapp.cli.account:link", "Print a link that signs in once."),
+        "link": LazyCommand("webapp.cli.account:link", "Print a one-time sign-in link."),
         "token": LazyCommand(
             "webapp.cli.account:token", "Print a token for a program: `Authorization: Bearer TOKEN`."
         ),
         "add": LazyCommand(
-            "webapp.cli.account:add", "Make an account, and print a link that signs in to it once."
+            "webapp.cli.account:add", "Create an account, and print a one-time sign-in link for it."
         ),
         "list": LazyCommand(
             "webapp.cli.account:list_accounts",
-            "Print all accounts: name, whether the owner of the library, and since when.",
+            "List all accounts: name, whether it owns the library, and date of creation.",
         ),
     },
 )
 
 robot_group = LazyGroup(
     name="robot",
-    help="Send poses and objects from a robot, through outages.",
+    help="Send poses and objects from a robot, even over an unreliable network.",
     commands={
         "send": LazyCommand(
             "webapp.missions.cli.robot:send",
-            "Send what another program prints: a JSON object a line, as batches have them.",
+            "Send records that another program prints: one JSON object per line, as in batches.",
         ),
         "replay": LazyCommand(
             "webapp.missions.cli.robot_replay:replay",
@@ -216,26 +217,28 @@ robot_group = LazyGroup(
         ),
         "status": LazyCommand(
             "webapp.missions.cli.robot:status",
-            "Show what is in the folder SPOOL; the robot may be writing to it.",
+            "Show what is in the folder SPOOL, even while the robot is writing to it.",
         ),
     },
 )
 
 models_group = LazyGroup(
     name="models",
-    help="The weights that learned features need.",
+    help="List and fetch the models that learned features need.",
     commands={
-        "list": LazyCommand("webapp.cli.models:list_models", "List the models, and whether they are here."),
+        "list": LazyCommand(
+            "webapp.cli.models:list_models", "List the models and whether they are installed."
+        ),
         "fetch": LazyCommand(
             "webapp.cli.models:fetch",
-            "Fetch models, all that there are or those named, into EXPMAP_MODELS or the user's cache.",
+            "Fetch all models, or those named, into EXPMAP_MODELS or the user's cache.",
         ),
     },
 )
 
 library_group = LazyGroup(
     name="library",
-    help="Where the records of a library are.",
+    help="Move a library to another database or storage.",
     commands={
         "move": LazyCommand(
             "webapp.cli.operate.move:move",
@@ -246,10 +249,11 @@ library_group = LazyGroup(
 
 cluster_group = LazyGroup(
     name="cluster",
-    help="Several machines.",
+    help="Try out a setup of several machines.",
     commands={
         "demo": LazyCommand(
-            "webapp.cli.demo.command:demo", "Start all parts of several machines on this one, until Ctrl-C."
+            "webapp.cli.demo.command:demo",
+            "Run all parts of a setup of several machines on this one until Ctrl-C.",
         )
     },
 )
@@ -264,35 +268,48 @@ root = LazyGroup(
         "map": LazyCommand("webapp.app.main:map_group", "Make and check map files."),
         "build": LazyCommand("webapp.cli.build:build", "Build the index of a map, or bring it up to date."),
         "localize": LazyCommand("webapp.cli.localize:localize", "Say where photos were taken."),
-        "find": LazyCommand("webapp.cli.find:find", "Say on which map photos were taken."),
+        "find": LazyCommand("webapp.cli.find:find", "Say which map photos were taken on."),
         "evaluate": LazyCommand(
-            "webapp.cli.evaluate:evaluate", "Measure the answers on photos whose places are known."
+            "webapp.cli.evaluate:evaluate",
+            "Measure the accuracy of the answers on photos whose positions are known.",
         ),
         "landmarks": LazyCommand(
-            "webapp.app.main:landmarks_group", "Join the photos of a map, for other programs."
+            "webapp.app.main:landmarks_group", "Build the landmarks of a map, and manage its control points."
         ),
-        "models": LazyCommand("webapp.app.main:models_group", "The weights that learned features need."),
-        "serve": LazyCommand("webapp.cli.serve:serve", "Serve the maps of a library as pages, until Ctrl-C."),
+        "models": LazyCommand(
+            "webapp.app.main:models_group", "List and fetch the models that learned features need."
+        ),
+        "serve": LazyCommand(
+            "webapp.cli.serve:serve", "Serve the maps of a library as web pages until Ctrl-C."
+        ),
         "worker": LazyCommand(
-            "webapp.cli.serve:worker", "Do the long work of a library in the background, until Ctrl-C."
+            "webapp.cli.serve:worker", "Run the background jobs of a library until Ctrl-C."
         ),
         "mission": LazyCommand(
-            "webapp.app.main:mission_group", "What robots and people did: tracks, and objects that they saw."
+            "webapp.app.main:mission_group",
+            "Manage missions: tracks of robots and people, and the objects they saw.",
         ),
         "robot": LazyCommand(
-            "webapp.app.main:robot_group", "Send poses and objects from a robot, through outages."
+            "webapp.app.main:robot_group",
+            "Send poses and objects from a robot, even over an unreliable network.",
         ),
         "foxglove": LazyCommand(
             "webapp.app.main:foxglove_group", "Show answers and missions in Foxglove, live or as MCAP files."
         ),
-        "account": LazyCommand("webapp.app.main:account_group", "Who may sign in, and with what."),
+        "account": LazyCommand("webapp.app.main:account_group", "Manage accounts, sign-in links and tokens."),
         "settings": LazyCommand(
             "webapp.cli.settings:settings", "Print the value of each setting and where it comes from."
         ),
-        "backup": LazyCommand("webapp.cli.operate.backup:backup", "Put a whole library into FILE, a zip."),
-        "restore": LazyCommand("webapp.cli.operate.backup:restore", "Make a library of the backup FILE."),
-        "library": LazyCommand("webapp.app.main:library_group", "Where the records of a library are."),
-        "cluster": LazyCommand("webapp.app.main:cluster_group", "Several machines."),
+        "backup": LazyCommand(
+            "webapp.cli.operate.backup:backup", "Back up a whole library to FILE, a zip archive."
+        ),
+        "restore": LazyCommand(
+            "webapp.cli.operate.backup:restore", "Restore a library from the backup FILE."
+        ),
+        "library": LazyCommand(
+            "webapp.app.main:library_group", "Move a library to another database or storage."
+        ),
+        "cluster": LazyCommand("webapp.app.main:cluster_group", "Try out a setup of several machines."),
     },
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     params=[

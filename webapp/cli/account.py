@@ -19,14 +19,14 @@ _ADDRESS = "http://127.0.0.1:8000"
 
 def _url_option(command: Callable[..., None]) -> Callable[..., None]:
     return click.option(
-        "--url", default=_ADDRESS, show_default=True, metavar="URL", help="Where the pages are."
+        "--url", default=_ADDRESS, show_default=True, metavar="URL", help="Address of the server."
     )(command)
 
 
 def _account_option(command: Callable[..., None]) -> Callable[..., None]:
-    return click.option("--account", metavar="NAME", help="Whose.  [default: the owner of the library]")(
-        command
-    )
+    return click.option(
+        "--account", metavar="NAME", help="The account.  [default: the owner of the library]"
+    )(command)
 
 
 @click.command()
@@ -34,9 +34,9 @@ def _account_option(command: Callable[..., None]) -> Callable[..., None]:
 @_url_option
 @library_option
 def link(account: str | None, url: str, library: Path | None) -> None:
-    """Print a link that signs in once.
+    """Print a one-time sign-in link.
 
-    For a new person, or for one who cannot sign in any more.
+    For a new user, or for one who can no longer sign in.
     """
     settings = load_settings()
     with _writing(library) as session:
@@ -45,8 +45,8 @@ def link(account: str | None, url: str, library: Path | None) -> None:
 
 
 @click.command()
-@click.option("--name", required=True, metavar="NAME", help="Of the program that is going to use it.")
-@click.option("--replace", "again", is_flag=True, help="Revoke one of the same name first.")
+@click.option("--name", required=True, metavar="NAME", help="Name of the program that will use it.")
+@click.option("--replace", "again", is_flag=True, help="Revoke an existing token of that name first.")
 @_account_option
 @library_option
 def token(name: str, again: bool, account: str | None, library: Path | None) -> None:
@@ -63,11 +63,11 @@ def token(name: str, again: bool, account: str | None, library: Path | None) -> 
 
 @click.command()
 @click.argument("name")
-@click.option("--owner", is_flag=True, help="Of the whole library: may do everything.")
+@click.option("--owner", is_flag=True, help="Make it an owner of the whole library, who may do everything.")
 @_url_option
 @library_option
 def add(name: str, owner: bool, url: str, library: Path | None) -> None:
-    """Make an account, and print a link that signs in to it once."""
+    """Create an account, and print a one-time sign-in link for it."""
     settings = load_settings()
     with _writing(library) as session:
         made = accounts.create(session, name, is_owner=owner)
@@ -78,7 +78,7 @@ def add(name: str, owner: bool, url: str, library: Path | None) -> None:
 @click.command("list")
 @library_option
 def list_accounts(library: Path | None) -> None:
-    """Print all accounts: name, whether the owner of the library, and since when."""
+    """List all accounts: name, whether it owns the library, and date of creation."""
     with _writing(library) as session:
         for account in accounts.list_accounts(session):
             what = "owner" if account.is_owner else "-"

@@ -24,7 +24,7 @@ _KINDS = {"face": "face", "plate": "number plate"}
 @click.option("--accept", is_flag=True, help="Blur what is found.")
 @click.option(
     "--least-score", type=click.FloatRange(0.0, 1.0), default=0.0, metavar="SCORE",
-    help="Leave out what the network is less sure of, from 0 to 1.",
+    help="Leave out detections with a lower score, from 0 to 1.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
@@ -32,13 +32,13 @@ def blur(ctx: click.Context, cfg: Path, accept: bool, least_score: float, as_jso
     """Find faces and number plates in the photos of a map that are not blurred yet.
 
     The networks have to be installed first: expmap models fetch faces plates. Nothing is changed without
-    --accept, and original files never are. It can be interrupted at any moment; the next time only photos
-    are searched that have not been.
+    --accept, and original files never are. It can be interrupted at any time; the next run searches only
+    the remaining photos.
     """
     settings = settings_in_use(cfg)
     networks = blur_networks(settings.models)
     for model in networks.missing:
-        click.echo(f"{model} are not looked for: expmap models fetch {model}", err=True)
+        click.echo(f"{model} will not be searched for: expmap models fetch {model}", err=True)
     blurred: list[int] = []
     with library_of(cfg, settings=settings) as there:
         with terminal_progress("photos") as progress:

@@ -27,8 +27,8 @@ from webapp.tasks.localize.build_index import BuildReport, count_reasons
 def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     """Build the index of a map, or bring it up to date.
 
-    Only photos that are new or changed are computed. It can be interrupted at any moment; the next build
-    continues where it stopped.
+    Only new and changed photos are computed. It can be interrupted at any time; the next build continues
+    where this one stopped.
     """
     keep_freed_memory()
     started = time.perf_counter()
@@ -55,7 +55,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
         if second:
             click.echo(build_line(second.index, second.features))
         if report.calibration_seconds is not None:
-            click.echo(f"{time.perf_counter() - started:.1f} s in all, calibration included")
+            click.echo(f"{time.perf_counter() - started:.1f} s in total, including calibration")
     failed = index.failed or (second and second.index.failed)
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 

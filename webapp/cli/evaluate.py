@@ -69,21 +69,28 @@ _QUERIES = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.command()
 @click.argument("map_file", metavar="MAP.cfg", type=MAP_FILE)
 @click.argument("queries", metavar="[QUERIES.csv]", type=_QUERIES, required=False)
-@click.option("--self", "of_itself", is_flag=True, help="Take the map's own photos, each hidden in turn.")
+@click.option("--self", "of_itself", is_flag=True, help="Use the map's own photos, each hidden in turn.")
 @click.option(
     "--hide-within",
     type=click.FloatRange(0.0),
     metavar="PX",
-    help="With --self: hide all photos so near.  [default: once the photo alone, once its whole place]",
+    help="With --self: hide all photos this near.  [default: once the photo alone, once its whole place]",
 )
-@click.option("--limit", type=click.IntRange(1), metavar="N", help="Take N queries, evenly spread.")
+@click.option(
+    "--limit", type=click.IntRange(1), metavar="N", help="Use only N queries, evenly spread over the list."
+)
 @click.option(
     "-o", "--output", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
-    help="Write a report there.",
+    help="Write a report to this folder.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object; with --self a list of them.")
 @click.option(
-    "--seed", type=int, default=0, show_default=True, metavar="N", help="Of the bootstrap intervals."
+    "--seed",
+    type=int,
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Random seed of the bootstrap intervals.",
 )
 @sequence_options
 @index_options
@@ -103,7 +110,7 @@ def evaluate(
     smooth: bool,
     **chosen: Any,
 ) -> None:
-    """Measure the answers on photos whose places are known.
+    """Measure the accuracy of the answers on photos whose positions are known.
 
     QUERIES.csv has lines path;x;y below a header, paths relative to it. The report is a web page with
     tables, charts and the worst queries, and the same as CSV, JSON and TUM poses.
@@ -111,9 +118,9 @@ def evaluate(
     if of_itself == (queries is not None):
         raise UsageError("give either QUERIES.csv or --self", where="evaluate")
     if hide_within is not None and not of_itself:
-        raise UsageError("goes with --self only", where="--hide-within")
+        raise UsageError("can only be used with --self", where="--hide-within")
     if sequence and of_itself:
-        raise UsageError("goes with QUERIES.csv only", where="--sequence")
+        raise UsageError("can only be used with QUERIES.csv", where="--sequence")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth})
     keep_freed_memory()
     settings = chosen_settings(map_file, chosen)

@@ -24,7 +24,7 @@ from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import UploadedPhoto
 
 
-@click.command(short_help="Say on which map photos were taken.")
+@click.command(short_help="Say which map photos were taken on.")
 @click.argument("photos", metavar="PHOTO...", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
     "--top",
@@ -32,14 +32,14 @@ from webapp.tasks.localize.upload import UploadedPhoto
     default=1,
     show_default=True,
     metavar="N",
-    help="Most places on each map.",
+    help="Maximum number of places on each map.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, one object per photo.")
 @library_option
 def find(photos: tuple[Path, ...], top: int, as_json: bool, library: Path | None) -> None:
     """Find out on which map of a library each photo was taken.
 
-    Maps without an index are named and not searched; expmap build, or the page Localize, makes one.
+    Maps without an index are listed but not searched; expmap build or the Localize page makes one.
     """
     settings = library_settings(library)
     keep_freed_memory()

@@ -37,7 +37,7 @@ _IMAGE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--height", type=float, metavar="METRES", help="Its height.")
 @click.option("--image", type=_IMAGE, metavar="FILE", help="Its plan: PNG, JPEG or TIFF.")
 @click.option("--remove", metavar="NAME", help="Remove a floor, by its name or level.")
-@click.option("--tray", is_flag=True, help="Put the photos of a floor that is removed into the tray.")
+@click.option("--tray", is_flag=True, help="Move the photos of the removed floor to the tray.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def floors(
     cfg: Path,
@@ -51,13 +51,13 @@ def floors(
 ) -> None:
     """List the floors of a map, the highest first, with the photos on each; add one, or remove one.
 
-    A new plan is laid over the whole image of the map; the editor aligns it by pairs of spots. The first
-    floor that is added makes "Ground floor" of the map's own image, at level 0.
+    A new plan is stretched over the whole image of the map; in the editor it is aligned by pairs of spots.
+    Adding the first floor turns the map's own image into "Ground floor", at level 0.
     """
     if (add is None) != (level is None):
-        raise click.UsageError("--add and --level go together")
+        raise click.UsageError("--add and --level must be used together")
     if add is None and (height is not None or image is not None):
-        raise click.UsageError("--height and --image belong to --add")
+        raise click.UsageError("--height and --image can only be used with --add")
     settings = settings_in_use(cfg)
     base = Floor(BASE_FLOOR, "Ground floor", 0.0)
     new = None
@@ -121,7 +121,7 @@ def _as_json(the_map: Map) -> dict[str, object]:
 
 def _table(the_map: Map) -> str:
     if not the_map.floors:
-        return "the map has one image alone; --add gives it a further floor"
+        return "the map has only one image; --add adds a floor"
     photos = _counts(the_map)
     rows = [
         (

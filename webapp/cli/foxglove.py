@@ -44,7 +44,7 @@ def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
             help="Write a file instead of serving.",
         ),
         click.option(
-            "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen there."
+            "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address to listen on."
         ),
         click.option(
             "--port",
@@ -52,7 +52,7 @@ def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
             default=8765,
             show_default=True,
             metavar="N",
-            help="Listen there; 0 takes any that is free.",
+            help="Port to listen on; 0 picks a free one.",
         ),
     )
     for option in reversed(options):
@@ -93,7 +93,7 @@ def localize(
 ) -> None:
     """Localize photos one after the other, and show them with matches and hypotheses in Foxglove.
 
-    Of a folder all photos are taken, and while serving those that come later, too.
+    All photos in a folder are used; when serving, also those added later.
     """
     require("foxglove")
     keep_freed_memory()

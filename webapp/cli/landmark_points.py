@@ -27,20 +27,21 @@ from webapp.tasks.maps import export
 @click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
 @click.option(
     "--import", "table", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="Add the points of a table (CSV), or replace those of the same names.",
+    help="Add the points of a table (CSV), replacing those with the same name.",
 )  # fmt: skip
-@click.option("--remove", multiple=True, metavar="NAME", help="Take a point away; may be repeated.")
+@click.option("--remove", multiple=True, metavar="NAME", help="Remove a point; may be repeated.")
 @click.option(
     "--export", "out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Write all points as such a table.",
+    help="Write all points to such a table.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def points(cfg: Path, table: Path | None, remove: tuple[str, ...], out: Path | None, as_json: bool) -> None:
-    """List the control points of a map, and how far off the others have each, the farthest first.
+    """List the control points of a map, the largest residual first.
 
-    A control point is a spot of the world that is clicked in two or more photos and known on the map.
-    The landmarks are laid on the map by control points and placed photos together. A table has a row for each
-    click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px, photo_y_px.
+    A control point is a real-world spot whose position on the map is known and which is clicked in two or
+    more photos. Control points and placed photos together place the landmarks on the map. A table has one row
+    per click: name, x_px and y_px on the map or lat and lon, height_m, accuracy_m, photo, photo_x_px,
+    photo_y_px.
     """
     settings = settings_in_use(cfg)
     with library_of(cfg, settings=settings) as there:
@@ -88,7 +89,7 @@ def _table(the_map: Map, found: Sequence[Residual] | None) -> str:
     width = max(map(len, names))
     lines = [f"{name:{width}}  {_line(points[name], judged, the_map)}" for name in names]
     if found is None:
-        lines.append("how well they fit is known when the map has landmarks: run expmap landmarks build")
+        lines.append("to see how well they fit, build the landmarks first: expmap landmarks build")
     return "\n".join(lines)
 
 
@@ -104,7 +105,7 @@ def _line(point: GroundControlPoint, judged: Mapping[str, Residual], the_map: Ma
     elif pixels is not None:
         words.append(f"{pixels:.1f} px off")
     words += ["left out: the others agree on another place"] * one.contradicts
-    words += [f"clicked wrongly in {', '.join(one.wrong)}"] if one.wrong else []
+    words += [f"wrong click in {', '.join(one.wrong)}"] if one.wrong else []
     words += [one.problem] if one.problem else []
     return "; ".join(words)
 

@@ -21,7 +21,7 @@ from webapp.tasks.landmarks.export_models import export_models, names_of_photos
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
 
-@click.command(short_help="Join the photos of a map by structure from motion.")
+@click.command(short_help="Build the landmarks of a map by structure from motion.")
 @click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="FOLDER",
@@ -29,10 +29,10 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def build(cfg: Path, out: Path | None, as_json: bool) -> None:
-    """Join the photos of a map, those in the tray included, to pieces, and these at the placed photos.
+    """Join the photos of a map, including those in the tray, into pieces, and place these on the map.
 
-    Only photos that are new are described and compared. It can be interrupted at any moment; the next time
-    it continues where it stopped.
+    Only new photos are described and compared. It can be interrupted at any time; the next run continues
+    where this one stopped.
     """
     keep_freed_memory()
     started = time.perf_counter()

@@ -120,11 +120,10 @@ _FORMATS = (".png", ".jpg", ".jpeg", ".webp")
 _PICTURE = click.Path(dir_okay=False, path_type=Path)
 
 _LOOK_CLOSER = (
-    "uncertain answers can become more certain with --method thorough, a second a photo: expmap models list"
+    "--method thorough can make uncertain answers more certain, at about a second per photo: "
+    "expmap models list"
 )
-_LOOK_AGAIN = (
-    "uncertain answers can become more certain by a second look, which needs models: expmap models fetch"
-)
+_LOOK_AGAIN = "a second look can make uncertain answers more certain; it needs models: expmap models fetch"
 
 
 @click.command(short_help="Say where photos were taken.")
@@ -138,7 +137,7 @@ _LOOK_AGAIN = (
     metavar="N",
     help="Maximum number of places.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, an object a photo.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON array, one object per photo.")
 @click.option("--matches", type=_PICTURE, metavar="OUT.png", help="Draw the query next to the best photo.")
 @click.option("--picture", type=_PICTURE, metavar="OUT.png", help="Draw the hypotheses on the map.")
 @sequence_options
@@ -166,7 +165,7 @@ def localize(
     for option, path in (("--matches", matches), ("--picture", picture)):
         _refuse_unwritable(path, option)
     if picture is not None and picture == matches:
-        raise UsageError("is also that of --matches", where="--picture", hint="name another file")
+        raise UsageError("must not be the file of --matches", where="--picture", hint="choose another file")
     check_sequence(sequence, {"--speed": speed is not None, "--smooth": smooth, "--by-time": by_time})
     keep_freed_memory()
     settings = chosen_settings(map_file, chosen)
@@ -220,9 +219,9 @@ def _refuse_unwritable(path: Path | None, option: str) -> None:
     if path is None:
         return
     if path.suffix.lower() not in _FORMATS:
-        raise UsageError(f"cannot draw a {path.name}", where=option, hint="name a .png or .jpg")
+        raise UsageError(f"cannot write a picture to {path.name}", where=option, hint="use .png or .jpg")
     if not path.parent.is_dir():
-        raise UsageError(f"folder {path.parent} not found", where=option, hint="make it first")
+        raise UsageError(f"folder {path.parent} not found", where=option, hint="create it first")
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,8 +245,8 @@ class _Output:
         click.echo(text)
         if answer.fov is not None and answer.fov.source == "guess":
             click.echo(
-                f"the field of view of {photo.name} is not known, {answer.fov.degrees:.0f}° was taken; "
-                "--fov DEGREES makes the position better",
+                f"the field of view of {photo.name} is not known; {answer.fov.degrees:.0f}° is assumed; "
+                "--fov DEGREES gives a better position",
                 err=True,
             )
         if not last:

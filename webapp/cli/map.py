@@ -39,7 +39,7 @@ _BESIDE = Path()
 @click.option("--json", "as_json", is_flag=True, help="Print all findings as one JSON object.")
 @click.pass_context
 def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
-    """Check a map file, and say how to fix it.
+    """Check a map file and say how to fix what is wrong.
 
     Looks at the .cfg, the map.json and placements next to it, the satellite image and every photo.
     Exit code 3 when the map has errors; warnings alone leave it usable.
@@ -109,14 +109,17 @@ def _as_json(report: check_map.CheckReport) -> dict[str, object]:
 @click.command("write-exif", short_help="Write positions into the EXIF of photos, or of copies.")
 @click.argument("cfg", metavar="MAP.cfg", type=_FILE)
 @click.option("-o", "--out", type=_FILE, metavar="FOLDER", help="Where the copies go.")
-@click.option("--in-place", is_flag=True, help="Change the photos; each stays beside as NAME_original.")
+@click.option(
+    "--in-place", is_flag=True, help="Change the photos themselves; the originals are kept as NAME_original."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the list as one JSON object.")
 @click.pass_context
 def write_exif(ctx: click.Context, cfg: Path, out: Path | None, in_place: bool, as_json: bool) -> None:
-    """Write the positions and headings of a map into the EXIF of its photos: of copies, or in place.
+    """Write the positions and headings of a map into the EXIF of its photos: into copies, or in place.
 
-    The map needs a georeference. Copies replace no file in FOLDER, and the originals stay as they are; in
-    place each photo is kept next to it, the first time. Exit code 1 when a photo could not be written.
+    The map needs a georeference. Copies never replace a file in FOLDER, and the originals stay as they are;
+    in place, each original is kept next to its photo, the first time. Exit code 1 when a photo could not be
+    written.
     """
     if (out is None) != in_place:
         raise click.UsageError("give either --out FOLDER or --in-place")
@@ -162,7 +165,7 @@ def _copy_line(one: PhotoCopy) -> str:
 @click.option("-o", "--output", "cfg", type=_FILE, required=True, metavar="MAP.cfg", help="The map to write.")
 @click.option("--satellite", type=_FILE, metavar="IMAGE", help="Satellite image; inside the map's folder.")
 @click.option("--corners", type=_FILE, metavar="FILE", help="JSON with the positions of the image's corners.")
-@click.option("--geotiff", is_flag=True, help="The image is a GeoTIFF and says itself where it is.")
+@click.option("--geotiff", is_flag=True, help="The image is a GeoTIFF with its own georeference.")
 @click.option(
     "--worldfile", type=_FILE, is_flag=False, flag_value=_BESIDE, metavar="[FILE]",
     help="World file; without FILE the one next to the image.",
@@ -180,19 +183,19 @@ def _copy_line(one: PhotoCopy) -> str:
 )  # fmt: skip
 @click.option(
     "--panoramas", "assume", is_flag=True,
-    help="Photos twice as wide as high are panoramas, also those that do not say so.",
+    help="Treat all photos twice as wide as high as panoramas, even without panorama metadata.",
 )  # fmt: skip
 @click.option(
     "--mask", type=_FILE, metavar="IMAGE",
-    help="Of the panoramas: black where the robot is, so that nothing is recognised there.",
+    help="Mask of the panoramas: black where the robot is, so that nothing is recognised there.",
 )  # fmt: skip
 @click.option(
     "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
-    help="Mask what is farther below the horizon of panoramas.",
+    help="Mask everything farther below the horizon of panoramas.",
 )  # fmt: skip
 @click.option(
     "--highest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
-    help="Mask what is farther above it: the sky.",
+    help="Mask everything farther above it: the sky.",
 )  # fmt: skip
 @click.option("--copy", is_flag=True, help="Copy photos and image from elsewhere into the map's folder.")
 @click.option("--force", is_flag=True, help="Replace a map that exists; its photos keep their ids.")
@@ -238,9 +241,9 @@ def from_photos(
         kinds.append(GeoSource("control-points", control_points, crs, model))
     if len(kinds) > 1:
         names = " and ".join(f"--{kind.kind}" for kind in kinds)
-        raise UsageError(f"{names} exclude each other", hint="choose one of them")
+        raise UsageError(f"{names} cannot be used together", hint="choose one of them")
     if not kinds and (crs or model):
-        raise UsageError("--crs and --model go with a source of the georeference", hint="add one of them")
+        raise UsageError("--crs and --model need a source of the georeference", hint="add one of them")
     around = map_from_photos.PanoramaOptions(assume, mask, lowest, highest)
     options = map_from_photos.PlaceOptions(
         cfg,

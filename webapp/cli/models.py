@@ -17,9 +17,9 @@ from webapp.tasks.operate import models as task
 @click.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
 def list_models(as_json: bool) -> None:
-    """List the models, and whether they are here.
+    """List the models and whether they are installed.
 
-    Any one of a model's files is enough: they hold the same weights. A global descriptor is tried.
+    Any one of a model's files is enough: they hold the same weights. A global descriptor is tested.
     """
     settings = load_settings()
     states = task.states(settings)
@@ -36,19 +36,19 @@ def list_models(as_json: bool) -> None:
 @click.argument("names", metavar="[MODEL]...", nargs=-1)
 @click.option(
     "--from", "source", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="FOLDER",
-    help="Take the files from there, and download nothing.",
+    help="Copy the files from this folder instead of downloading them.",
 )  # fmt: skip
 def fetch(names: tuple[str, ...], source: Path | None) -> None:
-    """Fetch models, all that there are or those named, into EXPMAP_MODELS or the user's cache.
+    """Fetch all models, or those named, into EXPMAP_MODELS or the user's cache.
 
-    A file is kept only if it is, byte by byte, the one that was published. Models without a published file
-    are yours to put there.
+    A file is kept only if it is identical to the published one. Models without a published file you have to
+    put there yourself.
     """
     settings = load_settings()
     missing = task.missing(names, settings=settings)
     wanted = missing if names else [name for name in missing if task.is_available(name, source)]
     if not missing:
-        click.echo("all are here", err=True)
+        click.echo("all models are already installed", err=True)
     for name in missing[:1] if source and not wanted else wanted:
         file = task.choose_file(name, source)
         click.echo(f"{_line(file)}; from {source or file.address}", err=True)
@@ -61,5 +61,5 @@ def fetch(names: tuple[str, ...], source: Path | None) -> None:
 
 def _line(file: ModelFile) -> str:
     if not file.published:
-        return f"{file.name}, yours to supply: no published file is pinned, {file.source}"
+        return f"{file.name}, to be supplied by you: no published file is pinned, {file.source}"
     return f"{file.name}, {file.bytes / 1e6:.1f} MB, {file.licence}, {file.source}"

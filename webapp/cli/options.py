@@ -38,7 +38,7 @@ def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None
     except ValueError:
         numbers = ()
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)):
-        raise click.BadParameter(f"write {option.metavar}: four numbers with commas")
+        raise click.BadParameter(f"write {option.metavar}: four numbers separated by commas")
     return numbers
 
 
@@ -92,16 +92,16 @@ _INDEX_OPTIONS: list[Decorator] = [
         type=click.Choice(METHODS),
         default="auto",
         show_default=True,
-        help="auto: verified, and a second look by learned features where it is not sure and their models "
-        "are here; vote: most matches; verified: geometry, position and probabilities; thorough: the same "
-        "with a network that matches photos, which takes seconds; landmarks: the camera is solved from the "
-        "points of expmap landmarks build.",
+        help="auto: verified, and a second look with learned features where it is not sure and their models "
+        "are installed; vote: most matches; verified: geometry, position and probabilities; thorough: the "
+        "same with a network that matches photos, which takes seconds; landmarks: the camera pose is solved "
+        "from the points of expmap landmarks build.",
     ),
     click.option(
         "--budget",
         type=click.FloatRange(0.0),
         metavar="SECONDS",
-        help="With --method auto: a second look may take so long a photo; 0 for none.  "
+        help="With --method auto: time limit of a second look, per photo; 0 for no second look.  "
         f"[default: {_BUDGET.variables[0]}, or {_BUDGET.default}]",
     ),
     _limited(
@@ -114,13 +114,13 @@ _INDEX_OPTIONS: list[Decorator] = [
         "--keypoints",
         "extract.keypoints",
         metavar="N",
-        text="Maximum number of keypoints a photo; the strongest are kept.",
+        text="Maximum number of keypoints per photo; the strongest are kept.",
     ),
     _limited(
         "--shortlist",
         "retrieval.shortlist",
         metavar="N",
-        text="Photos of the map that are verified for a query.",
+        text="Number of map photos that are verified for each query.",
     ),
     click.option(
         "--index",
@@ -129,7 +129,10 @@ _INDEX_OPTIONS: list[Decorator] = [
         help="Folder for the indexes.  [default: derived/ next to the map]",
     ),
     click.option(
-        "--jobs", type=click.IntRange(1), metavar="N", help="Processes that build.  [default: all cores]"
+        "--jobs",
+        type=click.IntRange(1),
+        metavar="N",
+        help="Number of processes that build the index.  [default: all cores]",
     ),
 ]
 
@@ -146,7 +149,7 @@ _MAP_OPTIONS = [
         "--right-within",
         type=click.FloatRange(0.0, min_open=True),
         metavar="PX",
-        help="An answer so near is right.  [default: twice the spacing of the map's photos]",
+        help="Count answers this near as right.  [default: twice the spacing of the map's photos]",
     ),
     click.option(
         "--map-kind",
@@ -173,20 +176,20 @@ def check_sequence(sequence: bool, needing: dict[str, bool]) -> None:
     """
     for option, given in needing.items():
         if given and not sequence:
-            raise UsageError("goes with --sequence only", where=option)
+            raise UsageError("can only be used with --sequence", where=option)
 
 
 _SEQUENCE_OPTIONS = [
     click.option(
-        "--sequence", is_flag=True, help="The photos are frames of one sequence: those before count, too."
+        "--sequence", is_flag=True, help="The photos are frames of one sequence: earlier frames count, too."
     ),
     click.option(
         "--speed",
         type=click.FloatRange(0.0, min_open=True),
         metavar="PX",
-        help="With --sequence: usual distance from a frame to the next.  [default: what --right-within is]",
+        help="With --sequence: usual distance from one frame to the next.  [default: that of --right-within]",
     ),
-    click.option("--smooth", is_flag=True, help="With --sequence: the frames after it count, too."),
+    click.option("--smooth", is_flag=True, help="With --sequence: later frames count, too."),
 ]
 
 
@@ -199,7 +202,7 @@ def chosen_settings(cfg: Path, chosen: dict[str, Any]) -> Settings:
         retrieval = replace(retrieval, shortlist=chosen["shortlist"])
     if chosen["budget"] is not None:
         if not math.isfinite(chosen["budget"]):
-            raise UsageError("not a number of seconds", where="--budget", hint="take 0 for no second look")
+            raise UsageError("not a number of seconds", where="--budget", hint="use 0 for no second look")
         retrieval = replace(retrieval, budget_s=chosen["budget"])
     return replace(settings, extract=replace(settings.extract, **given), retrieval=retrieval)
 

@@ -21,22 +21,26 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
 _ELEVATION = click.FloatRange(0.0, 90.0)
 
 
-@click.command("cut-panoramas", short_help="Cut panoramas into level views, which are photos.")
+@click.command("cut-panoramas", short_help="Cut panoramas into level perspective views.")
 @click.argument("folder", metavar="FOLDER", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("-o", "--out", required=True, type=_FOLDER, metavar="FOLDER", help="Where the views go.")
 @click.option(
     "--views", default=6, show_default=True, type=click.IntRange(1, 36), metavar="N",
-    help="Views of a panorama, evenly all around.",
+    help="Number of views per panorama, evenly spaced all around.",
 )  # fmt: skip
 @click.option(
     "--lowest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
-    help="Mask what is farther below the horizon: the robot or the tripod.",
+    help="Mask everything farther below the horizon: the robot or the tripod.",
 )  # fmt: skip
 @click.option(
     "--highest", default=90.0, show_default=True, type=_ELEVATION, metavar="DEGREES",
-    help="Mask what is farther above it: the sky.",
+    help="Mask everything farther above it: the sky.",
 )  # fmt: skip
-@click.option("--assume", is_flag=True, help="Also cut photos twice as wide as high without such XMP.")
+@click.option(
+    "--assume",
+    is_flag=True,
+    help="Also cut photos twice as wide as high that have no panorama metadata (XMP).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
 @click.pass_context
 def cut_panoramas(
@@ -73,7 +77,7 @@ def _line(one: CutPhoto) -> str:
     return f"{one.photo}  {one.problem or f'{len(one.views)} views'}"
 
 
-@click.command("join-panoramas", short_help="Join the photos of several cameras to panoramas.")
+@click.command("join-panoramas", short_help="Join photos from several cameras into panoramas.")
 @click.argument("folder", metavar="FOLDER", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--rig", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="RIG.json",
@@ -82,11 +86,11 @@ def _line(one: CutPhoto) -> str:
 @click.option("-o", "--out", required=True, type=_FOLDER, metavar="FOLDER", help="Where the panoramas go.")
 @click.option(
     "--mask", type=click.Path(dir_okay=False, path_type=Path), metavar="MASK.png",
-    help="Write what no camera sees as a mask for all panoramas.",
+    help="Write a mask of what no camera sees, for all panoramas.",
 )  # fmt: skip
 @click.option(
     "--width", type=click.IntRange(64), metavar="PX",
-    help="Of the panoramas; without it they have as many pixels a degree as the photos.",
+    help="Width of the panoramas; default: as many pixels per degree as the photos.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON array.")
 @click.pass_context
@@ -99,10 +103,10 @@ def join_panoramas(
     width: int | None,
     as_json: bool,
 ) -> None:
-    """Join the photos that the cameras of a robot took at one instant to one panorama.
+    """Join the photos that the cameras of a robot took at one instant into one panorama.
 
-    It has the time, position and heading that the photos have. It can be interrupted at any moment; panoramas
-    that are there are not made again. Exit code 1 when photos could not be joined.
+    It gets the time, position and heading of the photos. It can be interrupted at any time; panoramas that
+    already exist are not made again. Exit code 1 when photos could not be joined.
     """
     cameras, settings = read_rig(rig), load_settings()
     with terminal_progress("panoramas") as progress:
@@ -121,4 +125,4 @@ def join_panoramas(
 
 
 def _joined_line(one: JoinedPanorama) -> str:
-    return f"{one.panorama}  {one.problem or ('joined' if one.is_new else 'there already')}"
+    return f"{one.panorama}  {one.problem or ('joined' if one.is_new else 'already there')}"

@@ -24,34 +24,37 @@ from webapp.tasks.landmarks.place_rest import RestReport, suggest_rest
 from webapp.tasks.landmarks.stored import as_json as report_as_json
 
 
-@click.command("place-rest", short_help="Place the photos in the tray by those that are placed.")
+@click.command("place-rest", short_help="Place the photos in the tray using those already placed.")
 @click.argument("cfg", metavar="MAP.cfg", type=MAP_FILE)
 @click.option("--accept", is_flag=True, help="Place them, as one step that can be undone in the editor.")
 @click.option(
     "--within",
     type=click.FloatRange(0.0, min_open=True),
     metavar="PX",
-    help="With --accept: only photos whose radius is at most so many pixels.",
+    help="With --accept: only photos whose radius is at most this many pixels.",
 )
-@click.option("--correct", is_flag=True, help="Move photos that their GPS has placed to where all have them.")
-@click.option("--check", is_flag=True, help="List the placed photos by how far off the others have them.")
+@click.option(
+    "--correct", is_flag=True, help="Move photos placed by their GPS to where all photos together put them."
+)
+@click.option(
+    "--check", is_flag=True, help="List the placed photos by how far they are from where the others put them."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def place_rest(
     cfg: Path, accept: bool, within: float | None, correct: bool, check: bool, as_json: bool
 ) -> None:
-    """Suggest where the photos in the tray of a map were taken, by the photos that are placed.
+    """Suggest where the photos in the tray of a map were taken, using the photos already placed.
 
-    All photos are joined by structure from motion, and laid on the map by those that have a place; a dozen
-    of those are often enough. What cannot be joined stays in the tray, with the reason. Nothing is changed
-    without --accept or --correct. It can be interrupted at any moment; the next time only new photos are
-    computed.
-    Photos that their GPS has placed are joined, too, and known better then: --correct moves them.
-    With --check the photos that are placed are listed instead, those first that contradict the others.
+    All photos are joined by structure from motion and fitted to the map by the placed ones; a dozen of those
+    are often enough. Photos that cannot be joined stay in the tray, with the reason. Nothing is changed
+    without --accept or --correct. It can be interrupted at any time; the next run computes only new photos.
+    Photos placed by their GPS are joined, too, which gives better positions: --correct moves them there.
+    With --check the placed photos are listed instead, starting with those that contradict the others.
     """
     if check and (accept or correct):
-        raise click.UsageError("--check changes nothing: it does not go with --accept or --correct")
+        raise click.UsageError("--check changes nothing: it cannot be used with --accept or --correct")
     if within is not None and not accept:
-        raise click.UsageError("--within goes with --accept only")
+        raise click.UsageError("--within can only be used with --accept")
     keep_freed_memory()
     settings = settings_in_use(cfg)
     with library_of(cfg, settings=settings) as there:
@@ -109,7 +112,7 @@ def _check_table(report: RestReport) -> str:
         metres = "" if one.residual_m is None else f" ({one.residual_m:.1f} m)"
         word = "; contradicts them" if one.contradicts else ""
         off = f"{one.residual_px or 0.0:.1f} px{metres}"
-        lines.append(f"{one.photo:{width}}  {off} from where the others have it, x {x:.1f}, y {y:.1f}{word}")
+        lines.append(f"{one.photo:{width}}  {off} from where the others put it, x {x:.1f}, y {y:.1f}{word}")
     return "\n".join(lines) or "no placed photo is joined with two others"
 
 
@@ -119,7 +122,7 @@ def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
         if one.contradicts:
             metres = "" if one.residual_m is None else f" ({one.residual_m:.0f} m)"
             click.echo(
-                f"warning: {one.photo} (id {one.id}) contradicts the other placed photos: they have it "
+                f"warning: {one.photo} (id {one.id}) contradicts the other placed photos: they put it "
                 f"{one.residual_px or 0.0:.0f} px{metres} away",
                 err=True,
             )

@@ -38,11 +38,11 @@ _BY = {
 )  # fmt: skip
 @click.option(
     "--evaluation", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="What `expmap evaluate --self --json` printed; default: the last one of the map's page Quality.",
+    help="Output of `expmap evaluate --self --json`; default: the last one from the map's Quality page.",
 )  # fmt: skip
 @click.option(
     "--gpx", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-    help="Write the spots as waypoints and a route for a phone.",
+    help="Write the spots to a GPX file for a phone, as waypoints and a route.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def plan(
@@ -76,7 +76,7 @@ def _trials(map_: Map, file: Path) -> MapTrials:
         return planning.trials_from_evaluation(map_, forms if isinstance(forms, list) else [forms])
     except (ValueError, KeyError, TypeError) as error:
         raise UsageError(
-            "this is no evaluation of a map", where=str(file), hint="run expmap evaluate --self --json"
+            "this is not an evaluation of a map", where=str(file), hint="run expmap evaluate --self --json"
         ) from error
 
 

@@ -46,11 +46,11 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--orientation", type=click.Choice(ORIENTATIONS), default="auto", show_default=True,
-    help="auto: the one in which the map is larger.",
+    help="auto: whichever makes the map larger.",
 )  # fmt: skip
 @click.option(
     "--dpi", type=click.IntRange(LEAST_DPI, MOST_DPI), default=USUAL_DPI, show_default=True, metavar="N",
-    help="Pixels an inch; in a PDF of the satellite image alone.",
+    help="Pixels per inch; in a PDF, of the satellite image only.",
 )  # fmt: skip
 @click.option(
     "--labels", type=click.Choice(LABELS), default="numbers", show_default=True,
@@ -63,19 +63,19 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
     "--extent", type=click.Choice(EXTENTS), default="image", show_default=True,
     help="The whole image, or the surroundings of the photos.",
 )  # fmt: skip
-@click.option("--title", metavar="TEXT", help="Instead of the map's.")
+@click.option("--title", metavar="TEXT", help="Title of the sheet, instead of the map's.")
 @click.option(
-    "--attribution", metavar="TEXT", default="", help="Whom the image is from; default: its tile service."
+    "--attribution", metavar="TEXT", default="", help="Credit for the image; default: its tile service."
 )
 @click.option(
     "--floor", metavar="NAME", help="Name or level of the floor; default: that of the map's own image."
 )
 @click.option(
-    "--all-floors", is_flag=True, help="Each floor on a page of its own, the lowest first; PDF only."
+    "--all-floors", is_flag=True, help="Print each floor on its own page, the lowest first; PDF only."
 )
 @click.option(
     "--answers", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="What `expmap localize --json` printed: show the best place of each photo.",
+    help="Output of `expmap localize --json`: show the best place of each photo.",
 )  # fmt: skip
 def print_command(
     cfg: Path,
@@ -96,7 +96,7 @@ def print_command(
 ) -> None:
     """Print a map on one sheet of paper: its image with the photos on it, legend, scale, north and date.
 
-    Of several floors one is printed, or all, each on a page of its own.
+    Of a map with several floors, one is printed, or all, each on its own page.
 
     The scale and north are those of the map's georeference; without one the sheet says so. In a PDF
     text and marks are sharp at any size.
@@ -105,7 +105,7 @@ def print_command(
     if form not in SHEET_FORMATS:
         raise UsageError("the name of the file must end with .pdf or .png", where=str(out))
     if all_floors and floor is not None:
-        raise UsageError("--floor and --all-floors exclude each other", hint="give one of them")
+        raise UsageError("--floor and --all-floors cannot be used together", hint="give one of them")
     source = of_folder(cfg)
     options = SheetOptions(
         paper,
@@ -148,5 +148,5 @@ def _answers(file: Path) -> tuple[SheetAnswer, ...]:
         return answers_from_json(json.loads(file.read_text("utf-8")))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(
-            "these are no answers", where=str(file), hint="run expmap localize --json"
+            "the file does not contain answers", where=str(file), hint="run expmap localize --json"
         ) from error

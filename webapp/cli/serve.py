@@ -25,33 +25,38 @@ def log_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the form of the log."""
     return click.option(
         "--log", type=click.Choice(FORMS), default="text", show_default=True,
-        help="Form of the log on standard error.",
+        help="Format of the log on standard error.",
     )(command)  # fmt: skip
 
 
 @click.command()
-@click.option("--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Listen there.")
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS", help="Address to listen on."
+)
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=8000,
     show_default=True,
     metavar="N",
-    help="Listen there; 0 takes any that is free.",
+    help="Port to listen on; 0 picks a free one.",
 )
 @library_option
 @click.option(
-    "--workers", type=click.IntRange(1), metavar="N", help="Processes that answer requests.  [default: 3]"
+    "--workers",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Number of processes that answer requests.  [default: 3]",
 )
 @log_option
 @click.pass_obj
 def serve(
     composition: Composition, host: str, port: int, library: Path | None, workers: int | None, log: Form
 ) -> None:
-    """Serve the maps of a library as pages, until Ctrl-C.
+    """Serve the maps of a library as web pages until Ctrl-C.
 
-    The first start makes the library, with the sample map and an owner's account. Once the server answers,
-    its address is printed, and a link that signs the owner in once.
+    The first start creates the library, with the sample map and an owner's account. Once the server is ready,
+    it prints its address and a one-time sign-in link for the owner.
     """
     log_to_stderr(log)
     settings = library_settings(library)
@@ -62,15 +67,17 @@ def serve(
 
 @click.command()
 @library_option
-@click.option("--once", is_flag=True, help="End when there is nothing left to do.")
-@click.option("--parent", type=int, metavar="PID", help="End when this process, which started it, has ended.")
+@click.option("--once", is_flag=True, help="Exit when there is nothing left to do.")
+@click.option(
+    "--parent", type=int, metavar="PID", help="Exit when this process, which started it, has ended."
+)
 @log_option
 @click.pass_obj
 def worker(composition: Composition, library: Path | None, once: bool, parent: int | None, log: Form) -> None:
-    """Do the long work of a library in the background, until Ctrl-C.
+    """Run the background jobs of a library until Ctrl-C.
 
-    `expmap serve` starts one itself. More of them share the work, on this machine or others that see the same
-    library.
+    `expmap serve` starts one itself. Further workers share the work, on this machine or on others that can
+    access the same library.
     """
     from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
 

@@ -16,7 +16,7 @@ _SECRET = {"database", "serve.metrics_token", "token", "street.mapillary_token"}
 def settings(as_json: bool) -> None:
     """Print the value of each setting and where it comes from.
 
-    A file of settings is chosen by --config FILE, before the command, or by EXPMAP_CONFIG.
+    To choose a settings file, write --config FILE before the command, or set EXPMAP_CONFIG.
     """
     found = effective_settings()
     if as_json:

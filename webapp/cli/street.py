@@ -44,8 +44,8 @@ from webapp.tasks.street.targets import FolderTarget, LibraryTarget, StreetTarge
     "--panoramas", type=click.Choice(PANORAMA_WISHES), default="cut", show_default=True,
     help="Cut each into six level views, skip them, or keep them as they are.",
 )  # fmt: skip
-@click.option("--dry-run", is_flag=True, help="Say what there is, and download nothing.")
-@click.option("--yes", is_flag=True, help="Do not ask before downloading, in a terminal.")
+@click.option("--dry-run", is_flag=True, help="Show what there is, but download nothing.")
+@click.option("--yes", is_flag=True, help="Download without asking.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.pass_context
 def street_photos(
@@ -61,8 +61,8 @@ def street_photos(
 ) -> None:
     """Add the photos that a street-level service has of an area, with places, headings, authors and licences.
 
-    How many there are, and about how large, is said first. The map needs a georeference. It can be stopped
-    at any moment: the next time it goes on, and photos that the map has are never fetched again. Exit code 1
+    Their number and approximate size are printed first. The map needs a georeference. It can be stopped at
+    any time: the next run continues, and photos that the map already has are never fetched again. Exit code 1
     when a photo could not be used.
     """
     if bbox is not None and within is not None:

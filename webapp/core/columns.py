@@ -245,12 +245,12 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
         if index is None and unit is not None:  # a header with a colon of its own
             index, unit = _place(f"{name}:{unit}", names), None
         if index is None:
-            hint = f"it has {', '.join(header)[:200]}; a number counts columns from 1"
+            hint = f"its columns are {', '.join(header)[:200]}; numbers count from 1"
             raise UsageError(f"the table has no column {name[:40]!r}", where="columns", hint=hint)
         found[field] = Column(index, _scale(field, unit, units=fields.units[field]))
     problem = _missing(found, fields)
     if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
-        problem = "only a part of a quaternion has columns"
+        problem = "some parts of the quaternion have no column"
     if problem:
         raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
@@ -278,7 +278,7 @@ def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) 
     if _missing(found, fields):
         hint = f"say which column holds what, like {fields.example}"
         what = " and ".join((*(f"{field}s" for field in fields.needed), "positions"))
-        raise TrackError(f"no columns of {what} are known in {', '.join(header)[:100]!r}", hint=hint)
+        raise TrackError(f"no columns of {what} are recognised in {', '.join(header)[:100]!r}", hint=hint)
     return found
 
 
@@ -313,5 +313,5 @@ def _missing(found: Columns, fields: ColumnFields) -> str | None:
     if needed is not None:
         return f"no column holds a {needed}"
     if ("lat" in found) != ("lon" in found) or ("x" in found) != ("y" in found):
-        return "only one of two coordinates has a column"
+        return "only one of the two coordinates has a column"
     return None if "lat" in found or "x" in found else "no column holds a position"

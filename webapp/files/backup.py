@@ -35,7 +35,7 @@ _PART = r"(?!\.{1,2}(?:/|$))[^/\x00]+"
 _NAME = re.compile(rf"{_PART}(?:/{_PART})*")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, KeyError)
-_HINT = "take another backup: nothing was changed"
+_HINT = "use another backup; nothing was changed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) ->
                 with suppress(PermissionError):  # Windows deletes it by itself
                     lock.unlink(missing_ok=True)
     except Timeout as error:
-        raise Conflict("another process writes this backup", where=str(target)) from error
+        raise Conflict("another process is writing this backup", where=str(target)) from error
     except OSError as error:
         raise storage_error(error, where=str(target)) from error
 
@@ -197,7 +197,7 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
     def target(name: str) -> Iterator[Callable[[bytes], object]]:
         file = place(name)
         if not file.resolve().is_relative_to(folder.resolve()):
-            raise InputError("a path in the backup leads out of its folder", where=name)
+            raise InputError("a path in the backup points outside its folder", where=name)
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("xb") as opened:
             yield opened.write
@@ -241,7 +241,9 @@ def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
     try:
         content = json.loads(opened.read(MANIFEST))
         if content["format"] != FORMAT or content["version"] != VERSION:
-            raise InputError("another version of the program has made this backup", hint="update the program")
+            raise InputError(
+                "this backup was made by another version of the program", hint="update the program"
+            )
         files = {
             str(name): BackupFile(int(size), str(sha256)) for name, (size, sha256) in content["files"].items()
         }

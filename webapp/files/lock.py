@@ -63,7 +63,7 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
         raise StorageError(
             f"the folder cannot be written: {error.strerror}",
             where=str(folder),
-            hint="choose a folder that you may write to with --index FOLDER",
+            hint="choose a writable folder with --index FOLDER",
         ) from error
     try:
         yield
@@ -132,7 +132,7 @@ def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
         lock.acquire()
     except Timeout as error:
         raise Busy(
-            "others are being served", wait_s=math.ceil(wait_s), hint="try again in a moment"
+            "the server is busy with other requests", wait_s=math.ceil(wait_s), hint="try again in a moment"
         ) from error
     except OSError as error:
         raise StorageError(

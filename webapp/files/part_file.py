@@ -87,10 +87,10 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     """
     there = arrived(part)
     if offset != there:
-        raise WrongOffset(f"{there} bytes have arrived, and the chunk begins at {offset}", offset=there)
+        raise WrongOffset(f"{there} bytes have arrived, but the chunk begins at {offset}", offset=there)
     if there + len(data) > size:
         raise InputError(
-            f"the chunk ends after the {size} bytes of the file", hint="send the size of the file first"
+            f"the chunk goes beyond the {size} bytes of the file", hint="send the size of the file first"
         )
     with _on_disk(part):
         try:
@@ -181,7 +181,8 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
     free = shutil.disk_usage(folder).free
     if free - size < reserve_mb * 1e6:
         raise DiskFull(
-            f"the file has {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left",
+            f"the file has {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left, "
+            f"of which {reserve_mb:g} MB are kept free",
             hint="free some space on the disk of the library",
         )
 

@@ -65,7 +65,7 @@ class Duties:
         if kind not in self.kinds:
             raise UsageError(
                 f"unknown kind of job: {kind!r}",
-                hint="was it queued by a newer version? Then update this one",
+                hint="if a newer version queued it, update this one",
             )
         found: Function = import_name(self.kinds[kind])
         return found

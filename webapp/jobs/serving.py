@@ -212,7 +212,7 @@ class _Start:
         if self._announced:
             return
         if web.failures >= _MOST_FAILURES:
-            raise ExpMapError("the web server does not start", hint="the messages above say why")
+            raise ExpMapError("the web server did not start", hint="the messages above say why")
         if self._sample_is_made() and self._answers():
             host, port = self._address
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"

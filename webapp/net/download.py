@@ -11,7 +11,7 @@ from webapp.progress import Progress
 _USER_AGENT = f"experience-map/{__version__}"
 _TIMEOUT_S = 20.0
 _CHUNK = 65_536
-_HINT = "try again later, or bring the file here yourself and name its folder with --from"
+_HINT = "try again later, or copy the file to this machine yourself and give its folder with --from"
 
 
 def download(address: str, *, size: int, progress: Progress) -> bytes:

@@ -82,7 +82,7 @@ def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
             for chunk in answer.iter_content(_CHUNK):
                 data += chunk
                 if len(data) > _MAX_BYTES:
-                    raise InputError("it sent far too much", where=_WHERE)
+                    raise InputError("it sent too much data", where=_WHERE)
     except requests.RequestException as error:
         message = "it cannot be reached"
         raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates") from error

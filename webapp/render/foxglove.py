@@ -80,7 +80,9 @@ class FoxgloveSink:
         if out is None:
             self._server = self._listen(address)
         elif out.exists():
-            raise UsageError("the file exists already", where=str(out), hint="name another, or delete it")
+            raise UsageError(
+                "the file already exists", where=str(out), hint="choose another name, or delete it"
+            )
         else:
             try:
                 self._writer = foxglove.open_mcap(out, context=self._context)
@@ -98,7 +100,7 @@ class FoxgloveSink:
                 server_listener=_listener(self._send_newest),
             )
         except (OSError, RuntimeError, ValueError) as error:
-            hint = "choose another port, or 0 for any that is free"
+            hint = "choose another port, or 0 for any free one"
             raise UsageError(f"cannot listen on {host}:{port}: {error}", where="--port", hint=hint) from error
 
     def __enter__(self) -> Self:

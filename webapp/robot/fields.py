@@ -88,9 +88,9 @@ class Text(Field):
     def check(self, name: str, value: object) -> str:
         """Return the value."""
         if not isinstance(value, str) or not self.least <= len(value) <= self.most or not value.isprintable():
-            raise FieldError(f"it must be a text of {self.least} to {self.most} printable characters", name)
+            raise FieldError(f"it must be text of {self.least} to {self.most} printable characters", name)
         if self.pattern is not None and not re.fullmatch(self.pattern, value):
-            raise FieldError(f"it must be like {self.pattern}", name)
+            raise FieldError(f"it must match {self.pattern}", name)
         return value
 
     def schema(self) -> dict[str, Any]:

@@ -123,7 +123,7 @@ def request_fix(
         )  # fmt: skip
     except KeyError as error:
         raise NotReady(
-            f"the answer of the server lacks {error}", hint="check the address of the server"
+            f"the server's answer lacks {error}", hint="check the address of the server"
         ) from error
 
 

@@ -90,7 +90,7 @@ class NoResponse:
 
     def as_error(self) -> ExpMapError:
         """Convert it to an error of this program."""
-        hint = "look at the network and the server, and try again"
+        hint = "check the network and the server, and try again"
         return NotReady(f"the server does not answer: {self.reason}", hint=hint)
 
 
@@ -116,7 +116,7 @@ class Uplink:
             )
         if not token or not token.isascii() or not token.isprintable():
             raise UsageError(
-                "this is not a token", where="token", hint="expmap account token --name NAME makes one"
+                "this is not a valid token", where="token", hint="expmap account token --name NAME makes one"
             )
         self._path = f"{parts.path.rstrip('/')}/api/v1"
         self._headers = {"Authorization": f"Bearer {token}", "Accept": "application/json"}

@@ -203,7 +203,7 @@ def _error_text(response: Response) -> str:
 
 def _unexpected(response: Response) -> UploadStep:
     error = UsageError(
-        f"the server answered {response.status} without a number", hint="is this Experience Map?"
+        f"the server answered {response.status} without a number", hint="is this an Experience Map server?"
     )
     return UploadStep("refused", str(error), error=error)
 

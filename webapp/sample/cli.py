@@ -14,9 +14,14 @@ from webapp.sample import make
 @click.command("sample")
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--seed", type=click.IntRange(0), default=7, show_default=True, metavar="N", help="Of the invented park."
+    "--seed",
+    type=click.IntRange(0),
+    default=7,
+    show_default=True,
+    metavar="N",
+    help="Random seed of the invented park.",
 )
-@click.option("--force", is_flag=True, help="Replace a sample that is there already.")
+@click.option("--force", is_flag=True, help="Replace an existing sample.")
 @library_option
 def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
     """Make a small map of an invented park, with photos to localize.
@@ -27,5 +32,5 @@ def sample(folder: Path | None, seed: int, force: bool, library: Path | None) ->
     with terminal_progress("photos") as progress:
         report = make.make_sample(folder, settings=settings, progress=progress, seed=seed, force=force)
     if not report.made:
-        click.echo("the sample is already there", err=True)
+        click.echo("the sample already exists", err=True)
     click.echo(report.cfg_path)

@@ -157,8 +157,8 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
     if not folder.exists():
         return False
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / RECORD).is_file()):
-        hint = "choose an empty or a new folder"
-        raise UsageError("this is not a sample and is not overwritten", where=str(folder), hint=hint)
+        hint = "choose a new or empty folder"
+        raise UsageError("this is not a sample, so it is not overwritten", where=str(folder), hint=hint)
     if force or not (folder / RECORD).is_file():
         return False
     try:
@@ -171,7 +171,7 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
         ) from error
     if not same:
         raise UsageError(
-            "the folder holds another sample",
+            "the folder has a different sample",
             where=str(folder),
             hint="--force replaces it, or choose another folder",
         )

@@ -51,7 +51,7 @@ class Database:
         except ArgumentError as error:
             raise UsageError("this is no address of a database", hint=_url_hint()) from error
         if made.drivername not in _DRIVERS:
-            raise UsageError(f"{made.drivername!r} is no database that can be used", hint=_url_hint())
+            raise UsageError(f"{made.drivername!r} is not a supported database", hint=_url_hint())
         self.name = made.render_as_string(hide_password=True)
         self.backend = _BACKENDS[made.get_backend_name()]
         self.engine = self.backend.make_engine(made, threads=threads)

@@ -179,7 +179,7 @@ def _check_not_elsewhere(library: Library) -> None:
         raise StorageError(
             "the records of this library are in a database server",
             where=str(library.folder),
-            hint=f"set EXPMAP_DATABASE: {server_address(marker)}; or have them in SQLite again: "
+            hint=f"set EXPMAP_DATABASE: {server_address(marker)}; or move them back to SQLite: "
             "expmap library move --to sqlite",
         )
 

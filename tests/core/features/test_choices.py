@@ -130,7 +130,7 @@ def test_what_describes_its_own_keypoints_only_and_two_models_are_refused(detect
     with pytest.raises(UsageError, match=f"{detector}") as refused:
         choose("verified", detector=detector, extractor=extractor)
     assert refused.value.where == "--extractor"
-    for words in refused.value.hint.removeprefix("take ").split(" or "):
+    for words in refused.value.hint.removeprefix("use ").split(" or "):
         choose("verified", features=words.removeprefix("--features "))
     with pytest.raises(UsageError):
         choose("vote", features=detector, extractor=extractor)
@@ -152,7 +152,7 @@ def test_thorough_refuses_others_and_says_which_do(features):
     with pytest.raises(UsageError, match="thorough") as refused:
         choose("thorough", features=features)
     assert refused.value.where == "--features"
-    assert refused.value.hint == "take --features xfeat or aliked"
+    assert refused.value.hint == "use --features xfeat or aliked"
 
 
 def test_thorough_refuses_features_of_two_kinds():

@@ -71,8 +71,8 @@ BAD = {
         an_image(),
         r"its output has the shape \(1, 3, 8, 8\) instead of \(1, d\)",
     ),
-    "any size": (passed_on(), "it takes images of any width, and none is stated"),
-    "any height": (passed_on(8), "it takes images of any height, and none is stated"),
+    "any size": (passed_on(), "it takes images of any width, but none is stated"),
+    "any height": (passed_on(8), "it takes images of any height, but none is stated"),
 }
 
 
@@ -102,7 +102,7 @@ def test_a_stated_size_that_the_model_does_not_take_is_refused():
 @pytest.mark.parametrize("scale", [np.nan, np.inf, 0.0])
 def test_a_vector_without_numbers_is_refused(scale):
     network = opened(passed_on(8, 8, scale=scale))
-    with pytest.raises(InputError, match="its vectors are zero or have values that are no numbers"):
+    with pytest.raises(InputError, match="its vectors are zero or contain values that are not finite"):
         network.describe(np.full((8, 8, 3), 99, np.uint8))
 
 

@@ -83,7 +83,7 @@ def test_the_whole_world():
 @pytest.mark.parametrize(
     ("corners", "part"),
     [
-        (Corners(SE, NW), "exchanged"),
+        (Corners(SE, NW), "swapped"),
         (Corners(LatLon(60.40, 22.46), LatLon(60.41, 22.48)), "north-west"),
         (Corners(LatLon(60.41, 22.48), LatLon(60.40, 22.46)), "north-west"),
         (Corners(NW, NW), "opposite"),

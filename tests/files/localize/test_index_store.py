@@ -123,7 +123,7 @@ def test_a_broken_disk_is_reported_while_tidying(index, monkeypatch):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(Path, "unlink", fail)
-    with pytest.raises(StorageError, match="tidied"):
+    with pytest.raises(StorageError, match="cleaned up"):
         index.remove_unnamed(MANIFEST)
 
 

@@ -42,7 +42,7 @@ def test_accepts_mark_crlf_and_blank_end(tmp_path: Path) -> None:
         (b"path;x;y\na.jpg;nan;2\n", ":2:7", "'nan'"),
         (b"path;x;y\na.jpg;1;1e999\n", ":2:9", "1e999"),
         (b"path;x;y\na.jpg;1;1_0\n", ":2:9", "1_0"),
-        (b"path;x;y\n", "queries.csv", "no query"),
+        (b"path;x;y\n", "queries.csv", "no queries"),
         (b"path;x;y\n\xff.jpg;1;2\n", "queries.csv", "UTF-8"),
     ],
 )

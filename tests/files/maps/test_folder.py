@@ -142,8 +142,8 @@ def test_record_of_another_photo_does_not_count(folder: Path) -> None:
     ("content", "words"),
     [
         (None, "map file not found"),
-        (b"s.png;400;301\n", "another satellite image"),
-        (b"s.png;400;300\n0;other.jpg;1;1\n", "another photo"),
+        (b"s.png;400;301\n", "a different satellite image"),
+        (b"s.png;400;300\n0;other.jpg;1;1\n", "a different photo"),
         (b"s.png;400;300\n0;a.jpg;1\n", "clusters.cfg:2:10"),
     ],
 )
@@ -203,5 +203,5 @@ def test_links_stay_in_the_folder(folder: Path, tmp_path_factory: pytest.TempPat
     (folder / "photos").symlink_to(elsewhere)
     assert photo_path(folder / "map.cfg", "inside.jpg").is_file()
     for name in ("file.jpg", "photos/x.jpg"):
-        with pytest.raises(MapError, match="leads out"):
+        with pytest.raises(MapError, match="points outside"):
             photo_path(folder / "map.cfg", name)

@@ -100,7 +100,7 @@ def test_only_format_and_version_are_needed() -> None:
         (["georeference", "plane_from_pixel", 0, 1], "x", r"plane_from_pixel\[0\]\[1\] must be a number"),
         (["georeference", "plane_from_pixel"], [[0, 0, 0]] * 3, "inverse"),
         (["georeference", "method"], None, r"\$\.georeference\.method is missing"),
-        (["placements", 0, "name"], "../up", r"\$\.placements\[0\]\.name .*cannot name"),
+        (["placements", 0, "name"], "../up", r"\$\.placements\[0\]\.name .*not a valid name"),
         (["placements"], [{"name": "a"}, {"name": "a"}], r"\$\.placements\[1\] names"),
         (["placements", 0, "experiences", 0, "x_px"], None, r"experiences\[0\]\.x_px is missing"),
         (["experiences"], {}, r"\$\.experiences must be a list"),

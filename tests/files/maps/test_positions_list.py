@@ -156,7 +156,7 @@ def test_points_that_are_named_like_photos(tmp_path, text):
         ('{"features": []}', "no point in it has a name"),
         (json.dumps(GEOJSON).replace("50.5", "95.5"), "features"),
         (json.dumps(GEOJSON).replace("50.5", '"x"'), "must be a number"),
-        ("<html></html>", "no KML and no GPX"),
+        ("<html></html>", "neither KML nor GPX"),
         ("<kml><Placemark>", "damaged"),
         (GPX.replace('"50.5"', '"x"'), "waypoint 1"),
         (KML.replace("14.25,50.5", "14.25,95"), "placemark 1"),

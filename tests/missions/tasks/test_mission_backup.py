@@ -114,7 +114,7 @@ def test_a_backup_waits_while_a_fused_track_is_replaced(library, fused, tmp_path
     monkeypatch.setattr(backup, "_WAIT_S", 0)
     with (
         FileLock(library.inner / fuse.LOCK),
-        pytest.raises(StorageError, match="the fused track of a mission, which is being written"),
+        pytest.raises(StorageError, match="the fused track of a mission, which is still being written"),
     ):
         backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
 
@@ -135,7 +135,9 @@ def test_tracks_are_fused_while_a_backup_waits_for_a_map(library, fused, make_ma
     (library.map_folder("park") / "derived").mkdir(exist_ok=True)
     with (
         FileLock(library.map_folder("park") / "derived" / export.LOCK),
-        pytest.raises(StorageError, match=r"the \.cfg file of a map, which is being written") as refused,
+        pytest.raises(
+            StorageError, match=r"the \.cfg file of a map, which is still being written"
+        ) as refused,
     ):
         backup.back_up(library, tmp_path / "b.zip", parts=PARTS, progress=Progress())
     assert refused.value.where == "park"

@@ -176,5 +176,5 @@ def test_without_networks_one_sentence_says_what_to_install(tmp_path):
         blur_networks(tmp_path)
     assert str(refused.value) == (
         "models: no network that finds faces or number plates is installed "
-        "(whoever runs the server installs them: expmap models fetch faces plates)"
+        "(the administrator of the server can install them: expmap models fetch faces plates)"
     )

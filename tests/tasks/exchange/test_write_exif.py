@@ -197,7 +197,7 @@ def test_a_zip_has_a_sidecar_for_what_cannot_be_written_and_says_so(source):
     members = unzipped(export_geotagged(source, limits=LIMITS))
     name = first.photo.split("/")[-1]
     assert name not in members and f"{name}.xmp" in members
-    assert members["not-written.txt"].decode().startswith(f"{name}: positions are not written into PNG")
+    assert members["not-written.txt"].decode().startswith(f"{name}: positions cannot be written to PNG files")
 
 
 def test_names_that_two_photos_share_become_paths(source):

@@ -172,7 +172,7 @@ def test_unusable_photos_are_reported_and_the_others_built(tmp_path, make_map, b
     assert "empty" in reason[1]
     assert "not an image" in reason[2]
     assert "a folder and not a photo" in reason[4]
-    assert "leads out of the map's folder" in reason[5]
+    assert "points outside the map's folder" in reason[5]
     assert str(tmp_path) not in " ".join(reason.values())
     assert (report.photos, report.extracted, report.reused) == (9, 3, 0)
     assert found(cfg, photos / "8.jpg")[0] == (8, 1.0)

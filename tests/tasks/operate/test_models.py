@@ -196,7 +196,7 @@ def test_a_published_file_without_an_address_comes_from_a_folder_only(file, sett
 @pytest.mark.parametrize("kind", ["aliked", "disk"])
 def test_a_file_of_ones_own_is_known_by_its_content(settings, kind):
     choice = choose("verified", features=kind)
-    with pytest.raises(MissingPart, match="are not here") as missing:
+    with pytest.raises(MissingPart, match="are not installed") as missing:
         files.with_weights(choice, settings.models, method="verified")
     assert f"as {kind}.onnx into the folder that expmap models list prints" in missing.value.hint
     assert str(settings.models) not in str(missing.value)

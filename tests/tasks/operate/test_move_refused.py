@@ -69,7 +69,7 @@ def test_a_value_that_the_server_cannot_hold_is_named(folder, server):
     with library.database.write() as session:
         session.get_one(MapRecord, 1).revision = 2**40
     library.database.close()
-    with pytest.raises(StorageError, match=r"table map: the database refuses rows.*out of range"):
+    with pytest.raises(StorageError, match=r"table map: the database rejected rows.*out of range"):
         to_server(folder, server())
     assert opens(folder, None)
 

@@ -184,7 +184,7 @@ class TestPoliteness:
 
 class TestRefused:
     def test_too_many_tiles(self, fetch, server):
-        with pytest.raises(UsageError, match="tiles at zoom 19, and 200 are allowed"):
+        with pytest.raises(UsageError, match="tiles at zoom 19, but only 200 are allowed"):
             fetch(box=GeoBox(north=50.2, south=50.0, west=14.0, east=14.3), zoom=19)
         assert not server.asked
 

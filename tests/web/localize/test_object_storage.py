@@ -312,7 +312,7 @@ def test_a_photo_that_s3_refuses_is_not_acknowledged(machine, library, park, s3,
 def test_a_connection_that_breaks_off_is_one_sentence_in_page_and_log(
     machine, library, settings, park, s3, caplog
 ):
-    data, said = jpeg(side=100), "the connection to the object storage broke off"
+    data, said = jpeg(side=100), "the connection to the object storage was lost"
     s3.cut = {"PUT": 1000}
     refused = send(machine("a"), data)["error"]
     assert (refused["code"], refused["message"]) == ("storage_unavailable", said)
@@ -354,7 +354,7 @@ def test_a_photo_that_cannot_be_fetched_is_one_sentence(machine, park, s3):
     cold = machine("b")
     refused = cold.get(f"{base}/original")
     assert refused.status_code == 503 and refused.headers["Retry-After"] == "5"
-    assert refused.get_json()["error"]["message"] == "the object storage is overloaded or disturbed"
+    assert refused.get_json()["error"]["message"] == "the object storage is overloaded or out of order"
     assert machine("a").get(f"{base}/original", buffered=True).status_code == 200, "what is here is shown"
 
 
@@ -397,7 +397,7 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
         manifest.unlink()
     monkeypatch.setattr(bucket_module, "_WAIT_S", 1)
     s3.refuse = (503, "SlowDown")
-    with pytest.raises(StorageUnavailable, match="overloaded or disturbed"):
+    with pytest.raises(StorageUnavailable, match="overloaded or out of order"):
         build(library, cold, moved)  # `--once` ends, and the job waits
     assert last_job(library).state == "queued"
     worker = Worker(library, cold, duties=DUTIES)
@@ -405,7 +405,7 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
         working = pool.submit(worker.run)
         try:
             wait_until(lambda: last_job(library).fence > 1 and last_job(library).state == "queued")
-            assert last_job(library).note == "the object storage is overloaded or disturbed"
+            assert last_job(library).note == "the object storage is overloaded or out of order"
             s3.reset()
             wait_until(lambda: last_job(library).state == "done")
         finally:
@@ -562,7 +562,7 @@ def test_a_storage_that_was_claimed_by_a_start_that_failed_is_still_ours(
 ):
     def lost(self, key, file):
         real(self, key, file)
-        raise StorageUnavailable("the connection to the object storage broke off", wait_s=1)
+        raise StorageUnavailable("the connection to the object storage was lost", wait_s=1)
 
     def full(path, text):
         if path.name == MARKER:
@@ -807,7 +807,7 @@ def test_photos_move_into_s3_and_back(row, library, settings, expmap, s3, bucket
     back = ("library", "move", "--to", "folder", "--library", library.folder)
     s3.refuse = (503, "SlowDown")
     code, _, said = expmap(*back)
-    assert code != 0 and "overloaded or disturbed" in said
+    assert code != 0 and "overloaded or out of order" in said
     s3.reset()
     s3.cut = {"GET": 700}  # the image is smaller, the photos are not: it is stopped in the middle
     assert expmap(*back)[0] != 0
@@ -861,7 +861,7 @@ def test_a_backup_names_what_s3_has_lost_or_damaged(machine, moved, library, s3,
     assert report.missing == ("maps/row/photos/0.jpg", "maps/row/photos/1.jpg")
     before = (tmp_path / "backup.zip").read_bytes()
     s3.refuse = (503, "SlowDown")
-    with pytest.raises(StorageUnavailable, match="overloaded or disturbed"):
+    with pytest.raises(StorageUnavailable, match="overloaded or out of order"):
         back_up(library, tmp_path / "backup.zip", parts=(), progress=Progress())
     assert (tmp_path / "backup.zip").read_bytes() == before
 

@@ -107,7 +107,8 @@ def test_notes_are_aligned_with_their_floor(client, url):
     assert note(client, url)["x_px"] == 20
     away = {"pairs": [{"shown": [0, 0], "wanted": [290, 0]}]}
     assert (
-        "Lift would leave the map" in client.post(f"{url}/floors/1/align", json=away).json["error"]["message"]
+        "Lift would be moved off the map"
+        in client.post(f"{url}/floors/1/align", json=away).json["error"]["message"]
     )
     assert note(client, url)["x_px"] == 20
 

@@ -258,7 +258,7 @@ def test_an_image_is_aligned_by_pairs_of_spots_and_its_photos_go_along(client, u
     line = [([n, n], [n, n]) for n in (1, 2, 3)]
     assert align(*line).status_code == 400
     assert align(([5, 5], [5, 5]), ([5, 5], [9, 9])).status_code == 400
-    assert "would leave the map" in align(([0, 0], [290, 0])).json["error"]["message"]
+    assert "would be moved off the map" in align(([0, 0], [290, 0])).json["error"]["message"]
     corner = np.asarray(Image.open(io.BytesIO(client.get(floors(client, url)[1]["url"], buffered=True).data)))
     assert (corner[0, -1, 3], corner[corner.shape[0] // 2, corner.shape[1] // 8, 3]) == (0, 255)
 

@@ -80,7 +80,7 @@ def test_other_shapes_are_refused(client, full):
     client.post(f"/api/v1/maps/{full}/photos", data={"file": [(photo, "c.jpg")]})
     refused = edit(client, full, 2, panorama={})
     assert refused.status_code == 400
-    assert refused.json["error"]["message"] == "c.jpg is no whole panorama, twice as wide as high"
+    assert refused.json["error"]["message"] == "c.jpg is not a full panorama, twice as wide as high"
     beyond = edit(client, full, 0, panorama={"masked": [{**BOX, "width": 2.0}]})
     assert beyond.status_code == 422
     assert "not a box inside the photo" in beyond.json["error"]["message"]

@@ -93,9 +93,9 @@ class TestUpload:
             (b"", "empty"),
             (b"<svg/>", "not a PNG, JPEG or TIFF"),
             (png(20, 20, kind="GIF"), "not a PNG, JPEG or TIFF"),
-            (png(300, 200)[:400], "damaged, cut off"),
-            (png(300, 200, kind="JPEG")[:3000], "damaged, cut off"),
-            (png(300, 200, kind="TIFF")[:9000], "damaged, cut off"),
+            (png(300, 200)[:400], "damaged, truncated"),
+            (png(300, 200, kind="JPEG")[:3000], "damaged, truncated"),
+            (png(300, 200, kind="TIFF")[:9000], "damaged, truncated"),
             (b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR\0\1\0\0\0\1\0\0" + bytes(40), ""),
         ],
     )

@@ -162,7 +162,7 @@ class DemoCluster:
         connection = HTTPConnection(objects.address.removeprefix("http://"), timeout=_STOP_S)
         connection.request("PUT", f"/{_BUCKET}")  # it asks nobody who they are
         if connection.getresponse().status != HTTPStatus.OK:
-            raise ExpMapError("the S3 server makes no bucket", where=objects.address)
+            raise ExpMapError("the S3 server cannot create a bucket", where=objects.address)
         connection.close()
 
     def _start_dask(self, name: str, role: str, *arguments: object) -> DemoProcess:
@@ -264,9 +264,7 @@ def check_folder(folder: Path) -> Path:
     UsageError
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(
-            "there is something already", where=str(folder), hint="name a new or an empty folder"
-        )
+        raise UsageError("the folder is not empty", where=str(folder), hint="choose a new or empty folder")
     return folder.resolve()
 
 

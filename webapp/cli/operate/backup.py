@@ -20,7 +20,7 @@ from webapp.tasks.operate import restore as restore_library
 @library_option
 @click.pass_obj
 def backup(composition: Composition, file: Path, library: Path | None) -> None:
-    """Put a whole library into FILE, a zip.
+    """Back up a whole library to FILE, a zip archive.
 
     The library may be served and changed meanwhile. Accounts are part of it: keep FILE where only you can
     read it.
@@ -43,14 +43,16 @@ def backup(composition: Composition, file: Path, library: Path | None) -> None:
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @library_option
 @click.option(
-    "--force", is_flag=True, help="Also where there is something; it is kept in a folder of its own."
+    "--force",
+    is_flag=True,
+    help="Restore even if the folder is not empty; its content is moved to another folder.",
 )
 @click.pass_obj
 def restore(composition: Composition, file: Path, library: Path | None, force: bool) -> None:
-    """Make a library of the backup FILE.
+    """Restore a library from the backup FILE.
 
-    All of it is checked first. With EXPMAP_DATABASE, the records go into that database, which has to be
-    empty. Indexes are built again, by the first server or worker.
+    The whole backup is checked first. With EXPMAP_DATABASE, the records go into that database, which has to
+    be empty. Indexes are rebuilt by the first server or worker.
     """
     settings = library_settings(library)
     folder = settings.library
@@ -64,7 +66,7 @@ def restore(composition: Composition, file: Path, library: Path | None, force: b
             progress=progress,
         )
     if report.before is not None:
-        click.echo(f"what was there before is in {report.before}", err=True)
+        click.echo(f"the previous content is now in {report.before}", err=True)
     click.echo(
         f"{folder}: {report.maps} maps, {report.photos} photos, {report.files} files, as of {report.made_at}"
     )

@@ -22,20 +22,21 @@ _SQLITE, _SERVER, _STORAGE, _FOLDER = "sqlite", "postgresql", "s3", "folder"
     "--to",
     required=True,
     metavar="WHERE",
-    help="The records: sqlite; postgresql, at the address of EXPMAP_DATABASE; or an address, "
-    "postgresql+psycopg://...  Photos and indexes: s3, at the address of EXPMAP_STORAGE; or folder.",
+    help="For the records: sqlite; postgresql, at the address in EXPMAP_DATABASE; or an address, "
+    "postgresql+psycopg://...  For photos and indexes: s3, at the address in EXPMAP_STORAGE; or folder.",
 )
 @library_option
 def move(to: str, library: Path | None) -> None:
     """Move the records of a library from SQLite to PostgreSQL, or its photos into S3, or back.
 
-    Stop its servers and workers first; only to s3 they may go on. All rows are compared before the new
-    database is used, and all files with their hashes. Nothing is deleted: objects are kept, and so is the old
-    database, but it cannot be opened any more. A move that was killed is completed by the same command.
+    Stop its servers and workers first, except for a move to s3. All rows are compared before the new database
+    is used, and all files are checked by their hashes. Nothing is deleted: objects are kept, and so is the
+    old database, but it can no longer be opened. To complete a move that was killed, run the same command
+    again.
     """
     if to not in (_SQLITE, _SERVER, _STORAGE, _FOLDER) and "://" not in to:
         raise UsageError(
-            f"nothing can be moved to {to!r}",
+            f"cannot move to {to!r}",
             where="--to",
             hint="write sqlite, postgresql, s3, folder, or postgresql+psycopg://user:password@host/database",
         )
@@ -77,6 +78,6 @@ def _move_records(to: str, settings: Settings) -> None:
     rows = sum(table.rows for table in report.tables)
     copied = f"{len(report.tables)} tables, {rows} rows" if report.tables else "the move is complete"
     click.echo(f"{folder}: {copied}, now in {report.place}")
-    click.echo(f"kept, and not used any more: {report.kept}", err=True)
+    click.echo(f"kept, but no longer used: {report.kept}", err=True)
     use = "unset EXPMAP_DATABASE" if to == _SQLITE else "set EXPMAP_DATABASE to the new address"
     click.echo(f"before the next start: {use}", err=True)

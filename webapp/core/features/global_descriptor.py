@@ -30,7 +30,7 @@ _LEAST_SIDE, _MOST_SIDE = 8, 2048
 _LEAST_STD, _MOST = 1e-3, 1e3
 """Limits of means and standard deviations: what is beyond is a slip, or 0."""
 
-_HINT = "docs/features.md, A global descriptor, says which export"
+_HINT = "see 'A global descriptor' in docs/features.md"
 
 _INTERFACE = Interface("global descriptor", (), (), needs=_HINT)
 
@@ -164,7 +164,7 @@ class GlobalDescriptor:
         vector = found.reshape(-1).astype(np.float32)
         length = float(np.linalg.norm(vector))
         if not math.isfinite(length) or length == 0.0:
-            raise self._error("its vectors are zero or have values that are no numbers")
+            raise self._error("its vectors are zero or contain values that are not finite")
         return np.asarray(vector / np.float32(length), np.float32)
 
     def _own_size(self) -> tuple[int | None, int | None]:
@@ -197,7 +197,7 @@ class GlobalDescriptor:
         if own and stated and own != stated:
             raise self._error(f"it takes images of {name} {own}, and not of the stated {name} {stated}")
         if not (own or stated):
-            raise self._error(f"it takes images of any {name}, and none is stated")
+            raise self._error(f"it takes images of any {name}, but none is stated")
         return int(own or stated or 0)
 
     def _error(self, message: str) -> InputError:

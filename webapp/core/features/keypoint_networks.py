@@ -137,7 +137,7 @@ class NetworkFeatures:
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Detect and describe the `keypoints` best keypoints; descriptors (n, 128) uint8."""
         if self._network is None:
-            raise MissingPart(f"the model of {self.name} is not here", hint="see expmap models list")
+            raise MissingPart(f"the model for {self.name} is not installed", hint="see expmap models list")
         if cv2.meanStdDev(gray)[1].item() < LEAST_CONTRAST:
             return (), np.zeros((0, self.width), np.uint8)
         image, shown = _letterbox(gray, self._network)

@@ -43,7 +43,7 @@ class Interface:
         """Make the error for a file that does not hold this network."""
         names = (
             f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
-            "docs/features.md, Models that you supply, says more"
+            "see 'Models that you supply' in docs/features.md"
         )
         message = f"not a {self.name} model that onnxruntime can run"
         return InputError(message, where=file, hint=self.needs or names)

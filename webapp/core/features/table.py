@@ -219,10 +219,10 @@ def _reject_foreign_keypoints(choice: FeatureChoice) -> None:
         return
     if extractor in _OWN_KEYPOINTS:
         message = f"{extractor} describes only its own keypoints, not those of {detector}"
-        raise UsageError(message, where="--extractor", hint=f"take --features {extractor}")
+        raise UsageError(message, where="--extractor", hint=f"use --features {extractor}")
     if detector in _LEARNED and extractor in _LEARNED:
-        message = f"{detector} and {extractor} have a model each, and only one can be used"
-        hint = f"take --features {detector} or --features {extractor}"
+        message = f"{detector} and {extractor} each have a model of their own, and only one can be used"
+        hint = f"use --features {detector} or --features {extractor}"
         raise UsageError(message, where="--extractor", hint=hint)
 
 
@@ -230,10 +230,10 @@ def _reject_combination(choice: FeatureChoice, method: Method) -> None:
     if method == "thorough" and choice.name not in PAIR_MATCHERS:
         fitting = " or ".join(PAIR_MATCHERS)
         message = f"method thorough has no network for features {choice.name}"
-        raise UsageError(message, where="--features", hint=f"take --features {fitting}")
+        raise UsageError(message, where="--features", hint=f"use --features {fitting}")
     if method == "landmarks" and choice.name != LANDMARK_FEATURES:
         message = f"landmarks are described by {LANDMARK_FEATURES}, not by {choice.name}"
-        raise UsageError(message, where="--features", hint=f"take --features {LANDMARK_FEATURES}")
+        raise UsageError(message, where="--features", hint=f"use --features {LANDMARK_FEATURES}")
     if _fits(choice.matcher, choice.extractor, method):
         return
     fitting = ", ".join(m for m in MATCHERS if _fits(m, choice.extractor, method))
@@ -245,7 +245,7 @@ def _reject_combination(choice: FeatureChoice, method: Method) -> None:
             f"matcher {choice.matcher} cannot compare the {choice.kind} descriptors of {choice.extractor}"
         )
         others = [b for b, (_, extractor) in BUNDLES.items() if _fits(choice.matcher, extractor, method)]
-        hint = f"take --features {' or '.join(others)}; {hint}"
+        hint = f"use --features {' or '.join(others)}; {hint}"
     else:
         message = f"the bits of {choice.extractor} come in pairs, which {choice.matcher} would split"
     raise UsageError(message, where="--matcher", hint=hint)

@@ -172,7 +172,7 @@ class _Reader:
                 f"there is no column {token.quoted()}",
                 field=self._field,
                 at=token.at,
-                hint=f"there are {', '.join(self._columns)}",
+                hint=f"the columns are {', '.join(self._columns)}",
             )
         self.next()
         return name
@@ -243,7 +243,7 @@ class _Reader:
             return token.text if kind == "text" else self._seconds(token)
         expected = {
             "number": "a number",
-            "text": "a text in single quotes",
+            "text": "text in single quotes",
             "time": "a time: '2026-05-01T10:00:00Z', or seconds since 1970",
         }
         raise self._wrong(expected[kind])
@@ -261,6 +261,4 @@ class _Reader:
         return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
 
     def _wrong(self, expected: str) -> UsageError:
-        return mistake(
-            f"{expected} is expected here, not {self.now.quoted()}", field=self._field, at=self.now.at
-        )
+        return mistake(f"expected {expected}, not {self.now.quoted()}", field=self._field, at=self.now.at)

@@ -103,6 +103,6 @@ def mistake(message: str, *, field: str, at: int, hint: str | None = None) -> Us
 
 def _strange(text: str, at: int, *, field: str) -> UsageError:
     if text[at] == "'":
-        return mistake("an unterminated text", field=field, at=at + 1, hint="close it with another '")
-    hint = "write texts in single quotes: 'car'" if text[at] in '"`‘’“”' else None
+        return mistake("unterminated text", field=field, at=at + 1, hint="close it with another '")
+    hint = "put text in single quotes: 'car'" if text[at] in '"`‘’“”' else None
     return mistake(f'unexpected character "{text[at]}"', field=field, at=at + 1, hint=hint)

@@ -88,7 +88,7 @@ def _north_up(
         )
     if east < west or south > north:
         both = east < west and south > north
-        hint = "the corners are exchanged" if both else "top_left must be the north-west corner, north up"
+        hint = "the corners are swapped" if both else "top_left must be the north-west corner, north up"
         raise GeoreferenceError("bottom_right is not south-east of top_left", hint=hint)
     return ((east - west) / width, 0.0, west, 0.0, (south - north) / height, north, 0.0, 0.0, 1.0)
 

@@ -60,7 +60,7 @@ def parse_crs(plane: str) -> CRS:
     from pyproj import CRS  # only where something is on the Earth: each process would load it
     from pyproj.exceptions import CRSError
 
-    hint = "name it like EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
+    hint = "use a name such as EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
     if not _is_plain(plane):
         raise GeoreferenceError(f"unknown coordinate system {plane[:80]!r}", hint=hint)
     try:
@@ -68,7 +68,7 @@ def parse_crs(plane: str) -> CRS:
     except CRSError as error:
         raise GeoreferenceError(f"unknown coordinate system {plane[:80]!r}", hint=hint) from error
     if not (crs.is_geographic or crs.is_projected):
-        raise GeoreferenceError(f"{crs.name} is not a system of map coordinates", hint=hint)
+        raise GeoreferenceError(f"{crs.name} is not a map coordinate system", hint=hint)
     return crs
 
 

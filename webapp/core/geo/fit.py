@@ -61,13 +61,14 @@ def check_on_image(georeference: Georeference, *, width: int, height: int) -> No
     corners = [MapPixel(0, 0), MapPixel(width, 0), MapPixel(width, height), MapPixel(0, height)]
     if not np.isfinite(georeference.latlon_from_pixel(corners)).all():
         raise GeoreferenceError(
-            "part of the image has no position on the Earth: a horizon or the coordinate system's end",
+            "part of the image has no position on the Earth: it is beyond a horizon or the limits of the "
+            "coordinate system",
             hint="check the points and the coordinate system, or choose an affine fit",
         )
     if np.linalg.det(georeference.jacobian(MapPixel(width / 2, height / 2))) > 0.0:
         raise GeoreferenceError(
             "the image would show the Earth mirrored",
-            hint="two corners or points are exchanged, or the image is flipped",
+            hint="two corners or points are swapped, or the image is flipped",
         )
 
 

@@ -49,7 +49,7 @@ class Georeference:
         parse_crs(self.plane)
         matrix = np.asarray(self.plane_from_pixel, dtype=np.float64)
         if matrix.shape != (9,) or not np.isfinite(matrix).all():
-            raise GeoreferenceError("the matrix of a georeference has nine finite numbers")
+            raise GeoreferenceError("the matrix of a georeference must have nine finite numbers")
         with np.errstate(over="ignore", invalid="ignore"):
             determinant = np.linalg.det(matrix.reshape(3, 3))
         if not np.isfinite(determinant) or determinant == 0.0:

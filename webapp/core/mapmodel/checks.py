@@ -166,7 +166,7 @@ def _duplicate_photos(photos: Sequence[PhotoLine]) -> Iterator[Finding]:
             continue
         if line.photo in first:
             message = f"the photo {quoted(line.photo)} is already on line {first[line.photo]}"
-            fix = "delete one of the two lines, unless the photo shall stand at two places"
+            fix = "delete one of the two lines, unless the photo is meant to be in two places"
             yield Finding(Code.DUPLICATE_PHOTO, line.line, line.columns[1], message, fix)
         first.setdefault(line.photo, line.line)
 
@@ -254,8 +254,8 @@ def _photo(line: PhotoLine, facts: FileFacts) -> Iterator[Finding]:
 
 
 def _leaves(line: int, column: int, name: str) -> Finding:
-    message = f"{name} is a link that leads out of the map's folder"
-    return Finding(Code.PATH_LEAVES_FOLDER, line, column, message, "replace the link by a copy of the file")
+    message = f"{name} is a link that points outside the map's folder"
+    return Finding(Code.PATH_LEAVES_FOLDER, line, column, message, "replace the link with a copy of the file")
 
 
 def _spelling(line: int, column: int, *, name: str, actual: str) -> Finding:
@@ -275,6 +275,6 @@ def _gps_swapped(photos: Sequence[PhotoLine], facts: Mapping[str, FileFacts]) ->
         if 4 * max(abs(line.y - gx), abs(line.x - gy)) < max(abs(line.x - gx), abs(line.y - gy)):
             cured.append(line)
     if judged >= _MIN_EXPECTED and 2 * len(cured) > judged:
-        message = f"x and y seem to be swapped: {len(cured)} of {judged} photos fit their GPS much better so"
+        message = f"x and y seem to be swapped: {len(cured)} of {judged} photos fit their GPS better then"
         fix = f"swap the last two columns: {cured[0].text(x=cured[0].y, y=cured[0].x)}, and so on"
         yield Finding(Code.SWAPPED_XY, cured[0].line, cured[0].columns[2], message, fix)

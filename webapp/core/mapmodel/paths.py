@@ -60,7 +60,7 @@ def _unwritable(name: str) -> NameProblem | None:
         message = f"the name {quoted(name)} begins or ends with a space or a byte order mark"
         return NameProblem(Code.UNWRITABLE_NAME, message, name.strip(" \ufeff") or None)
     if max(len(part.encode()) for part in name.split("/")) > _LONGEST_PART or len(name.encode()) > _LONGEST:
-        message = f"the name {quoted(name)} is longer than disks allow"
+        message = f"the name {quoted(name)} is too long for most file systems"
         return NameProblem(Code.UNWRITABLE_NAME, message)
     return None
 

@@ -62,7 +62,7 @@ def parse_axes(text: str | None) -> Axes | None:
         return None
     found = next((axes for axes in AXES if axes == text), None)
     if found is None:
-        raise UsageError(f"{text[:40]!r} are not axes", where="axes", hint=f"use {', '.join(AXES)}")
+        raise UsageError(f"{text[:40]!r} is not a kind of axes", where="axes", hint=f"use {', '.join(AXES)}")
     return found
 
 

@@ -99,7 +99,7 @@ def parse(records: Sequence[object]) -> Batch:
             type_, given = check_record(record)
         except FieldError as error:
             where = ".".join(filter(None, ("records", str(place), error.name)))
-            raise InputError(error.message, where=where, hint="nothing of the batch was stored") from error
+            raise InputError(error.message, where=where, hint="nothing from the batch was stored") from error
         if type_ == "pose":
             track = columns.setdefault(_track(given), _Columns())
             track.rows.append(_pose(given))

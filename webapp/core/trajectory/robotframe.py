@@ -81,7 +81,9 @@ def parse_start(text: str | None) -> Start | None:
     try:
         lat, lon, heading = map(float, text.split(","))
     except ValueError as error:
-        raise UsageError(f"{text[:60]!r} is not a start", where="start", hint=hint) from error
+        raise UsageError(
+            f"{text[:60]!r} is not a start position and heading", where="start", hint=hint
+        ) from error
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
         raise UsageError(f"{text[:60]!r} is not a valid position or heading", where="start", hint=hint)
     return Start(LatLon(lat, lon), heading)

@@ -172,7 +172,8 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
         same = folded(name)
         if same in seen:
             raise InputError(
-                f"the zip has {quoted(name)} and {quoted(seen[same])}, which are one file on many disks",
+                f"the zip has {quoted(name)} and {quoted(seen[same])}, which are the same file on many "
+                "file systems",
                 hint="rename one of them",
             )
         seen[same] = name
@@ -181,7 +182,10 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
     for name in seen.values():
         above = (folded(str(p)) for p in PurePosixPath(name).parents)
         if any(parent in seen for parent in above):
-            raise InputError(f"{quoted(name)} in the zip is below a file", hint="zip the map's folder again")
+            raise InputError(
+                f"{quoted(name)} in the zip is inside a file instead of a folder",
+                hint="zip the map's folder again",
+            )
     total = sum(file.info.file_size for file in files) / 1e6
     if total > limits.max_mb:
         raise InputError(
@@ -208,7 +212,7 @@ def _safe_name(info: zipfile.ZipInfo) -> str:
     path = PurePosixPath(name)
     if any(len(part.encode()) > _MAX_NAME_BYTES for part in path.parts):
         raise InputError(
-            "a name in the zip is too long for many disks", where=quoted(name), hint="shorten it"
+            "a name in the zip is too long for many file systems", where=quoted(name), hint="shorten it"
         )
     return path.as_posix()
 

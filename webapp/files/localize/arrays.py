@@ -61,7 +61,7 @@ class OpenFile:
             except OSError as error:
                 raise self._damaged(f"it cannot be read: {error.strerror or error}") from error
         if len(left):
-            raise self._damaged("it is cut off")
+            raise self._damaged("it is truncated")
 
     def _damaged(self, what: str) -> IndexDamaged:
         return IndexDamaged(what, where=str(self._file.name), hint=self._repair)
@@ -112,7 +112,7 @@ class FileRows:
 _MAGIC = b"EXPMAP1\n"
 _ALIGN = 64
 
-REPAIR = "run expmap build with the same options: what is damaged is computed again"
+REPAIR = "run expmap build with the same options to recompute what is damaged"
 """How to fix a damaged file of an index."""
 
 
@@ -187,7 +187,7 @@ def read_arrays(
                 raise _damaged("it is not a file of arrays", path)
             header = json.loads(file.read(length))
         if path.stat().st_size != header["bytes"]:
-            raise _damaged("it is cut off", path)
+            raise _damaged("it is truncated", path)
         if in_file:
             return _read_some(path, header["arrays"], in_file), dict(header["meta"])
         data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)

@@ -54,7 +54,7 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
         raise MissingPart(
             "no network that finds faces or number plates is installed",
             where="models",
-            hint=f"whoever runs the server installs them: expmap models fetch {' '.join(missing)}",
+            hint=f"the administrator of the server can install them: expmap models fetch {' '.join(missing)}",
         )
     files = {model: find_weights(model, chosen) for model in NETWORKS if model not in missing}
     detectors = tuple(_opened(model, path, file.sha256) for model, (path, file) in files.items())

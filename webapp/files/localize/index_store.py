@@ -186,7 +186,7 @@ class IndexFolder:
                 build_seconds=raw["build_seconds"],
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise self._damaged("lacks fields or has wrong ones") from error
+            raise self._damaged("has missing or invalid fields") from error
 
     def _damaged(self, what: str) -> IndexDamaged:
         return IndexDamaged(f"the manifest {what}", where=str(self.manifest_path), hint=REPAIR)
@@ -212,7 +212,7 @@ class IndexFolder:
                         path.unlink(missing_ok=True)
         except OSError as error:
             raise StorageError(
-                f"the folder cannot be tidied: {error.strerror}", where=str(self.folder)
+                f"the folder cannot be cleaned up: {error.strerror}", where=str(self.folder)
             ) from error
 
     def _named(self, manifest: Manifest) -> set[Path]:
@@ -299,7 +299,9 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
         in_place = mapped and not _is_copied(path)
         return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if in_place else 0)
     except (RuntimeError, MemoryError) as error:
-        raise IndexDamaged("it is not a search index, or cut off", where=str(path), hint=REPAIR) from error
+        raise IndexDamaged(
+            "it is not a search index, or it is truncated", where=str(path), hint=REPAIR
+        ) from error
 
 
 def _is_copied(path: Path) -> bool:

@@ -150,10 +150,10 @@ def install_hint(file: ModelFile) -> str:
     if file.address:
         return _FETCH
     if file.published:
-        return f"take {file.name} from a folder that has it: expmap models fetch --from FOLDER"
+        return f"copy {file.name} from a folder that has it: expmap models fetch --from FOLDER"
     return (
-        f"it is yours to supply: put it as {file.name} into the folder that expmap models list prints; "
-        "docs/features.md, Models that you supply, says which export"
+        f"you have to supply it yourself: put it as {file.name} into the folder that expmap models list "
+        "prints; see 'Models that you supply' in docs/features.md"
     )
 
 
@@ -281,7 +281,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     if model is None:
         fitting = " or ".join(PAIR_MATCHERS)
         raise UsageError(
-            f"no network matches features {features}", where="--features", hint=f"take --features {fitting}"
+            f"no network matches features {features}", where="--features", hint=f"use --features {fitting}"
         )
     path, file = find_weights(model, chosen)
     return _matcher(model, path, file.sha256 or hashlib.sha256(read_bytes(path)).hexdigest())
@@ -306,7 +306,7 @@ def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     file = installed(model, chosen)
     if file is None:
         hint = install_hint(MODELS[model][0])
-        raise MissingPart(f"the weights of {model} are not here", where="models", hint=hint)
+        raise MissingPart(f"the weights of {model} are not installed", where="models", hint=hint)
     return models_folder(chosen) / file.name, file
 
 

@@ -60,7 +60,7 @@ def read(path: Path) -> list[Query]:
         _refuse("the first line is not the header", path, (1, 1), hint=f"the first line must be {HEADER}")
     queries = [_query(line.removesuffix("\r"), path, number) for number, line in enumerate(lines[1:], 2)]
     if not queries:
-        raise TableError("the list holds no query", where=str(path), hint="add one line a photo: path;x;y")
+        raise TableError("the list has no queries", where=str(path), hint="add one line per photo: path;x;y")
     return queries
 
 

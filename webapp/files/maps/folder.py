@@ -80,8 +80,8 @@ class MapFolder:
         except (OSError, RuntimeError) as error:  # links in a circle
             raise self._error(f"{name!r} is a broken link: {error}", hint="replace the link") from error
         if not stays:
-            message = f"{name!r} is a link that leads out of the map's folder"
-            raise self._error(message, hint="replace the link by a copy of the file")
+            message = f"{name!r} is a link that points outside the map's folder"
+            raise self._error(message, hint="replace the link with a copy of the file")
         return path
 
     def _is_inside(self, path: Path) -> bool:
@@ -272,14 +272,14 @@ def _read_placement(cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int,
     placed = read_cfg(path).map
     if placed.satellite != map_.satellite:
         hint = f"its first line must be that of {cfg_path.name}"
-        raise MapError("the placement has another satellite image", where=str(path), hint=hint)
+        raise MapError("the placement has a different satellite image", where=str(path), hint=hint)
     photos = {e.id: e.photo for e in map_.experiences}
     positions = {}
     for e in placed.experiences:
         if photos.get(e.id, e.photo) != e.photo:
             hint = f"the same id must have the same photo as in {cfg_path.name}: {photos[e.id]!r}"
             raise MapError(
-                f"the experience {e.id} has another photo, {e.photo!r}", where=str(path), hint=hint
+                f"the experience {e.id} has a different photo, {e.photo!r}", where=str(path), hint=hint
             )
         if e.id in photos:
             positions[e.id] = _exact(e.position, exact.get(e.id), map_)

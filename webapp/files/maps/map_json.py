@@ -225,7 +225,8 @@ def check_placement_name(name: str) -> str:
     plain = name.replace("-", "").replace("_", "")
     if not (plain.isalnum() and len(name) <= 60):
         raise MapError(
-            f"{name[:80]!r} cannot name a placement", hint="use letters, digits, _ and -, at most 60"
+            f"{name[:80]!r} is not a valid name for a placement",
+            hint="use letters, digits, _ and -, at most 60",
         )
     return name
 

@@ -276,7 +276,7 @@ def _xml(data: bytes, *, where: str) -> Iterator[_Entry]:
     elif root == "kml":
         yield from _kml(data, where=where)
     else:
-        raise TableError(f"<{root[:40]}> is no KML and no GPX", where=where, hint=f"use {FORMATS}")
+        raise TableError(f"<{root[:40]}> is neither KML nor GPX", where=where, hint=f"use {FORMATS}")
 
 
 def _kml(data: bytes, *, where: str) -> Iterator[_Entry]:

@@ -93,7 +93,7 @@ class Bucket:
         prefix = parts.path.strip("/")
         if parts.scheme != "s3" or not parts.netloc:
             raise UsageError(
-                f"{url!r} is no address of a storage",
+                f"{url!r} is not an address of an object storage",
                 where="EXPMAP_STORAGE",
                 hint="write s3://bucket or s3://bucket/prefix",
             )
@@ -277,7 +277,7 @@ def _away(error: Exception) -> StorageUnavailable:
     last = getattr(error, "last_exception", error)
     if isinstance(last, exceptions.ReadTimeoutError | exceptions.ConnectTimeoutError | TimeoutError):
         return StorageUnavailable(
-            "the object storage does not answer in time", wait_s=_WAIT_S, hint="try again in a moment"
+            "the object storage did not answer in time", wait_s=_WAIT_S, hint="try again in a moment"
         )
     broken = (
         exceptions.ConnectionClosedError,
@@ -286,7 +286,7 @@ def _away(error: Exception) -> StorageUnavailable:
     )
     if isinstance(last, broken):
         return StorageUnavailable(
-            "the connection to the object storage broke off", wait_s=_WAIT_S, hint="try again in a moment"
+            "the connection to the object storage was lost", wait_s=_WAIT_S, hint="try again in a moment"
         )
     return StorageUnavailable(
         "the object storage cannot be reached", wait_s=_WAIT_S, hint="try again in a moment"
@@ -321,6 +321,6 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR or status == HTTPStatus.TOO_MANY_REQUESTS:
         return StorageUnavailable(
-            "the object storage is overloaded or disturbed", wait_s=_WAIT_S, hint="try again in a moment"
+            "the object storage is overloaded or out of order", wait_s=_WAIT_S, hint="try again in a moment"
         )
-    return StorageError(f"the object storage refuses: {code or status}", where=url)
+    return StorageError(f"the object storage refused the request: {code or status}", where=url)

@@ -229,7 +229,7 @@ def _make(file: Path, pointer: Pointer, *, name: str, make: Callable[[Path], Non
     make(file)
     if file.stat().st_size != pointer.bytes or sha256_of(file) != pointer.sha256:
         raise ObjectLost(
-            "the object storage gave another content than was stored",
+            "the object storage returned content other than what was stored",
             where=name,
             hint="restore the object from a backup",
         )

@@ -330,7 +330,7 @@ def _check_unchanged(file: Path, before: os.stat_result) -> None:
     now = file.stat()
     if (now.st_size, now.st_mtime_ns, now.st_ino) != (before.st_size, before.st_mtime_ns, before.st_ino):
         raise StorageError(
-            "this file was changed while it was stored",
+            "this file was changed while it was being stored",
             where=str(file),
             hint="try again when it is complete",
         )

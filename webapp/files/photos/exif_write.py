@@ -109,7 +109,8 @@ def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[by
     with open_image(photo, limits=limits) as image:
         if image.format not in WRITABLE:
             raise PhotoError(
-                f"positions are not written into {image.format}", hint="convert it to JPEG or WebP first"
+                f"positions cannot be written to {image.format} files",
+                hint="convert it to JPEG or WebP first",
             )
         raw, turn = image.info.get("exif"), orientation(read_exif(image))[0]
     note = None

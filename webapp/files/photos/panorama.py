@@ -196,11 +196,11 @@ def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
     """
     pixels = read_gray(source, limits=limits).pixels
     if not is_whole_sphere(pixels.shape[1], pixels.shape[0]):
-        raise PhotoError("a mask is twice as wide as high, as the panoramas are", where=str(source))
+        raise PhotoError("a mask must be twice as wide as high, like the panoramas", where=str(source))
     boxes = boxes_of_mask(pixels >= GREY)
     if len(boxes) > MOST_MASKED:
         raise PhotoError(
-            f"the mask is too ragged: it would take {len(boxes)} boxes, and {MOST_MASKED} are the most",
+            f"the mask is too ragged: it would take {len(boxes)} boxes, more than the limit of {MOST_MASKED}",
             where=str(source),
             hint="draw what is masked as a few black areas with straight edges",
         )

@@ -67,7 +67,7 @@ def read_rig(path: Path) -> tuple[MountedCamera, ...]:
     if not 1 <= len(cameras) <= _MOST:
         raise field.error(f"has {len(cameras)} cameras", hint=f"name 1 to {_MOST}")
     if len({camera.photos for camera in cameras}) < len(cameras):
-        raise field.error("has two cameras with the same photos", hint="each has photos of its own")
+        raise field.error("has two cameras with the same photos", hint="give each camera photos of its own")
     return cameras
 
 

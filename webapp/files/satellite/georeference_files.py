@@ -104,7 +104,7 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     """
     _, rows = read_table(path, headers=[HEADER])
     if not rows:
-        raise TableError("there are no control points", where=str(path), hint=f"add one a line: {HEADER}")
+        raise TableError("there are no control points", where=str(path), hint=f"add one per line: {HEADER}")
     return [_point(row) for row in rows]
 
 

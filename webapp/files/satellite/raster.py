@@ -214,7 +214,7 @@ def _decoded(path: Path, kind: Kind, *, limits: SatelliteLimits) -> Iterator[Ras
 
 def _damaged(reason: object) -> PhotoError:
     return PhotoError(
-        f"the image is damaged, cut off or of an unusual kind: {reason}",
+        f"the image is damaged, truncated or of an unsupported kind: {reason}",
         hint="open it in an image editor and save it again as PNG",
     )
 

@@ -23,11 +23,13 @@ _SHOWN = 50
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--columns", metavar="TEXT", help="Of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...")
-@click.option("--axes", type=click.Choice(AXES), help="Of TUM, KITTI and a CSV.  [default: detected]")
-@click.option("--json", "as_json", is_flag=True, help="Print an object for each file, one a line.")
+@click.option("--columns", metavar="TEXT", help="Columns of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...")
+@click.option(
+    "--axes", type=click.Choice(AXES), help="Axes of TUM, KITTI and CSV files.  [default: detected]"
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per file, one per line.")
 def inspect(files: tuple[Path, ...], columns: str | None, axes: str | None, as_json: bool) -> int:
-    """Print what is in FILES: each source with its poses, times and extent, and what is odd.
+    """Show what FILES contain: each source with its poses, times and extent, and anything odd.
 
     Nothing is stored, and no library is needed.
     """

@@ -36,7 +36,7 @@ from webapp.store.schema import Account
 def _start_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option(
         "--start", callback=_start, metavar="LAT,LON,HEADING",
-        help="Where the robot was at first, and which way it looked: degrees clockwise from north.",
+        help="Where the robot started, and its heading in degrees clockwise from north.",
     )(command)  # fmt: skip
 
 
@@ -48,10 +48,10 @@ def _start(_context: click.Context, _option: click.Parameter, text: str | None) 
 
 
 @click.command("list")
-@click.option("--map", "slug", metavar="SLUG", help="Only those on that map.")
+@click.option("--map", "slug", metavar="SLUG", help="Only missions on that map.")
 @library_option
 def list_missions(slug: str | None, library: Path | None) -> None:
-    """Print all missions: number, name, poses, objects, and when they last changed."""
+    """List all missions: number, name, poses, objects, and time of the last change."""
     with _opened(library) as place, place.database.read() as session:
         owner = _owner(place)
         on = None if slug is None else maps.find(session, slug, account=owner).id
@@ -63,9 +63,9 @@ def list_missions(slug: str | None, library: Path | None) -> None:
 
 @click.command()
 @click.argument("name")
-@click.option("--map", "slug", metavar="SLUG", help="On that map.  [default: no map]")
+@click.option("--map", "slug", metavar="SLUG", help="Put it on that map.  [default: no map]")
 @_start_option
-@click.option("--note", default="", metavar="TEXT", help="For people.")
+@click.option("--note", default="", metavar="TEXT", help="Note on the mission.")
 @library_option
 def new(name: str, slug: str | None, start: Start | None, note: str, library: Path | None) -> None:
     """Make a mission and print its number."""
@@ -90,25 +90,27 @@ def new(name: str, slug: str | None, start: Start | None, note: str, library: Pa
 @click.option(
     "--columns",
     metavar="TEXT",
-    help="Of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...  [default: by its header]",
+    help="Columns of a CSV: time=stamp:ms, lat=Latitude, lon=3 ...  [default: from its header]",
 )
 @click.option(
-    "--source", type=click.Choice(SOURCES), help="Of all tracks.  [default: by the kind of the file]"
+    "--source", type=click.Choice(SOURCES), help="Source of all tracks.  [default: by the kind of file]"
 )
-@click.option("--axes", type=click.Choice(AXES), help="Of TUM, KITTI and a CSV.  [default: detected]")
+@click.option(
+    "--axes", type=click.Choice(AXES), help="Axes of TUM, KITTI and CSV files.  [default: detected]"
+)
 @click.option(
     "--min-move", metavar="DISTANCE",
-    help="Leave out what moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
+    help="Leave out poses that moved less: 0.5m, 0.00001deg, or 0.  [default: 0.00001deg]",
 )  # fmt: skip
 @_start_option
 @library_option
 def import_files(
     mission: int, files: tuple[Path, ...], listing: bool, library: Path | None, **given: Any
 ) -> int:
-    """Import FILES with tracks and objects into MISSION, a number.
+    """Import tracks and objects from FILES into the mission with the number MISSION.
 
     Bags of ROS 1 and 2, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV are
-    recognised by their content. A file that was imported before stores nothing twice.
+    recognised by their content. Importing a file again stores nothing twice.
     """
     if listing:
         for path in files:
@@ -135,10 +137,10 @@ def import_files(
 @click.command()
 @click.argument("mission", type=int)
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
-@click.option("--format", "form", type=click.Choice(FORMATS), help="[default: by the name of FILE]")
+@click.option("--format", "form", type=click.Choice(FORMATS), help="[default: from the name of FILE]")
 @library_option
 def export(mission: int, file: Path, form: str | None, library: Path | None) -> None:
-    """Write MISSION, a number, to FILE; `-` is standard output."""
+    """Export the mission with the number MISSION to FILE; `-` is standard output."""
     form = form or _form_of(file)
     with _opened(library) as place:
         with place.database.read() as session:
@@ -155,8 +157,8 @@ def export(mission: int, file: Path, form: str | None, library: Path | None) -> 
 def _form_of(file: Path) -> str:
     fits = [form for form in FORMATS if file.name.lower().endswith((f".{form}", f"-{form}"))]
     if not fits:
-        hint = f"say which: --format {'|'.join(FORMATS)}"
-        raise UsageError("the file name does not give the format", where=str(file), hint=hint)
+        hint = f"give it: --format {'|'.join(FORMATS)}"
+        raise UsageError("the format cannot be told from the file name", where=str(file), hint=hint)
     return max(fits, key=len)
 
 
@@ -181,7 +183,7 @@ def _print_import(path: Path, done: TrackImport) -> None:
     if done.objects:
         click.echo(f"{path.name}: {done.objects} sightings of objects")
     if not done.new:
-        click.echo(f"{path.name}: all of it was there already", err=True)
+        click.echo(f"{path.name}: everything in it was already imported", err=True)
     for one in done.skipped:
         click.echo(f"{path.name}: {one.where}: left out: {one}", err=True)
     for one in done.doubts:

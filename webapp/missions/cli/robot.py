@@ -28,14 +28,18 @@ _PATIENCE_S = 60.0
 Command = Callable[..., Any]
 
 _MISSION_OPTIONS = [
-    click.option("--url", metavar="URL", help=f"Of the server.  [default: that of the spool, or {_URL}]"),
-    click.option("--mission", type=click.IntRange(1), metavar="N", help="Its number, for a new spool."),
+    click.option(
+        "--url", metavar="URL", help=f"Address of the server.  [default: that of the spool, or {_URL}]"
+    ),
+    click.option(
+        "--mission", type=click.IntRange(1), metavar="N", help="Number of the mission, for a new spool."
+    ),
     click.option("--new", metavar="NAME", help="Make a new mission of that name, if the spool is new."),
     click.option("--map", "map_slug", metavar="SLUG", help="Put the new mission on that map."),
     click.option(
         "--start",
         metavar="LAT,LON,HEADING",
-        help="Where the robot was at first, in degrees: for poses in its own frame.",
+        help="Where the robot started, in degrees: for poses in its own frame.",
     ),
 ]
 min_move_option = click.option(
@@ -43,7 +47,7 @@ min_move_option = click.option(
     default="0.00001deg",
     show_default=True,
     metavar="DISTANCE",
-    help="Leave out poses that moved no more: 0.5m, 0.00001deg; 0 keeps all.",
+    help="Leave out poses that moved no farther: 0.5m, 0.00001deg; 0 keeps all.",
 )
 _SPOOL = click.Path(file_okay=False, path_type=Path)
 
@@ -51,7 +55,7 @@ _SPOOL = click.Path(file_okay=False, path_type=Path)
 def token_option(command: Command) -> Command:
     """Add the token."""
     return click.option(
-        "--token", metavar="TOKEN", help="Of `expmap account token`.  [default: EXPMAP_TOKEN]"
+        "--token", metavar="TOKEN", help="Token from `expmap account token`.  [default: EXPMAP_TOKEN]"
     )(command)
 
 
@@ -143,7 +147,9 @@ def parse_start(text: str | None) -> dict[str, float] | None:
     try:
         lat, lon, heading = map(float, text.split(","))
     except ValueError as error:
-        raise UsageError(f"{text[:60]!r} is not a start", where="--start", hint=hint) from error
+        raise UsageError(
+            f"{text[:60]!r} is not a start position and heading", where="--start", hint=hint
+        ) from error
     if not (abs(lat) <= 90 and abs(lon) <= 180 and abs(heading) <= 360):
         raise UsageError("the position or heading is out of range", where="--start", hint=hint)
     return {"lat": lat, "lon": lon, "heading_deg": heading}
@@ -155,22 +161,22 @@ def parse_start(text: str | None) -> dict[str, float] | None:
 @min_move_option
 @click.option(
     "--every", type=click.FloatRange(0.1), default=2.0, show_default=True, metavar="S",
-    help="Interval of uploads, seconds.",
+    help="Seconds between uploads.",
 )  # fmt: skip
 @click.option("--at-end", is_flag=True, help="Upload at the end only, or on the line {type: upload}.")
 @click.option(
     "--sync", type=click.FloatRange(0.0), default=0.5, show_default=True, metavar="S",
-    help="What a power cut may cost, in seconds; 0: nothing.",
+    help="How many seconds of data a power cut may lose; 0: none.",
 )  # fmt: skip
 @click.option(
     "--limit", type=click.FloatRange(1.0), default=1000.0, show_default=True, metavar="MB",
-    help="Space for the spool.",
+    help="Maximum size of the spool.",
 )  # fmt: skip
 def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **chosen: Any) -> int:
-    """Send what another program prints: a JSON object a line, as batches have them.
+    """Send records that another program prints: one JSON object per line, as in batches.
 
-    Reads standard input to its end. Everything is in the folder SPOOL before it is sent, and stays there
-    while there is no network. The line {"type": "upload"} uploads at once.
+    Reads standard input to its end. Everything is stored in the folder SPOOL before it is sent, and stays
+    there while there is no network. The line {"type": "upload"} uploads at once.
     """
     target = find_target(spool, chosen)
     options = RobotOptions(
@@ -193,7 +199,9 @@ def send(spool: Path, every: float, at_end: bool, sync: float, limit: float, **c
 
 @click.command()
 @click.argument("spool", type=_SPOOL)
-@click.option("--url", metavar="URL", help="Of the server, if it has moved.  [default: that of the spool]")
+@click.option(
+    "--url", metavar="URL", help="Address of the server, if it has moved.  [default: that of the spool]"
+)
 @token_option
 @click.option(
     "--patience", type=click.FloatRange(0.0), default=60.0, show_default=True, metavar="S",
@@ -222,7 +230,7 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
     aside = read_content(spool).aside[before:]
     for entry in aside:
         click.echo(_aside(entry), err=True)
-    click.echo(f"mission {identity.mission}: everything is at the server")
+    click.echo(f"mission {identity.mission}: everything has been uploaded")
     return SOME_FAILED if aside else 0
 
 
@@ -230,7 +238,7 @@ def recover(spool: Path, url: str | None, token: str | None, patience: float) ->
 @click.argument("spool", type=_SPOOL)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(spool: Path, as_json: bool) -> None:
-    """Show what is in the folder SPOOL; the robot may be writing to it."""
+    """Show what is in the folder SPOOL, even while the robot is writing to it."""
     found = read_content(spool)
     click.echo(_as_json(found) if as_json else _as_text(found))
 
@@ -258,7 +266,8 @@ def _take(client: RobotClient, line: str, *, number: int) -> bool:
 
 def _left(spool: Path, records: int, *, photos: int, problem: str) -> str:
     why = f" ({problem})" if problem else ""
-    return f"{records} records and {photos} photos wait{why}; later: expmap robot recover {spool}"
+    left = f"{records} records and {photos} photos are still waiting{why}"
+    return f"{left}; to send them later: expmap robot recover {spool}"
 
 
 def _aside(entry: dict[str, Any]) -> str:
@@ -293,7 +302,7 @@ def _as_json(found: SpoolContent) -> str:
 def _as_text(found: SpoolContent) -> str:
     lines = [
         f"mission {found.identity.mission} at {found.identity.url}",
-        f"{found.written} records, {found.waiting} of them wait; {found.photos} photos wait",
+        f"{found.written} records, {found.waiting} of them waiting; {found.photos} photos waiting",
         f"{found.size / 1e6:.1f} MB",
         *map(_aside, found.aside),
     ]

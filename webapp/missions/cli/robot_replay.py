@@ -34,16 +34,16 @@ _LOOK_S = 0.2
 @min_move_option
 @click.option(
     "--speed", type=click.FloatRange(0.0, min_open=True), default=1.0, show_default=True, metavar="N",
-    help="Factor of the recorded speed.",
+    help="Speed, as a multiple of the recorded one.",
 )  # fmt: skip
 @click.option("--topic", "topics", multiple=True, metavar="NAME", help="Only this topic; can be repeated.")
 @click.option(
     "--spool", type=click.Path(file_okay=False, path_type=Path), metavar="FOLDER",
-    help="Folder for what is sent.  [default: NAME.spool]",
+    help="Folder of the spool.  [default: NAME.spool]",
 )  # fmt: skip
 @click.option(
     "--every", type=click.FloatRange(0.05), default=0.5, show_default=True, metavar="S",
-    help="Interval of uploads, seconds.",
+    help="Seconds between uploads.",
 )  # fmt: skip
 def replay(
     bag: Path,
@@ -55,8 +55,8 @@ def replay(
 ) -> int:
     """Send a recorded mission, BAG, to a server as if it were happening.
 
-    BAG is a ROS bag, or any other file with tracks. Killed and started again, it continues where it was.
-    Prints the address of the mission.
+    BAG is a ROS bag, or any other file with tracks. If the command is killed and started again, it continues
+    where it stopped. Prints the address of the mission.
     """
     folder = spool or Path(f"{bag.stem}.spool")
     least, start = parse_min_move(chosen["min_move"]), parse_start(chosen["start"])

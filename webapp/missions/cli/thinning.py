@@ -29,7 +29,7 @@ def _common(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--dry-run", is_flag=True, help="Only print what would be done."),
         click.option(
             "--older-than", "days", type=click.FloatRange(min=0), metavar="DAYS",
-            help="Only those that have not changed for so long.  [default: as the settings say]",
+            help="Only missions that have not changed for this long.  [default: from the settings]",
         ),
         _missions,
     ):  # fmt: skip
@@ -46,10 +46,10 @@ def _common(command: Callable[..., Any]) -> Callable[..., Any]:
 def thin(
     numbers: tuple[int, ...], metres: float | None, days: float | None, dry_run: bool, library: Path | None
 ) -> int:
-    """Leave poses out of tracks of missions, so that at no time they are farther off than an error.
+    """Remove poses from the tracks of missions, keeping the error below a limit at all times.
 
-    Without MISSION: of all missions that are old. Those that are under way, in the bin, or marked to be
-    kept are left as they are; objects, photos, and both ends of each track stay.
+    Without MISSION, all old missions are thinned. Missions that are under way, in the bin, or marked to be
+    kept stay as they are; objects, photos, and both ends of each track are kept.
     """
     settings = library_settings(library)
     days = _days(numbers, days, settings.missions.thin_after_days)
@@ -60,9 +60,9 @@ def thin(
 @click.command()
 @_common
 def prune(numbers: tuple[int, ...], days: float | None, dry_run: bool, library: Path | None) -> int:
-    """Remove all poses of the tracks of missions but the first and the last.
+    """Remove all poses from the tracks of missions except the first and the last.
 
-    Which missions: as for `expmap mission thin`.
+    Missions are chosen as for `expmap mission thin`.
     """
     settings = library_settings(library)
     days = _days(numbers, days, settings.missions.prune_after_days)
@@ -74,7 +74,7 @@ def prune(numbers: tuple[int, ...], days: float | None, dry_run: bool, library: 
 @click.option("--off", is_flag=True, help="Remove the mark.")
 @library_option
 def keep(numbers: tuple[int, ...], off: bool, library: Path | None) -> None:
-    """Mark missions to be kept as they are, whatever the settings say of old ones."""
+    """Mark missions to be kept as they are, whatever the settings say about old missions."""
     with existing_library(library_settings(library)) as place, place.database.write() as session:
         for number in numbers:
             found = session.get(Mission, number)
@@ -96,8 +96,8 @@ def _days(numbers: tuple[int, ...], given: float | None, setting: float) -> floa
 def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: bool) -> int:
     if not numbers and not rule.after:
         raise UsageError(
-            "which missions is not said",
-            hint="give their numbers, or --older-than DAYS; the settings keep all",
+            "no missions were given",
+            hint="give their numbers, or --older-than DAYS; with the current settings all are kept",
         )
     failed = tracks = removed = 0
     with existing_library(settings) as place, terminal_progress("thinning") as progress:
@@ -106,7 +106,7 @@ def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: 
             ids = [id for id in numbers if id not in young] if numbers else thin_tracks.due(session, rule)
         for id in young:
             days = rule.after / timedelta(days=1)
-            click.echo(f"mission {id} is left out: it changed less than {days:g} days ago")
+            click.echo(f"mission {id} is skipped: it changed less than {days:g} days ago")
         progress.size(len(ids))
         for id in ids:
             try:

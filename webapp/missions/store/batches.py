@@ -42,7 +42,8 @@ class OutOfOrder(Conflict):
         super().__init__(
             "records before these are missing",
             where="first",
-            hint=f"send from record {next_seq} on; is the sender's name one that no other program uses?",
+            hint=f"send from record {next_seq} on; make sure that no other program "
+            "uses the name of this sender",
         )
         self.next_seq = next_seq
 

@@ -77,7 +77,9 @@ def begin(library: Library, *, name: str, size_bytes: int, account_id: int, sett
             hint="import it with `expmap mission import`",
         )
     if sum(1 for _ in library.uploads.glob(f"*.{account_id}.*{_ENDING}")) >= most:
-        raise UsageError(f"{most} files wait to be imported", hint="import or drop some of them first")
+        raise UsageError(
+            f"{most} files are already waiting to be imported", hint="import or drop some of them first"
+        )
     part_file.check_space(library.uploads, size_bytes, reserve_mb=settings.upload.reserve_mb)
     path = library.uploads / f"{secrets.token_hex(_ID_LENGTH // 2)}.{account_id}.{size_bytes}{_ENDING}"
     path.touch()

@@ -96,7 +96,7 @@ def _check_size(pages: int, options: SheetOptions) -> None:
     width, height = (side / 72 * options.dpi for side in options.page_sizes()[0])
     if pages * width * height > _MOST_BOOK_PX:
         raise UsageError(
-            f"{pages} floors do not fit into one file", where="dpi", hint="choose fewer pixels an inch"
+            f"{pages} floors do not fit into one file", where="dpi", hint="choose fewer pixels per inch"
         )
 
 

@@ -160,7 +160,7 @@ def _copied(source: Connection, target: Connection, table: Table, *, progress: P
     if not is_new:
         raise OtherRows(table.name)
     raise StorageError(
-        f"the database does not give back what was copied to the table {table.name}",
+        f"what was copied to the table {table.name} does not read back the same",
         hint="the library is as it was; please report this",
     )
 
@@ -208,7 +208,7 @@ def _insert(connection: Connection, table: Table, batch: Sequence[Row]) -> None:
             raise known from error
         reason = next(iter(str(error.orig).splitlines()), "")
         raise StorageError(
-            f"the database refuses rows: {reason}",
+            f"the database rejected rows: {reason}",
             where=f"table {table.name}",
             hint="the library is as it was",
         ) from error

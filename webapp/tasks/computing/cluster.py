@@ -79,7 +79,7 @@ class DaskPool:
             )
         except ValueError as error:
             raise UsageError(
-                f"{self._address!r} is not the address of a scheduler of Dask",
+                f"{self._address!r} is not the address of a Dask scheduler",
                 where="EXPMAP_DASK",
                 hint="write tcp://HOST:8786",
             ) from error
@@ -162,7 +162,7 @@ class DaskPool:
             ) from error
         if isinstance(error, RuntimeError) and "deserialization" in str(error):
             raise UsageError(
-                f"the scheduler of Dask at {self._address} has another version of the program, or of Dask",
+                f"the Dask scheduler at {self._address} has another version of the program or of Dask",
                 where="EXPMAP_DASK",
                 hint="install the same versions on all machines; see docs/cluster.md",
             ) from error

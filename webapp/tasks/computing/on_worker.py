@@ -83,15 +83,15 @@ class Terms:
         if other:
             name = other[0]
             raise UsageError(
-                f"worker {worker} of Dask has {name} {own.get(name) or 'not at all'}, "
-                f"this process {self.versions[name] or 'not at all'}",
+                f"the Dask worker {worker} has {name} {own.get(name) or '(not installed)'}, "
+                f"this process {self.versions[name] or '(not installed)'}",
                 where="EXPMAP_DASK",
                 hint="install the same versions on all machines: pip install -c constraints.txt; "
                 "see docs/cluster.md",
             )
         if not self.marker.exists():
             raise UsageError(
-                f"worker {worker} of Dask does not see the folder {self.marker.parent}",
+                f"the Dask worker {worker} cannot see the folder {self.marker.parent}",
                 where="EXPMAP_DASK",
                 hint="mount it there at the same path; see docs/cluster.md",
             )
@@ -153,7 +153,7 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -
         value = shared.value()
     except (ImportError, AttributeError) as error:
         raise UsageError(
-            f"worker {address} of Dask has another version of the program: {error}",
+            f"the Dask worker {address} has another version of the program: {error}",
             where="EXPMAP_DASK",
             hint="install the same versions on all machines; see docs/cluster.md",
         ) from error

@@ -108,7 +108,7 @@ def _one(rows: Sequence[PointRow], field: str):  # type: ignore[no-untyped-def]
     said = {value: row for row in rows if (value := getattr(row, field)) is not None}
     if len(said) > 1:
         where = [*said.values()][1].where
-        raise TableError(f"{field} of the point {rows[0].name} is another one than before", where=where)
+        raise TableError(f"{field} of the point {rows[0].name} differs from an earlier row", where=where)
     return next(iter(said), None)
 
 

@@ -172,7 +172,7 @@ def _taken_at(photo: Path, limits: PhotoLimits) -> float | None:
         return None
     if taken_at is None:
         raise UsageError(
-            f"{photo.name} has no time of capture",
+            f"{photo.name} has no capture time",
             where="--by-time",
             hint="name the photos in their order and leave --by-time out",
         )

@@ -102,7 +102,8 @@ def adopt_map(
     """
     if not _SLUG.fullmatch(slug) or slug in maps.RESERVED:
         raise UsageError(
-            f"{slug!r} cannot name a map of the library", hint="rename the folder: letters, digits, -"
+            f"{slug!r} is not a valid name for a map of the library",
+            hint="rename the folder: letters, digits, -",
         )
     limits = (settings or Settings()).photo
     contents = read(library.cfg(slug), limits=limits, progress=progress or Progress())
@@ -111,7 +112,7 @@ def adopt_map(
     title = name or contents.map.title or slug.replace("-", " ").capitalize()
     with library.database.write() as session:
         if session.scalars(select(MapRecord.id).where(MapRecord.slug == slug)).first() is not None:
-            raise Conflict(f"the library has a map {slug} already", where=slug)
+            raise Conflict(f"the library already has a map {slug}", where=slug)
         record = MapRecord(slug=slug, name=maps.checked_name(title))
         session.add(record)
         session.flush()

@@ -123,7 +123,7 @@ def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]
         return {**fields, "fov_deg": None if photo.panorama is not None else photo.fov_deg}
     if not is_whole_sphere(photo.width, photo.height):
         raise UsageError(
-            f"{photo.name} is no whole panorama, twice as wide as high", where=f"photo/{photo.id}"
+            f"{photo.name} is not a full panorama, twice as wide as high", where=f"photo/{photo.id}"
         )
     return {**fields, "panorama": panorama_fields(panorama), "fov_deg": 360.0}
 

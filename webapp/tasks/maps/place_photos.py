@@ -95,7 +95,7 @@ def survey(
     for name in names:
         progress.check()
         if _leads_out(folder / name, folder):
-            reason = "it is a link that leads out of the folder; replace it by a copy"
+            reason = "it is a link that points outside the folder; replace it with a copy"
             found.append(SurveyedFile(name, state=FileState.UNREADABLE, reason=reason))
         else:
             one = _look(folder / name, name, positions=positions, limits=limits, assume=assume_panoramas)

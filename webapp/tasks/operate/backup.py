@@ -253,7 +253,7 @@ def _held(path: Path, *, what: str, where: str) -> Iterator[None]:
             stack.enter_context(FileLock(path, timeout=_WAIT_S))
         except Timeout as error:
             raise StorageError(
-                f"a backup waited {_WAIT_S} s for {what}, which is being written",
+                f"the backup waited {_WAIT_S} s for {what}, which is still being written",
                 where=where,
                 hint="try again",
             ) from error

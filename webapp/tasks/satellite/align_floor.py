@@ -106,7 +106,7 @@ def _moved_notes(
 
 def _leaves(name: str) -> UsageError:
     return UsageError(
-        f"{name} would leave the map", hint="align the floor before photos and notes are placed on it"
+        f"{name} would be moved off the map", hint="align the floor before photos and notes are placed on it"
     )
 
 

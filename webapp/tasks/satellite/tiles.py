@@ -99,7 +99,7 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
     most = min(settings.tiles.max_tiles, service.max_tiles or settings.tiles.max_tiles)
     if cut.tile_count > most:
         raise UsageError(
-            f"this area has {cut.tile_count} tiles at zoom {request.zoom}, and {most} are allowed",
+            f"this area has {cut.tile_count} tiles at zoom {request.zoom}, but only {most} are allowed",
             where="zoom",
             hint="choose a smaller area or a smaller zoom",
         )
