@@ -263,7 +263,7 @@ root = LazyGroup(
     help="Where was this photo taken? Answers on a map that people make themselves.",
     commands={
         "sample": LazyCommand(
-            "webapp.sample.cli:sample", "Make a small map of an invented park, with photos to localize."
+            "webapp.sample.cli:sample", "Make a small map of a synthetic park, with photos to localize."
         ),
         "map": LazyCommand("webapp.app.main:map_group", "Make and check map files."),
         "build": LazyCommand("webapp.cli.build:build", "Build the index of a map, or bring it up to date."),

@@ -1,1 +1,1 @@
-"""An invented park: the sample map, and ground truth for tests."""
+"""A synthetic park: the sample map, and ground truth for tests."""

@@ -19,12 +19,12 @@ from webapp.sample import make
     default=7,
     show_default=True,
     metavar="N",
-    help="Random seed of the invented park.",
+    help="Random seed of the synthetic park.",
 )
 @click.option("--force", is_flag=True, help="Replace an existing sample.")
 @library_option
 def sample(folder: Path | None, seed: int, force: bool, library: Path | None) -> None:
-    """Make a small map of an invented park, with photos to localize.
+    """Make a small map of a synthetic park, with photos to localize.
 
     Writes to FOLDER, or to `sample` in the library, and prints the path of its map.
     """

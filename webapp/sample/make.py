@@ -1,4 +1,4 @@
-"""Make the sample: a small map of an invented park, with photos, queries and the truth about them."""
+"""Make the sample: a small map of a synthetic park, with photos, queries and the truth about them."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def make_sample(
     progress : Progress
         One step a picture.
     seed : int
-        Of the invented park; 0 or more.
+        Of the synthetic park; 0 or more.
     force : bool
         Make it again, also over a sample made otherwise.
 

@@ -1,4 +1,4 @@
-"""An invented park that can be photographed: the sample, and the ground truth of many tests.
+"""A synthetic park that can be photographed: the sample, and the ground truth of many tests.
 
 The world is metres: east, north, up, with (0, 0, 0) on the ground at the south-west corner of the park.
 Colours are RGB, 0-255. Everything comes from a random generator that the caller passes in, so the same
