@@ -185,7 +185,7 @@ def test_a_server_without_a_network_says_what_is_not_looked_for(make_page, page)
     page.locator("#current-more").evaluate("more => { more.open = true; }")
     page.locator("#current-blur").click()
     page.get_by_test_id("blur-suggest").click()
-    expect(page.get_by_text("Nothing was found. Number plates are not looked for")).to_be_visible()
+    expect(page.get_by_text("Nothing was found. Number plates are not detected")).to_be_visible()
     expect(page.get_by_text("expmap models fetch plates")).to_be_visible()
 
 

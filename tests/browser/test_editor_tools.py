@@ -59,7 +59,7 @@ def test_a_distance_is_measured_along_clicks(page, api, sample_folder):
     shown = float(re.sub(r"[^\d.]", "", page.locator("#measure-length").inner_text()))
     assert shown == pytest.approx(south + east, rel=0.02)
     assert axe.findings(page) == []
-    page.get_by_role("button", name="Take the last point back").click()
+    page.get_by_role("button", name="Remove the last point").click()
     shown = float(re.sub(r"[^\d.]", "", page.locator("#measure-length").inner_text()))
     assert shown == pytest.approx(south, rel=0.02)
     page.keyboard.press("Escape")

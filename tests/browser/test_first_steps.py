@@ -12,7 +12,7 @@ def test_a_newcomer_gets_a_first_answer(open_context, api, sample_map):
         page = open_context().new_page()
         sign_in(page, link["url"])
         welcome = page.get_by_test_id("welcome")
-        expect(welcome).to_contain_text("maps that you make yourself")
+        expect(welcome).to_contain_text("maps you make yourself")
         expect(welcome.get_by_role("link", name="Try it on the sample")).to_have_count(0)
         welcome.get_by_role("link", name="Make a map from photos").click()
         expect(page.get_by_test_id("map-name")).to_be_focused()

@@ -65,8 +65,8 @@ def test_panoramas_are_placed_turned_masked_and_found(page, api, sample_folder, 
     expect(dialog.locator(".blur-box")).to_have_count(0)
     assert axe.findings(page) == []
     dialog.get_by_role("button", name="Remove this mask").click()
-    dialog.get_by_label("Used down to").fill("45")
-    dialog.get_by_label("Used down to").press("Tab")
+    dialog.get_by_label("Used from").fill("45")
+    dialog.get_by_label("Used from").press("Tab")
     expect(dialog.get_by_text("1 masked part")).to_be_visible()
     dialog.get_by_role("button", name="Save").click()
     expect(dialog).to_be_hidden()

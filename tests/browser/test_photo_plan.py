@@ -55,7 +55,7 @@ def test_spots_are_planned_on_the_image(page, planned):
     spots = page.get_by_test_id("plan-spot")
     expect(spots).to_have_count(4)
     expect(spots.first).to_contain_text("seen in one direction only")
-    expect(page.get_by_test_id("plan-outcome")).to_contain_text("Only by where the photos are.")
+    expect(page.get_by_test_id("plan-outcome")).to_contain_text("From photo positions only.")
     assert axe.findings(page) == []
     legend = page.get_by_test_id("plan-legend")
     page.get_by_label("Show how well each part is recognised").uncheck()

@@ -115,8 +115,8 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
 function notSearched(model) {
   const command = `expmap models fetch ${model}`;
   return model === "faces"
-    ? t("Faces are not looked for: the server needs {command}.", { command })
-    : t("Number plates are not looked for: the server needs {command}.", { command });
+    ? t("Faces are not detected: the server needs {command}.", { command })
+    : t("Number plates are not detected: the server needs {command}.", { command });
 }
 
 /** That more was found than a photo can have boxes. @param {number} left */

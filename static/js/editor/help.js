@@ -18,7 +18,7 @@ export function showHelp() {
       ["U", t("north up, or the image as it is")],
       ["C", t("show the current photo on the image")],
       ["M", t("go to the image")],
-      ["F", t("the photo on the whole screen; arrow keys go on from there")],
+      ["F", t("full-screen photo; arrow keys go to the next or previous")],
       ["D", t("measure a distance")],
       ["Ctrl + V", t("add a picture from the clipboard")],
       ["Delete", t("remove from the map")],

@@ -31,7 +31,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
   const file = h("input", { class: "input", type: "file", accept: LIST_TYPES, "data-testid": "list-file" });
   const columns = columnChoice(PHOTO_COLUMNS, ({ name }, text) => !/\.cfg$/i.test(name) && !/^\ufeff?\s*[{<]/.test(text));
   const movePlaced = h("input", { type: "checkbox", "data-testid": "list-move" });
-  const moveLine = h("label", { class: "row", hidden: true }, movePlaced, t("Move photos that have a place, too"));
+  const moveLine = h("label", { class: "row", hidden: true }, movePlaced, t("Also move placed photos"));
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "list-outcome" });
   const error = errorLine();
   const place = placeButton({ "data-testid": "list-place" });
@@ -55,7 +55,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
     const there = inside.length - fresh.length - moves.length;
     outcome.replaceChildren(...[
       !fresh.length && !moves.length && h("p", {}, t("Nothing to place.")),
-      fresh.length > 0 && h("p", {}, tn("{n} photo of the tray gets a place: see the rings on the image.", "{n} photos of the tray get a place: see the rings on the image.", fresh.length)),
+      fresh.length > 0 && h("p", {}, tn("{n} tray photo will be placed: see the rings on the image.", "{n} tray photos will be placed: see the rings on the image.", fresh.length)),
       nameList(t("Elsewhere now"), farthest(moves)),
       there > 0 && h("p", { class: "soft" }, tn("{n} photo is there already.", "{n} photos are there already.", there)),
       nameList(t("Outside the image"), outside.map(({ name, problem }) => labelled(name, problem))),

@@ -46,7 +46,7 @@ export class Measure {
     if (this.points.length > 1) this.say(this.length());
   }
 
-  /** Take the last point back. */
+  /** Remove the last point. */
   back() {
     this.points.pop();
     this._show();
@@ -74,7 +74,7 @@ export class Measure {
     byId("measure").setAttribute("aria-pressed", String(this.active));
     byId("measure-bar").hidden = !this.active;
     byId("measure-back", HTMLButtonElement).disabled = !this.points.length;
-    byId("measure-length").textContent = this.points.length > 1 ? this.length() : t("Click on the points along which to measure.");
+    byId("measure-length").textContent = this.points.length > 1 ? this.length() : t("Click the points to measure along.");
     this.view.element.classList.toggle("is-measuring", this.active);
   }
 }

@@ -87,9 +87,9 @@ function summary(slug, plan, current) {
     now: percent.format(plan.recognised_share), then: percent.format(plan.expected_share),
   });
   const by = {
-    evaluation: () => tn("By the evaluation of {n} photo.", "By the evaluation of {n} photos.", plan.tried),
-    health: () => tn("By the survey of {n} photo.", "By the survey of {n} photos.", plan.tried),
-    none: () => t("Only by where the photos are."),
+    evaluation: () => tn("From evaluating {n} photo.", "From evaluating {n} photos.", plan.tried),
+    health: () => tn("From a survey of {n} photo.", "From a survey of {n} photos.", plan.tried),
+    none: () => t("From photo positions only."),
   }[plan.trials]();
   const advice = plan.trials === "evaluation" ? null : h("a", { href: `/maps/${encodeURIComponent(slug)}/quality` }, t("Evaluate the map for a better plan"));
   return [

@@ -22,7 +22,7 @@ function restDialog({ store, server, refresh, dots, view }) {
   const limit = h("label", { class: "row", hidden: true }, t("Place those that are certain within"), within, unit(store) === 1 ? t("pixels") : t("metres"));
   const find = h("button", { class: "button", type: "button", "data-testid": "rest-find" }, t("Suggest places"));
   const dialog = openDialog(t("Place the rest"), [
-    h("p", { class: "soft" }, t("Place a few photos by hand, far apart. What all photos show in common then says where the others were taken.")),
+    h("p", { class: "soft" }, t("Place a few photos by hand, far apart. The others are then placed by what the photos have in common.")),
     limit,
     outcome,
     error,
@@ -53,7 +53,7 @@ function restDialog({ store, server, refresh, dots, view }) {
       suggested.length > 0 && h("ul", { class: "small ed-rest" }, ...suggested.slice(0, SHOWN).map(row)),
       nameList(t("Stays in the tray"), rest.left.map(({ name, reason }) => labelled(name, reason))),
       nameList(t("Contradicts the other placed photos"), rest.doubtful.map(({ name, residual_px: away }) =>
-        t("{name}: they have it {distance} away", { name, distance: length(away) }))),
+        t("{name}: they put it {distance} away", { name, distance: length(away) }))),
       rest.corrected.length > 0 && corrections(rest.corrected),
       rest.place_next.length > 0 && h("p", { class: "row" }, t("Placing these by hand helps most:"), ...rest.place_next.map(chooser)),
     ].filter(Boolean));
@@ -67,8 +67,8 @@ function restDialog({ store, server, refresh, dots, view }) {
     const mean = corrected.reduce((sum, { moved_m: metres }) => sum + metres, 0) / corrected.length;
     const move = h("button", { class: "button", type: "button", "data-testid": "rest-correct", onclick: () => correct(corrected.map(({ id }) => id)) }, t("Move them"));
     return h("p", { class: "row" }, tn(
-      "{n} photo placed by GPS is {distance} from where all photos together have it.",
-      "{n} photos placed by GPS are {distance} on average from where all photos together have them.",
+      "{n} photo placed by GPS is {distance} from where all photos together put it.",
+      "{n} photos placed by GPS are on average {distance} from where all photos together put them.",
       corrected.length, { distance: accuracyText(mean) }), move);
   };
   const correct = async (chosen) => {

@@ -13,7 +13,7 @@ import { AreaBox } from "./area-box.js";
  */
 export async function streetDialog({ store, server, refresh, dots, view }) {
   const error = errorLine();
-  const intro = h("p", { class: "soft" }, t("Photos that others have taken come into the map with their place, heading, author and licence."));
+  const intro = h("p", { class: "soft" }, t("Adds photos taken by others, with their place, heading, author and licence."));
   const offered = await server.streetServices().catch((problem) => ({ problem, services: [] }));
   const missing = offered.problem ? null : reason(store, offered.services);
   if (offered.problem || missing) {
@@ -30,7 +30,7 @@ export async function streetDialog({ store, server, refresh, dots, view }) {
   const outcome = h("div", { class: "stack stack--tight", "aria-live": "polite", "data-testid": "street-outcome" });
   const count = h("button", { class: "button", type: "button", "data-testid": "street-count" }, t("Count the photos"));
   const add = h("button", { class: "button button--primary", type: "button", disabled: true, "data-testid": "street-add" }, t("Add"));
-  const inView = h("button", { class: "button button--quiet", type: "button" }, t("Take what is in view"));
+  const inView = h("button", { class: "button button--quiet", type: "button" }, t("Use the visible area"));
   const dialog = openDialog(t("Street-level photos"), [
     intro,
     h("p", {}, t("Drag the corners of the area on the image."), " ", inView),
@@ -91,10 +91,10 @@ export async function streetDialog({ store, server, refresh, dots, view }) {
 function reason(store, services) {
   const image = `/maps/${encodeURIComponent(store.slug)}/image`;
   if (!store.satellite || !store.georeference.grid) {
-    return h("p", { "data-testid": "street-missing" }, t("The map needs an image that knows where it is on the Earth."), " ", h("a", { href: image }, t("Give it one")));
+    return h("p", { "data-testid": "street-missing" }, t("The map needs a georeferenced image."), " ", h("a", { href: image }, t("Add one")));
   }
   if (services.length) return null;
-  return h("p", { "data-testid": "street-missing" }, t("No service is set up here. Who runs the server names one in its settings: {names}.", { names: "street.panoramax, street.mapillary_token" }));
+  return h("p", { "data-testid": "street-missing" }, t("No service is set up. The server admin can add one in the settings: {names}.", { names: "street.panoramax, street.mapillary_token" }));
 }
 
 function summary(found) {

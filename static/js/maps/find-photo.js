@@ -15,7 +15,7 @@ export function findPhoto() {
   const choose = h("button", { class: "button button--primary", type: "button", onclick: () => input.click() }, icon("image"), t("Choose a photo"));
   const results = h("div", { class: "stack", role: "status", "data-testid": "find-results" });
   const error = errorLine();
-  const about = h("p", { class: "soft" }, t("The photo is looked for on all your maps that have an index. It is not kept."));
+  const about = h("p", { class: "soft" }, t("Searches all your maps that have an index. The photo is not kept."));
   const dialog = openDialog(t("Which map is this?"), [about, h("div", { class: "row" }, choose, input), error, results]);
   const take = (files) => files.length && busy(choose, () => search(files[0], results, error));
   input.addEventListener("change", () => {
@@ -84,8 +84,8 @@ function row(name, probability, button = null) {
 
 function notSearched({ not_searched: skipped, less_alike: further }) {
   const rest = further ? [h("p", { class: "small" }, tn(
-    "{n} further map, whose photos are less alike, was not searched",
-    "{n} further maps, whose photos are less alike, were not searched", further))] : [];
+    "{n} more map, with less similar photos, was not searched",
+    "{n} more maps, with less similar photos, were not searched", further))] : [];
   if (!skipped.length) return rest;
   return [...rest, h("details", { class: "small" },
     h("summary", {}, tn("{n} map was not searched", "{n} maps were not searched", skipped.length)),

@@ -191,7 +191,7 @@ function importFiles(files) {
   importDialog({
     files,
     into: {
-      fields: [h("div", { class: "stack im-mission" }, field(t("Name of the mission"), name, t("Empty: as the file is called.")), map)],
+      fields: [h("div", { class: "stack im-mission" }, field(t("Name of the mission"), name, t("Default: the file name.")), map)],
       wish: (file) => ({ new_mission: { name: name.value.trim() || file.replace(/\.\w+$/, "").slice(0, 120) || file, map: select.value || null } }),
       look: async () => ({ place: { satellite: select.value ? await mapImage(select.value) : null, lines: [] }, start: null }),
       onChange: (run) => select.addEventListener("change", run),

@@ -45,7 +45,7 @@ function entry(server, share, close) {
   const show = () => (close(), showAddress(share));
   const revoke = async () => {
     close();
-    const text = t("The link stops working at once, also where it is embedded.");
+    const text = t("The link and its embeds stop working at once.");
     if (await confirmDialog({ title: t("Revoke the link?"), text, action: t("Revoke it"), danger: true })) {
       await server.revoke(share.id).catch(toastError);
     }

@@ -9,7 +9,7 @@ import { sentence, toastError } from "./toast.js";
 /** What comes of a job, where its name does not say it. */
 export const REASONS = {
   index: () => t("New photos will be found on this map."),
-  evaluate: () => t("It shows how often and how exactly photos are found here."),
+  evaluate: () => t("It shows how often and how precisely photos are found."),
   "satellite-pyramid": () => t("Large images are shown in tiles, so that they move smoothly."),
   "mission-pieces": () => t("Long tracks are shown in pieces, so that they move smoothly."),
 };
@@ -119,7 +119,7 @@ function words(job) {
 /** What is away for which a job waits, and when it is tried again; "" where it waits for nothing but its turn. */
 export function waitingFor({ state, note, next_try_s: pause }) {
   if (state !== "queued" || pause === null) return "";
-  return [note, t("tried again in {time}", { time: duration(pause) })].join(" · ");
+  return [note, t("retrying in {time}", { time: duration(pause) })].join(" · ");
 }
 
 function reason(error) {

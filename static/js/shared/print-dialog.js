@@ -78,10 +78,10 @@ function sheetFields({ floors, floor }) {
     h("div", { class: "print-dialog__pair" }, field(t("Paper"), chosen.paper), field(t("Orientation"), chosen.orientation)),
     h("div", { class: "print-dialog__pair" }, field(t("Part of the map"), chosen.extent), field(t("Labels"), chosen.labels)),
     h("div", { class: "stack stack--tight" },
-      h("label", { class: "check small" }, headings, t("Where the photos look")),
+      h("label", { class: "check small" }, headings, t("Directions of view")),
       h("label", { class: "check small" }, points, t("Control points")),
       h("label", { class: "check small" }, notes, t("Notes"))),
-    field(t("Whom the image is from"), credit),
+    field(t("Image credit"), credit),
     field(t("Resolution"), chosen.dpi),
   ];
   const query = (answers) => {

@@ -68,7 +68,7 @@ export function allowed({ query, in3d }, given = { photos: true }) {
       h("span", {}, label, hint && h("span", { class: "field__hint share-way__hint" }, hint)));
   const in3dBox = () => (in3d || given.landmarks
     ? box("landmarks", t("The map in 3D"), t("Points in the colours of the photos, and where the placed photos were taken."))
-    : box("landmarks", t("The map in 3D"), t("This map has no landmarks yet: compute them on its page 3D."), true));
+    : box("landmarks", t("The map in 3D"), t("This map has no landmarks yet: compute them on its 3D page."), true));
   return [
     box("photos", query === null ? t("Pictures of the photos") : t("The photo, and pictures of the map photos it matched")),
     query === null && box("notes", t("Notes on photos and on the map")),

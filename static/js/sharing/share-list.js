@@ -68,7 +68,7 @@ function change(share) {
 }
 
 async function revoke(share) {
-  const text = t("The link stops working at once, also where it is embedded.");
+  const text = t("The link and its embeds stop working at once.");
   if (!(await confirmDialog({ title: t("Revoke the link?"), text, action: t("Revoke it"), danger: true }))) return;
   try {
     await del(`${base}/${share.id}`);

@@ -66,7 +66,7 @@ def test_the_search_ends_when_its_time_is_up(monkeypatch, library, record, queri
     photo = UploadedPhoto(queries / "query_02.jpg", "query_02.jpg")
     search = find_map.LibrarySearch(MapCache(library, settings), MapRanking(library, settings), settings)
     found = find_map.find_map(search, [record()], photo=photo)
-    assert found.maps == () and "was over" in found.not_searched[0].reason.message
+    assert found.maps == () and "ran out of time" in found.not_searched[0].reason.message
 
 
 @pytest.mark.parametrize("error", [StorageUnavailable, BeingOpened])

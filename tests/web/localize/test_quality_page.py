@@ -77,7 +77,7 @@ def test_distances_are_in_metres_first(client, library, evaluated):
         fit = from_corners(Corners(LatLon(high, 0), LatLon(0, wide)), width=size[0], height=size[1])
         record.georeference = georeference_fields(fit.georeference)
     text = client.get(f"/maps/{evaluated}/quality").text
-    assert "1 of 2 photos are found, to 5.0\xa0m (50 px) or better." in text
+    assert "1 of 2 photos are found to within 5.0\xa0m (50 px)." in text
     assert "Half of the answers are at most 1.2\xa0m (12 px) off." in text
 
 

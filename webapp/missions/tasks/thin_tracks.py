@@ -198,7 +198,7 @@ def _thin(
     with write() as session:
         mission = session.get_one(Mission, mission_id, with_for_update=True)
         if check(session, mission_id).revision != revision:
-            raise Conflict("the mission changes at this moment", where=f"mission {mission_id}")
+            raise Conflict("the mission is being changed", where=f"mission {mission_id}")
         tracks.thin(session, session.get_one(Track, track_id), left, thinned_m=thinned_m)
         mission.revision += 1  # and no later time of change: it would begin to count anew
     return result

@@ -38,9 +38,9 @@ Maps that it could not be compared with come after these, all of them.
 """
 
 _NO_TIME = ExpMapError(
-    "the time of the search was over before this map", hint="look for the photo on its page Localize"
+    "the search ran out of time before this map", hint="look for the photo on its Localize page"
 )
-_NO_INDEX = NotReady("it has no index yet", hint="open its page Localize, or run expmap build")
+_NO_INDEX = NotReady("it has no index yet", hint="open its Localize page, or run expmap build")
 
 
 @dataclass(frozen=True, slots=True)

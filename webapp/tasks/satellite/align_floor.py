@@ -121,7 +121,7 @@ def _fit(pairs: Sequence[tuple[MapPixel, MapPixel]]) -> Affine:
     if len(pairs) == 2:
         start, end = (complex(*before[1] - before[0]), complex(*after[1] - after[0]))
         if not start or not end:
-            raise UsageError("two of the spots are one", where="pairs", hint="choose spots far apart")
+            raise UsageError("two spots are the same", where="pairs", hint="choose spots far apart")
         turn = end / start
         shift = complex(*after[0]) - turn * complex(*before[0])
         return (turn.real, -turn.imag, shift.real, turn.imag, turn.real, shift.imag)

@@ -187,7 +187,7 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
     """
     key = _key(folder, name)
     if key is None:
-        raise NotFound("the map has no satellite image", where=name, hint="add one on its page Image")
+        raise NotFound("the map has no satellite image", where=name, hint="add one on its Image page")
     derived = _derived(folder, key)
     if large:
         _write(derived / "preview.jpg", small, PREVIEW_PX)
@@ -269,7 +269,7 @@ def _read_small(path: Path, *, settings: Settings) -> NDArray[np.uint8]:
 def _original(library: Library, record: MapRecord) -> DisplayFile:
     key = key_of(library, record)
     if key is None or record.satellite_path is None:
-        raise NotFound("the map has no satellite image", where=record.slug, hint="add one on its page Image")
+        raise NotFound("the map has no satellite image", where=record.slug, hint="add one on its Image page")
     return DisplayFile(photo_path(library.cfg(record.slug), record.satellite_path), "", key)
 
 

@@ -203,7 +203,7 @@ def check_removable(id: int) -> None:
     """
     if id == BASE_FLOOR:
         raise UsageError(
-            "the map's own image shows this floor", hint="change that on the page Image", where=f"floor/{id}"
+            "the map's own image shows this floor", hint="change that on the Image page", where=f"floor/{id}"
         )
 
 

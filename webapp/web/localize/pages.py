@@ -144,11 +144,11 @@ def _part(kept: Kept, names: Mapping[str, tuple[int, str]], *, metres: float | N
     radius = figures["place_radius_px"]
     return Part(
         _("On the whole map") if one_out else _("Away from the map's photos"),
-        _("Each photo was looked for on the map without that photo.")
+        _("Each photo was localized on the map without that photo.")
         if one_out
         else _(
-            "Each photo was looked for without all photos within %(distance)s of it, "
-            "as if it had been taken between the places of the map.",
+            "Each photo was localized without any photos within %(distance)s of it, "
+            "as if taken between the places on the map.",
             distance=_distance(figures["hide_within_px"], metres),
         ),
         _summary(figures, missed=len(kept.misses), metres=metres),
@@ -169,7 +169,7 @@ def _part(kept: Kept, names: Mapping[str, tuple[int, str]], *, metres: float | N
 def _summary(figures: dict[str, Any], *, missed: int, metres: float | None) -> str:
     found = str(
         _(
-            "%(found)s of %(all)s photos are found, to %(distance)s or better.",
+            "%(found)s of %(all)s photos are found to within %(distance)s.",
             found=figures["queries"] - missed,
             all=figures["queries"],
             distance=_distance(figures["place_radius_px"], metres),
@@ -206,10 +206,10 @@ def _lines(figures: dict[str, Any], metres: float | None) -> list[ResultLine]:
     ]
     median = figures["median_px"]
     kinds = {
-        "metric": _("Photos stand where they were taken"),
-        "areas": _("Photos stand for areas"),
+        "metric": _("Photos mark where they were taken"),
+        "areas": _("Photos mark areas"),
         "schematic": _("A plan that is not to scale"),
-        "mixed": _("Some photos stand for areas"),
+        "mixed": _("Some photos mark areas"),
     }
     kind = figures.get("map_kind")  # an evaluation by an earlier version has none
     return [

@@ -95,7 +95,7 @@ class FloorsDialog {
     }));
     return h("fieldset", { class: "floor-form" }, h("legend", {}, t("New floor")),
       h("div", { class: "floor-row" }, labelled(t("Level"), inputs.level), labelled(t("Name"), inputs.name), labelled(t("Height, m"), inputs.height_m)),
-      field(t("Image"), file, t("A plan as PNG, JPEG or TIFF; it is stretched over the map’s image, and can be aligned. A GeoTIFF comes to its place.")), add);
+      field(t("Image"), file, t("A plan as PNG, JPEG or TIFF; it is stretched over the map’s image, and can be aligned. A GeoTIFF aligns itself.")), add);
   }
 
   async _remove(event, { id, name }, count) {

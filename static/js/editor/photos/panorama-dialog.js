@@ -34,7 +34,7 @@ export function panoramaDialog(commands, server) {
   const file = h("input", { type: "file", accept: "image/*", class: "visually-hidden" });
   const send = h("button", { class: "button button--primary", type: "button" }, t("Save"));
   const masks = h("div", { class: "stack" },
-    h("p", { class: "soft small" }, t("Mask what is not the place: the robot, the tripod, the sky. Nothing is recognised there. Draw boxes, or give angles or an image that is black there.")),
+    h("p", { class: "soft small" }, t("Mask what is not part of the place: robot, tripod, sky. Masked parts are ignored. Draw boxes, enter angles, or add an image that is black there.")),
     frame,
     h("div", { class: "row" }, add, h("label", { class: "button" }, file, icon("image"), t("Mask from an image …")), boxes.mask, boxes.count),
     angles(boxes),
@@ -83,6 +83,6 @@ function angles(boxes) {
   };
   for (const one of [lowest, highest]) one.addEventListener("change", change);
   return h("div", { class: "row small" },
-    h("label", { class: "row" }, t("Used down to"), lowest, t("° below the horizon")),
+    h("label", { class: "row" }, t("Used from"), lowest, t("° below the horizon")),
     h("label", { class: "row" }, t("up to"), highest, t("° above it")));
 }

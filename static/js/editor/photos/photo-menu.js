@@ -47,7 +47,7 @@ export class PhotoMenu {
     if (one) store.setCurrent(id);
     const { canEdit } = store;
     openContextMenu(at, one ? store.photos.get(id).name : tn("{n} selected", "{n} selected", ids.length), [
-      one && { icon: "fit", label: t("Whole screen"), run: () => openViewer(commands) },
+      one && { icon: "fit", label: t("Full screen"), run: () => openViewer(commands) },
       one && position && { icon: "search", label: t("Show on the image"), run: () => this.view.reveal(position, { margin: 120 }) },
       ...(one && position ? this._placeItems(position) : []),
       one && { icon: "sort", label: t("Sort by distance from it"), run: () => this.order.sortBy("distance", id) },

@@ -28,7 +28,7 @@ export function openViewer(commands) {
   const name = h("h2", { class: "viewer__name" });
   const about = h("p", { class: "small viewer__about" });
   const button = (symbol, words, run) => h("button", { class: "icon-button", type: "button", "aria-label": words, title: words, onclick: run }, icon(symbol));
-  const dialog = h("dialog", { class: "viewer", "aria-label": t("Photo on the whole screen") },
+  const dialog = h("dialog", { class: "viewer", "aria-label": t("Full-screen photo") },
     frame,
     h("div", { class: "viewer__bar" },
       button("chevron-left", t("Previous photo"), () => commands.step(-1)),

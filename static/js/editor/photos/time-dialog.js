@@ -37,7 +37,7 @@ export function timeDialog(commands, ids) {
   const set = h("button", { class: "button button--primary", type: "button" }, t("Correct the times"));
   const title = tn("Time of {n} photo", "Times of {n} photos", photos.length);
   const dialog = openDialog(title, [
-    h("p", {}, t("When was {name} really taken? The others are shifted by as much. The files stay as they are.", { name: first.name })),
+    h("p", {}, t("When was {name} really taken? The others shift by the same amount. The files do not change.", { name: first.name })),
     field(t("Right time"), right),
     shift,
   ], { actions: [set] });

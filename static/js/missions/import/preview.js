@@ -124,9 +124,9 @@ export class Preview {
   }
 
   _instruction() {
-    if (this._isNowhere) return t("In metres from the start, with nothing to click on: choose a map, or enter the start in numbers.");
+    if (this._isNowhere) return t("In metres from the start: choose a map to click on, or enter the start as coordinates.");
     if (!this.start.position) return t("Click where the robot started.");
-    if (this.start.heading === null) return t("Click in the direction in which it looked.");
+    if (this.start.heading === null) return t("Click in the direction it was facing.");
     return t("Drag the start or the tip of the arrow to correct them.");
   }
 

@@ -48,7 +48,7 @@ export class StartPose extends EventTarget {
     if (this.isEmpty) return "";
     if (!this.position) return t("The start needs a latitude and a longitude.");
     if (!(Math.abs(lat) <= 90 && Math.abs(lon) <= 180)) return t("The start is not on the Earth: latitudes go to 90, longitudes to 180 degrees.");
-    if (heading === null) return t("The start needs a heading, too: the direction in which the robot looked.");
+    if (heading === null) return t("The start also needs a heading: the direction the robot was facing.");
     return Math.abs(heading) <= 360 ? "" : t("The heading is between 0 and 360 degrees.");
   }
 

@@ -208,9 +208,9 @@ class Wizard {
   _objection() {
     const [waiting, broken] = [this._usable.find(({ state }) => OPEN.has(state)), this._usable.find(({ state, error }) => error && state !== "failed")];
     if (waiting) return t("Wait a moment: {file} is being read.", { file: waiting.name });
-    if (broken) return t("Nothing can be read of {file} like this.", { file: broken.name });
+    if (broken) return t("Cannot read {file} like this.", { file: broken.name });
     const empty = this._usable.find(({ isEmpty }) => isEmpty);
-    if (empty) return empty.contents.problem || t("Nothing of {file} is chosen.", { file: empty.name });
+    if (empty) return empty.contents.problem || t("Nothing selected in {file}.", { file: empty.name });
     const file = this._usable.find(({ inMetres }) => inMetres.length);
     if (!file || this.start.whole) return null;
     if (!this._shown.inMetres.length) this._showFile(file);
