@@ -1,6 +1,7 @@
 """The edit page, as a person uses it."""
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -45,7 +46,9 @@ class EditPage:
     def open(self) -> "EditPage":
         """Open it, and wait until it is ready to be used."""
         self.page.goto(f"/maps/{self.slug}/edit")
-        expect(self.canvas.locator("canvas")).to_be_visible()
+        canvas = self.canvas.locator("canvas")
+        expect(canvas).to_be_visible()
+        expect(canvas).to_have_attribute("style", re.compile("width"))  # its photos are drawn
         self.size = self._size()
         return self
 

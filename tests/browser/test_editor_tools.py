@@ -15,6 +15,18 @@ from tests.browser.test_photos_first import PASTE
 CORNERS = {"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}
 
 
+TWO_CLICKS = """
+([x, y, down]) => {
+  const image = document.querySelector("#map-canvas");
+  for (const at of [y, y + down]) {
+    const where = { bubbles: true, clientX: x, clientY: at, pointerId: 1, button: 0 };
+    for (const type of ["pointerdown", "pointerup"]) image.dispatchEvent(new PointerEvent(type, where));
+  }
+}
+"""
+"""In one frame, the second one that far below the first."""
+
+
 def dots_on_each_other(edit, api, at):
     """Put all photos of a map on one spot."""
     ids = [photo["id"] for photo in api.state(edit.slug)["photos"]]
@@ -44,6 +56,14 @@ def test_dots_on_each_other_are_spread_by_a_click(make_page, api):
     edit.saved()
     moved = [at for at in api.positions(edit.slug).values() if math.dist(at, (600, 400)) < 3]
     assert len(moved) == 1, "a dot that is dragged out of the circle goes to the pointer"
+
+
+def test_a_dot_is_where_it_was_spread_to_before_it_is_drawn_there(make_page, api):
+    edit = make_page(4)
+    ids = dots_on_each_other(edit, api, (450, 300))
+    names = {photo["id"]: photo["name"] for photo in api.state(edit.slug)["photos"]}
+    edit.page.evaluate(TWO_CLICKS, [*edit.screen(450, 300), 34])
+    expect(edit.page.locator("#current-name")).to_have_text(names[ids[2]])
 
 
 def test_a_distance_is_measured_along_clicks(page, api, sample_folder):

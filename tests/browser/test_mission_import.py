@@ -98,7 +98,7 @@ def test_several_files_each_with_its_result(page, context, tmp_path, way, middle
     expect(page.get_by_role("group", name="Files")).to_contain_text("no known format")
     by_id(page, "column-time").select_option("1")
     by_id(page, "column-lat").select_option("2")
-    expect(by_id(page, "reading-error")).to_contain_text("Only one of two coordinates")
+    expect(by_id(page, "reading-error")).to_contain_text("Only one of the two coordinates")
     by_id(page, "import-start").click()
     expect(by_id(page, "error-message")).to_contain_text("Cannot read logger.csv like this")
     by_id(page, "column-lon").select_option("3")

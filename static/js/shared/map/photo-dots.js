@@ -55,6 +55,7 @@ export class PhotoDots extends CanvasLayer {
     const radius = Math.max(FAN, (ids.length * FAN_STEP) / (2 * Math.PI));
     const turn = (n) => (2 * Math.PI * n) / ids.length - Math.PI / 2;
     this._fan = new Map(ids.map((id, n) => [id, { x: radius * Math.cos(turn(n)), y: radius * Math.sin(turn(n)) }]));
+    this._spots = this._place(this._map.getSize()); // a click may come before the next frame
     this._draw();
   }
 
