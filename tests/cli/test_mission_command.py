@@ -71,7 +71,7 @@ def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
     ("arguments", "message"),
     [
         (("export", "7", "out.kml"), "mission not found"),
-        (("export", "1", "out.doc"), "the format cannot be told from the file name"),
+        (("export", "1", "out.doc"), "the format cannot be inferred from the file name"),
         (("import", "9", "."), "the folder is not a ROS 2 bag"),
         (("new", "Yard", "--start", "50,14"), "write latitude, longitude and heading"),
         (("new", "Yard", "--start", "95,14,0"), "not a valid position"),

@@ -158,7 +158,7 @@ def _form_of(file: Path) -> str:
     fits = [form for form in FORMATS if file.name.lower().endswith((f".{form}", f"-{form}"))]
     if not fits:
         hint = f"give it: --format {'|'.join(FORMATS)}"
-        raise UsageError("the format cannot be told from the file name", where=str(file), hint=hint)
+        raise UsageError("the format cannot be inferred from the file name", where=str(file), hint=hint)
     return max(fits, key=len)
 
 
