@@ -38,6 +38,22 @@ def test_several_are_chosen_and_moved_as_one_step(make_page, api):
     assert placed(api, edit.slug) == spots(4)
 
 
+def test_a_photo_is_dragged_while_text_of_the_page_is_selected(make_page, api):
+    """A browser that finds the press on selected text drags the text, and cancels the pointer."""
+    edit = make_page(1, placed=True)
+    edit.page.evaluate("getSelection().selectAllChildren(document.body)")
+    edit.drag(spots(1)[0], (300, 500))
+    edit.saved()
+    assert math.dist(placed(api, edit.slug)[0], (300, 500)) < 2
+
+
+def test_clicks_on_the_image_select_no_text(make_page):
+    edit = make_page(2, placed=True)
+    for x, y in spots(2):
+        edit.click(x, y, shift=True)
+    assert edit.page.evaluate("getSelection().rangeCount") == 0
+
+
 def test_a_box_chooses(make_page, api):
     edit = make_page(4, placed=True)
     edit.drag((50, 40), (450, 160), shift=True)

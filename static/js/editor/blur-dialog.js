@@ -1,7 +1,7 @@
 /** The dialog in which boxes over faces and number plates are drawn, or suggested: they are blurred in every picture. */
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
-import { h, icon } from "../shared/dom.js";
+import { h, icon, preventTextDrag } from "../shared/dom.js";
 import { percentText } from "../shared/format.js";
 import { t, tn } from "../shared/i18n.js";
 
@@ -172,6 +172,7 @@ export class Boxes {
     this.count = h("span", { class: "soft small", role: "status" });
     /** Called when boxes came or went. */
     this.onchange = () => {};
+    preventTextDrag(frame);
     frame.addEventListener("pointerdown", (event) => this._draw(event));
     this._show();
   }

@@ -1,6 +1,6 @@
 /** Where the parts of the page are: how much room the photos have, and on a phone the sheet that they are. */
 
-import { byId, queryAll } from "../shared/dom.js";
+import { byId, preventTextDrag, queryAll } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
 import { connectTabs } from "../shared/tabs.js";
 
@@ -74,6 +74,7 @@ function edge(element, { name, axis, grows, least, most }, kept) {
   };
   if (Number.isFinite(kept[name])) set(kept[name]);
   const at = (event) => (axis === "x" ? event.clientX : event.clientY);
+  preventTextDrag(element);
   element.addEventListener("pointerdown", (event) => {
     element.setPointerCapture(event.pointerId);
     const [from, size] = [at(event), now()];

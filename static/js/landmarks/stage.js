@@ -2,6 +2,7 @@
 
 import { Group, MOUSE, OrthographicCamera, PerspectiveCamera, Scene, TOUCH, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/orbit-controls";
+import { preventTextDrag } from "../shared/dom.js";
 import { HeldKeys } from "./keys.js";
 
 const UP = new Vector3(0, 0, 1);
@@ -36,6 +37,7 @@ export class Stage {
     const above = new OrthographicCamera();
     const space = new PerspectiveCamera(55);
     for (const camera of [above, space]) camera.up.copy(UP);
+    preventTextDrag(this.canvas);
     this.views = { above: this._view(above), space: this._view(space) };
     Object.assign(this.views.above, { enableRotate: false, screenSpacePanning: true });
     this.views.above.mouseButtons = { LEFT: MOUSE.PAN, MIDDLE: MOUSE.DOLLY, RIGHT: MOUSE.PAN };

@@ -116,6 +116,11 @@ export function closeMenus(page) {
   page.addEventListener("keydown", escape, { capture: true });
 }
 
+/** Let no press on selected text drag that text, which cancels the pointer: here a hand drags something else. */
+export function preventTextDrag(element) {
+  element.addEventListener("dragstart", (event) => event.preventDefault());
+}
+
 /** Whether keys that are pressed there write text. */
 export function takesText(element) {
   if (!(element instanceof HTMLElement)) return false;

@@ -1,5 +1,7 @@
 /** A photo that can be looked at closely: wheel, pinch, drag, double-click, buttons. */
 
+import { preventTextDrag } from "./dom.js";
+
 const MOST = 8;
 const STEP = 1.6;
 
@@ -16,6 +18,7 @@ export class PhotoZoom {
     this.reset();
     frame.addEventListener("wheel", (event) => this._wheel(event), { passive: false });
     frame.addEventListener("dblclick", (event) => this._toggle(event));
+    preventTextDrag(frame);
     frame.addEventListener("pointerdown", (event) => this._down(event));
     frame.addEventListener("pointermove", (event) => this._move(event));
     const lift = (event) => this.fingers.delete(event.pointerId);

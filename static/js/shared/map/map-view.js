@@ -1,6 +1,6 @@
 /** The satellite image: Leaflet without a geographic projection, image or tiles, perhaps turned, scale bar, cursor position. */
 
-import { h } from "../dom.js";
+import { h, preventTextDrag } from "../dom.js";
 import { locale, t } from "../i18n.js";
 import { mapCredit } from "../photo-credit.js";
 import { rafThrottle } from "../timing.js";
@@ -57,6 +57,7 @@ export class MapView {
     this._whole = false;
     this.map.on("movestart zoomstart", () => (this._whole = false));
     new ResizeObserver(() => this._resize()).observe(element);
+    preventTextDrag(element);
     this.showSatellite();
     this._showFloor();
   }
