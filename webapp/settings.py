@@ -49,7 +49,7 @@ class UploadLimits:
     """How long an unfinished upload waits to be resumed."""
 
     reserve_mb: Annotated[float, AtLeast(0)] = 200.0
-    """Space that uploads leave free on the disk, megabytes (10^6 bytes)."""
+    """Disk space that uploads and unpacked maps leave free, megabytes (10^6 bytes)."""
 
     queries_per_map: int = 500
     """Queries of a map that are kept, with their photos and answers; the oldest are deleted first."""

@@ -84,7 +84,7 @@ def test_a_file_that_cannot_move_stays(tmp_path, monkeypatch):
 def test_a_file_larger_than_the_disk_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 0, 50_000_000))
     check_space(tmp_path, 10_000_000, reserve_mb=40)
-    with pytest.raises(DiskFull, match="has 11 MB, and the disk has 50 MB left"):
+    with pytest.raises(DiskFull, match="11 MB are needed, and the disk has 50 MB left"):
         check_space(tmp_path, 11_000_000, reserve_mb=40)
 
 

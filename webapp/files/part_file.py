@@ -172,7 +172,7 @@ def discard(part: Path) -> None:
 
 
 def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
-    """Refuse a file that the disk has no room for.
+    """Refuse what the disk has no room for.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
     free = shutil.disk_usage(folder).free
     if free - size < reserve_mb * 1e6:
         raise DiskFull(
-            f"the file has {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left, "
+            f"{size / 1e6:.0f} MB are needed, and the disk has {free / 1e6:.0f} MB left, "
             f"of which {reserve_mb:g} MB are kept free",
             hint="free some space on the disk of the library",
         )

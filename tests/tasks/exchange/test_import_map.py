@@ -1,6 +1,7 @@
 """A zip becomes a map, and a hostile one becomes nothing."""
 
 import io
+import shutil
 import stat
 import zipfile
 from dataclasses import replace
@@ -9,7 +10,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Placement
-from webapp.errors import Conflict, InputError, MapError, NotFound
+from webapp.errors import Conflict, DiskFull, InputError, MapError, NotFound
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
@@ -242,6 +243,14 @@ def test_damage_anywhere_in_a_zip_is_no_error_of_the_disk(park, library, owner, 
         except (InputError, MapError):
             refused += 1
     assert refused >= 4
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_a_zip_leaves_the_disk_space_that_uploads_leave(park, bring, library, monkeypatch):
+    (library.inner / "imports").mkdir()
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 0, 200_000_000))
+    with pytest.raises(DiskFull, match=r"MB are needed, .* of which 200 MB are kept free"):
+        bring(park)
 
 
 @pytest.mark.usefixtures("nothing_is_left")

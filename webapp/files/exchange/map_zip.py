@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import lzma
 import os
-import shutil
 import stat
 import zipfile
 import zlib
@@ -20,12 +19,13 @@ from pathlib import Path, PurePosixPath
 
 from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.errors import InputError, MapError, StorageError
+from webapp.errors import InputError, MapError
 from webapp.files.atomic import storage_error
 from webapp.files.decode import PHOTO_SUFFIXES
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.files.listing import folded
 from webapp.files.maps.map_json import parse_map_json
+from webapp.files.part_file import check_space
 from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
@@ -72,13 +72,17 @@ class _File:
     name: str
 
 
-def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progress) -> UnpackedMap:
+def unpack(
+    archive: Path, folder: Path, *, limits: ImportLimits, reserve_mb: float, progress: Progress
+) -> UnpackedMap:
     """Unpack the photos, images, `.cfg` and `.json` files of a zip.
 
     Parameters
     ----------
     folder : Path
         New and empty.
+    reserve_mb : float
+        Disk space that stays free, megabytes (10^6 bytes).
     progress : Progress
         One step a file.
 
@@ -88,14 +92,14 @@ def unpack(archive: Path, folder: Path, *, limits: ImportLimits, progress: Progr
         It is not a zip, is damaged or encrypted, leads out of its folder, names a file twice, or is larger
         than the limits.
     StorageError
-        The disk refused, or has no room for it.
+        The disk refused, or has no room for it (`DiskFull`).
     Cancelled
     """
     _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
         infos = opened.infolist()
         files, left_out = _checked(infos, limits)
-        _check_room(folder, sum(file.info.file_size for file in files))
+        check_space(folder, sum(file.info.file_size for file in files), reserve_mb=reserve_mb)
         progress.size(len(files))
         for file in files:
             progress.check()
@@ -229,15 +233,6 @@ def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:
             f"{quoted(name)} would become {info.file_size / max(info.compress_size, 1):.0f} times as large "
             "when it is unpacked",
             hint="photos do not compress like this: check the file",
-        )
-
-
-def _check_room(folder: Path, size: int) -> None:
-    free = shutil.disk_usage(folder).free
-    if size > 0.95 * free:
-        raise StorageError(
-            f"the map needs {size / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB left",
-            hint="free some space on the disk of the library",
         )
 
 

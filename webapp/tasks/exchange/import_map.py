@@ -251,7 +251,8 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         progress.note("unpacking")
         folder = place / "map"
         folder.mkdir()
-        unpacked = unpack(archive, folder, limits=settings.imports, progress=progress)
+        limits, reserve_mb = settings.imports, settings.upload.reserve_mb
+        unpacked = unpack(archive, folder, limits=limits, reserve_mb=reserve_mb, progress=progress)
         _check_lines(unpacked, most=settings.imports.max_files)
         cfg = choose_map(unpacked)
         with show_relative_to(cfg.parent):
