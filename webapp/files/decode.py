@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import mmap
+import re
 import struct
 import warnings
 from collections.abc import Iterator
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from webapp.errors import PhotoError
-from webapp.files.jpeg_scans import has_too_many_scans
 from webapp.settings import PhotoLimits
 
 FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF")
@@ -41,6 +41,13 @@ _MAX_SIDE = 65_535
 
 _COSTLY_FORMATS, _COSTLY = frozenset({"WEBP", "JPEG2000"}), 3
 """Their decoders take 14 and 17 bytes of memory a pixel, others 5: so many times fewer pixels are allowed."""
+
+_MAX_SCANS = 32
+"""Of a JPEG: each may pass over the whole photo in a few bytes. Cameras write 1, usual programs 10 to 12."""
+
+_START_OF_SCAN, _END_OF_IMAGE = b"\xda", b"\xd9"
+_MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])", re.DOTALL)
+"""Within compressed data, 0xff is followed by 0x00 or by a restart marker."""
 
 _ROWS = 256
 
@@ -193,6 +200,27 @@ def check_scans(source: Path | bytes) -> None:
             refused = has_too_many_scans(data)
     if refused:
         raise PhotoError("it is compressed in an unusual way", hint="open it in an editor and save it again")
+
+
+def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
+    """Return whether decoding a JPEG takes more than `_MAX_SCANS` passes over it.
+
+    Parameters
+    ----------
+    data : bytes or mmap
+        The file; what follows the end of its first image plays no part.
+    """
+    scans, place = 0, 0
+    while found := _MARKER.search(data, place):
+        if found[1] == _END_OF_IMAGE:
+            return False
+        scans += found[1] == _START_OF_SCAN
+        if scans > _MAX_SCANS:
+            return True
+        end = found.end()
+        is_start_of_image = found.start() == 0
+        place = end if is_start_of_image else end + int.from_bytes(data[end : end + 2], "big")
+    return False
 
 
 def image_size(path: Path) -> tuple[int, int]:

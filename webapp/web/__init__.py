@@ -7,8 +7,10 @@ from functools import partial
 
 from apiflask import APIFlask
 from werkzeug.middleware.proxy_fix import ProxyFix
+from werkzeug.routing import IntegerConverter, Map
 
 from webapp import __version__
+from webapp.core.mapmodel.checks import MAX_NUMBER
 from webapp.resources import resource_folder
 from webapp.settings import Settings
 from webapp.store.library import Library, open_library
@@ -17,7 +19,6 @@ from webapp.web import (
     compression,
     concurrency,
     errors,
-    ids,
     language,
     metrics,
     openapi,
@@ -41,9 +42,15 @@ _PARTS = (
     pages,
     errors,
     openapi,
-    ids,
 )
 """In this order before a request, and the other way round after it."""
+
+
+class IdConverter(IntegerConverter):
+    """`<id:map_id>` in addresses: a number that a database can have as an id."""
+
+    def __init__(self, url_map: Map) -> None:
+        super().__init__(url_map, max=MAX_NUMBER)
 
 
 def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
@@ -79,6 +86,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         PERMANENT_SESSION_LIFETIME=timedelta(days=settings.web.session_days),
     )
     app.jinja_options = {"trim_blocks": True, "lstrip_blocks": True}
+    app.url_map.converters["id"] = IdConverter
     for part in _PARTS:
         part.init_app(app)
     for blueprint in parts.blueprints:

@@ -25,7 +25,6 @@ from filelock import FileLock, Timeout
 
 from webapp.errors import ObjectLost, StorageError
 from webapp.files.atomic import storage_error
-from webapp.files.object_storage.mapped import mapped_names
 from webapp.files.object_storage.pointer import Pointer
 from webapp.files.object_storage.watch import report_look
 from webapp.files.part_file import sha256_of
@@ -43,6 +42,9 @@ _UNFINISHED_S = 3600.0
 _COUNT_EVERY_S = 60.0
 _LOCKS = 64
 _NAME_BYTES = 120
+_PROCESSES = Path("/proc")
+_MAPS_COLUMNS = 5
+"""Of a line of `/proc/*/maps` before the path, which may have blanks."""
 
 
 class ObjectCache:
@@ -239,3 +241,21 @@ def _make(file: Path, pointer: Pointer, *, name: str, make: Callable[[Path], Non
 def _copy(source: Path, target: Path) -> None:
     """Copy a file: a link would share its times with the original."""
     shutil.copyfile(source, target)
+
+
+def mapped_names(folder: Path) -> set[str]:
+    """List the names of files below a folder that a process of this user has mapped.
+
+    Returns
+    -------
+    set of str
+        Without folders; empty where the system has no `/proc`, or shows nothing there.
+    """
+    inside, found = os.fsencode(f"{folder.resolve()}/"), set()
+    for maps in _PROCESSES.glob("[0-9]*/maps"):
+        with suppress(OSError):  # ended meanwhile, or somebody else's
+            for line in maps.read_bytes().splitlines():
+                path = line.split(maxsplit=_MAPS_COLUMNS)[_MAPS_COLUMNS:]
+                if path and path[0].startswith(inside):
+                    found.add(os.fsdecode(path[0].rpartition(b"/")[2]))
+    return found

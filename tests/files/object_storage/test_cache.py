@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from webapp.files.object_storage import mapped, storage
+from webapp.files.object_storage import cache, storage
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
@@ -26,9 +26,9 @@ def test_a_file_that_stays_mapped_is_not_evicted(node, tmp_path):
             time.sleep(0.01)
         assert [place.exists() for place in places] == [True, False, True]
         del open_map
-        assert mapped.mapped_names(places[0].parent) == set()
+        assert cache.mapped_names(places[0].parent) == set()
 
 
 def test_a_system_without_proc_shows_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(mapped, "_PROCESSES", tmp_path / "none")
-    assert mapped.mapped_names(tmp_path) == set()
+    monkeypatch.setattr(cache, "_PROCESSES", tmp_path / "none")
+    assert cache.mapped_names(tmp_path) == set()
