@@ -9,7 +9,7 @@ BIN    := $(VENV)/bin
 endif
 SAMPLE := maps/sample
 SITE   := build/docs
-LINT   := style types scripts
+LINT   := style types scripts structure
 # Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
 QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
@@ -35,7 +35,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 # Many tests start a server or a command: without compiled modules each takes a second of computing more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint style types scripts quick postgresql test browser cluster ros-install ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts structure quick postgresql test browser cluster ros-install ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -65,7 +65,7 @@ run: install     ## make the sample map, localize a photo on it, start the web a
 	@echo "starting the web application: open the link that says sign in, and stop it with Ctrl-C"
 	$(BIN)/expmap serve --library maps
 
-lint: $(VENV)/.tested ## check style and types, also of the scripts of the pages
+lint: $(VENV)/.tested ## check style and types, also of the scripts of the pages; print what the program is made of
 	@$(MAKE) --no-print-directory -j 2 $(LINT)
 
 style: $(VENV)/.tested
@@ -77,6 +77,9 @@ types: $(VENV)/.tested
 
 scripts: $(VENV)/.tested
 	$(BIN)/python tests/js/check.py
+
+structure:       ## print how many files, lines and modules with one importer the program has
+	@$(PYTHON) benchmarks/structure.py
 
 quick: $(VENV)/.tested ## run the tests that need no server, no browser and no other process, in less than a minute
 	$(PYTEST) -q $(QUICK)

@@ -51,6 +51,10 @@ NOT_IN_CORE = {
 }  # fmt: skip
 
 
+SMALL = 50
+"""Lines of a module."""
+
+
 def reachable(layer):
     """The layer itself and all below it."""
     return {layer}.union(*(reachable(below) for below in BELOW[layer]))
@@ -144,6 +148,23 @@ def test_packages_of_core_have_an_order(modules):
     while done := {package for package, below in left.items() if not below & left.keys()}:
         left = {package: below for package, below in left.items() if package not in done}
     assert left == {}, "these import each other"
+
+
+def test_a_small_module_has_several_users_or_one_of_another_layer(modules):
+    """What one module alone uses, and is read in a minute, is a part of that module."""
+    names = {module.name for module in modules if module.path.name != "__init__.py"}
+    users = defaultdict(set)
+    for module in modules:
+        for name in names.intersection(module.imported()) - {module.name}:
+            users[name].add(module.name)
+    broken = [
+        f"{module.name} <- {user}"
+        for module in modules
+        if len(users[module.name]) == 1 and len(module.text.splitlines()) < SMALL
+        for user in users[module.name]
+        if place_of(user) == place_of(module.name)
+    ]
+    assert broken == []
 
 
 def test_the_fields_of_a_record_need_nothing(modules):
