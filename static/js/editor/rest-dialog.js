@@ -59,7 +59,7 @@ function restDialog({ store, server, refresh, dots, view }) {
     ].filter(Boolean));
   };
   const length = (pixels) => offText(pixels, store.georeference.metresPerPixel);
-  const row = (one) => h("li", { class: "row", "data-testid": "suggested-photo", "data-id": one.id },
+  const row = (one) => h("li", { "data-testid": "suggested-photo", "data-id": one.id },
     h("button", { class: "button button--quiet", type: "button", onclick: () => view.focus([[one.x_px, one.y_px]]) }, one.name),
     h("span", { class: "soft" }, t("within {distance}", { distance: length(one.radius_px) })),
     h("button", { class: "button button--quiet", type: "button", "aria-label": t("Place {name}", { name: one.name }), onclick: () => accept([one.id]) }, t("Place")));
