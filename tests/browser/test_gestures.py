@@ -47,6 +47,18 @@ def test_a_photo_is_dragged_while_text_of_the_page_is_selected(make_page, api):
     assert math.dist(placed(api, edit.slug)[0], (300, 500)) < 2
 
 
+def test_a_press_whose_end_was_lost_takes_no_part_in_the_next(make_page, api):
+    """As when a window of the system opens while the button is down."""
+    edit = make_page(1, placed=True)
+    x, y = edit.screen(*spots(1)[0])
+    edit.canvas.dispatch_event(
+        "pointerdown", {"pointerId": 1, "pointerType": "mouse", "button": 0, "clientX": x, "clientY": y}
+    )
+    edit.drag(spots(1)[0], (300, 500))
+    edit.saved()
+    assert math.dist(placed(api, edit.slug)[0], (300, 500)) < 2
+
+
 def test_clicks_on_the_image_select_no_text(make_page):
     edit = make_page(2, placed=True)
     for x, y in spots(2):

@@ -13,11 +13,11 @@ import pytest
 from tests.cluster import slow_job
 from tests.cluster.dask_cluster import DaskCluster
 from tests.web.conftest import Browser
+from webapp.app.registry import REGISTRY
 from webapp.app.web import create_app
-from webapp.app.wings import DUTIES
 from webapp.extras import is_installed
 from webapp.files.object_storage import storage
-from webapp.jobs.kinds import Duties
+from webapp.jobs.kinds import JobRegistry
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import accounts
 from webapp.store.operate import jobs
@@ -74,12 +74,12 @@ def test_a_job_is_cancelled_from_a_page_and_the_workers_are_free(tmp_path, new_l
     page = app.test_client()
     with page.session_transaction() as cookie:
         cookie.update(_user_id=f"{owner.id}.{owner.epoch}", session_id="0" * 32)
-    own = Duties({**DUTIES.kinds, "slow": "tests.cluster.slow_job:compute"}, DUTIES.sweeps)
+    own = JobRegistry({**REGISTRY.kinds, "slow": "tests.cluster.slow_job:compute"}, REGISTRY.sweeps)
     begun = lambda: len([*library.inner.glob("part-*")])  # noqa: E731
     with (
         cluster(tmp_path) as dask,
         Client(dask.address, set_as_default=False) as client,
-        working(Worker(library, replace(settings, dask=dask.address), duties=own)),
+        working(Worker(library, replace(settings, dask=dask.address), registry=own)),
     ):
         wait_until(lambda: page.get(f"/api/v1/jobs/{id}").get_json()["done"] >= 2)
         assert page.post(f"/api/v1/jobs/{id}/cancel").status_code == 200
@@ -116,7 +116,7 @@ def test_photos_in_s3_give_the_same_bytes(tmp_path, make_map, quick, s3, on_post
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
     id = adopt_map.adopt_map(library, "row", account_id=owner.id)
-    Worker(library, here, duties=DUTIES).run(once=True)
+    Worker(library, here, registry=REGISTRY).run(once=True)
     local = {path: path.read_bytes() for path in folder.glob("derived/map/*/*") if path.suffix in LASTING}
     assert len(local) == 3
     shutil.rmtree(folder / "derived/map")
@@ -129,7 +129,7 @@ def test_photos_in_s3_give_the_same_bytes(tmp_path, make_map, quick, s3, on_post
         with cluster(tmp_path) as dask:
             with library.database.write() as session:
                 job = jobs.enqueue(session, "index", map_id=id).id
-            Worker(library, replace(there, dask=dask.address), duties=DUTIES).run(once=True)
+            Worker(library, replace(there, dask=dask.address), registry=REGISTRY).run(once=True)
         with library.database.read() as session:
             done = session.get_one(Job, job)
         assert (done.state, done.error) == ("done", None)

@@ -18,7 +18,7 @@ BELOW = {
 }
 """Each layer and those right below it; what is below those may be imported too."""
 
-WINGS = {"missions", "sample"}
+SUBPACKAGES = {"missions", "sample"}
 """Have layers of their own, and are imported by `app` alone."""
 
 SAMPLE = {"scene": "core", "content": "tasks", "make": "tasks", "job": "jobs", "cli": "cli", "": "tasks"}
@@ -61,7 +61,7 @@ def reachable(layer):
 
 
 def place_of(name):
-    """Wing and layer of an imported name; None for one that is not ours."""
+    """Subpackage and layer of an imported name; None for one that is not ours."""
     parts = name.split(".")
     if parts[0] != "webapp":
         return None
@@ -73,8 +73,8 @@ def place_of(name):
     return "", first if first in {*BELOW, *ALONE, "app"} else ""
 
 
-def allowed(wing, layer):
-    """Wings and layers that modules of a layer may import from."""
+def allowed(subpackage, layer):
+    """Subpackages and layers that modules of a layer may import from."""
     if layer == "app":
         return None
     if layer in ALONE:
@@ -83,7 +83,7 @@ def allowed(wing, layer):
     extras |= {"configuration"} if layer in ("jobs", "cli") else set()
     extras |= {"robot"} if layer == "cli" else set()
     found = {("", name) for name in reachable(layer) | extras}
-    return found | ({(wing, name) for name in reachable(layer)} if wing else set())
+    return found | ({(subpackage, name) for name in reachable(layer)} if subpackage else set())
 
 
 FIELDS = "webapp.robot.fields"
@@ -92,9 +92,9 @@ FIELDS = "webapp.robot.fields"
 
 def test_every_module_belongs_to_a_layer(modules):
     for module in modules:
-        wing, layer = place_of(module.name)
+        subpackage, layer = place_of(module.name)
         assert layer in {*BELOW, *ALONE, "app"}, module.name
-        if wing == "missions" and module.name != "webapp.missions":
+        if subpackage == "missions" and module.name != "webapp.missions":
             assert module.name.split(".")[2] in BELOW, module.name
 
 
@@ -126,12 +126,12 @@ def test_the_arrows_are_those_of_the_design(layer, other):
     assert ("", other) not in allowed("", layer)
 
 
-@pytest.mark.parametrize("wing", sorted(WINGS))
+@pytest.mark.parametrize("subpackage", sorted(SUBPACKAGES))
 @pytest.mark.parametrize("layer", [*BELOW, "errors", "settings", "robot"])
-def test_nothing_but_the_application_imports_a_wing(wing, layer):
-    others = WINGS - {wing}
-    assert all(place[0] != wing for place in allowed("", layer))
-    assert all(place[0] != wing for other in others for place in allowed(other, "tasks"))
+def test_nothing_but_the_application_imports_a_subpackage(subpackage, layer):
+    others = SUBPACKAGES - {subpackage}
+    assert all(place[0] != subpackage for place in allowed("", layer))
+    assert all(place[0] != subpackage for other in others for place in allowed(other, "tasks"))
 
 
 def test_packages_of_core_have_an_order(modules):

@@ -1,4 +1,4 @@
-"""The scripts of pages keep to their rooms: no import cycles, and what pages share lies in `shared/`."""
+"""The scripts of pages keep to their folders: no import cycles, and what pages share lies in `shared/`."""
 
 import re
 
@@ -47,14 +47,14 @@ def test_imports_form_no_cycle(imports):
 
 
 def test_pages_import_from_their_own_room_and_from_shared_only(imports):
-    def room(name):
+    def folder(name):
         return name.partition("/")[0]
 
     across = [
         f"{name} imports {target}"
         for name, targets in imports.items()
         for target in targets
-        if room(target) not in (room(name), "shared")
+        if folder(target) not in (folder(name), "shared")
     ]
     assert across == []
 

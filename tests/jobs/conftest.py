@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from webapp.app.wings import DUTIES
-from webapp.jobs.kinds import Duties
+from webapp.app.registry import REGISTRY
+from webapp.jobs.kinds import JobRegistry
 from webapp.settings import JobSettings, Settings
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
@@ -36,10 +36,10 @@ def settings(library, database_url):
 
 
 @pytest.fixture
-def duties(monkeypatch):
+def registry(monkeypatch):
     """All kinds of jobs, and those of `kinds_for_tests.py`."""
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    return Duties({**DUTIES.kinds, **KINDS}, DUTIES.sweeps)
+    return JobRegistry({**REGISTRY.kinds, **KINDS}, REGISTRY.sweeps)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.standin_models import install_blur_networks
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.jobs.worker import Worker
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
@@ -31,7 +31,7 @@ def row(library, make_map):
 @pytest.fixture
 def work(library, settings, tmp_path, monkeypatch):
     folder = install_blur_networks(tmp_path / "models", monkeypatch.setitem)
-    return Worker(library, replace(settings, models=folder), duties=DUTIES)
+    return Worker(library, replace(settings, models=folder), registry=REGISTRY)
 
 
 def blurred(library, id):
@@ -67,6 +67,6 @@ def test_photos_of_a_map_without_an_image_are_searched(library, work, queue, see
 
 def test_without_networks_the_job_says_what_is_missing(library, settings, tmp_path, queue, seen, row):
     id = queue("blur", map_id=row)
-    Worker(library, replace(settings, models=tmp_path / "none"), duties=DUTIES).run(once=True)
+    Worker(library, replace(settings, models=tmp_path / "none"), registry=REGISTRY).run(once=True)
     assert seen(id)["state"] == "failed"
     assert "expmap models fetch faces plates" in seen(id)["error"]["hint"]

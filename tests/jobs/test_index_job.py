@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.errors import ClusterUnavailable
 from webapp.jobs.worker import Worker
 from webapp.settings import ExtractSettings
@@ -33,21 +33,21 @@ def quick(settings):
 
 def test_index(library, quick, queue, seen, row):
     id = queue("index", map_id=row)
-    Worker(library, quick, duties=DUTIES).run(once=True)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert (job["result"]["photos"], job["result"]["computed"], job["result"]["failed"]) == (4, 4, [])
     assert job["done"] == job["total"] == 12  # described, compared with the others, tried
     assert list(library.map_folder("row").glob("derived/**/manifest.json"))
     again = queue("index", map_id=row)
-    Worker(library, quick, duties=DUTIES).run(once=True)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
     assert seen(again)["result"]["computed"] == 0
 
 
 def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shared_models):
     asked = {"features": "xfeat", "method": "thorough"}
     id = queue("index", map_id=row, arguments=asked, key="xfeat thorough")
-    worker = Worker(library, replace(quick, models=shared_models), duties=DUTIES)
+    worker = Worker(library, replace(quick, models=shared_models), registry=REGISTRY)
     for _ in range(2):  # the library's own index is before it
         worker.run(once=True)
     result = seen(id)["result"]
@@ -65,7 +65,7 @@ def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queu
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
     id = queue("index", map_id=adopt_map.adopt_map(library, "long", account_id=owner.id))
-    worker = Worker(library, replace(quick, dask="tcp://127.0.0.1:1"), duties=DUTIES)
+    worker = Worker(library, replace(quick, dask="tcp://127.0.0.1:1"), registry=REGISTRY)
     working = threading.Thread(target=worker.run)
     working.start()
     until = time.monotonic() + 30.0
@@ -75,13 +75,13 @@ def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queu
     working.join()
     assert (seen(id)["state"], seen(id)["note"]) == ("queued", "the scheduler of Dask cannot be reached")
     assert seen(id)["error"] is None
-    Worker(library, quick, duties=DUTIES).run(once=True)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
     assert (seen(id)["state"], seen(id)["result"]["computed"]) == ("done", 6)
 
 
 def test_evaluate(library, quick, queue, seen, row):
     id = queue("evaluate", map_id=row, arguments={"limit": 2})
-    Worker(library, quick, duties=DUTIES).run(once=True)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert {scheme: figures["queries"] for scheme, figures in job["result"].items()} == {
@@ -94,7 +94,7 @@ def test_evaluate(library, quick, queue, seen, row):
 
 def test_a_map_without_image_has_no_index_and_says_so(library, quick, queue, seen, park):
     id = queue("index", map_id=park)
-    Worker(library, quick, duties=DUTIES).run(once=True)
+    Worker(library, quick, registry=REGISTRY).run(once=True)
     assert seen(id)["state"] == "failed"
     assert seen(id)["error"]["hint"]
 
@@ -110,7 +110,7 @@ def test_the_sample_of_a_new_library_is_made_once(library, settings, queue, seen
     (library.folder / ".sample.abc.tmp" / "new").mkdir(parents=True)
     for _ in range(2):
         id = queue("sample", account_id=owner.id)
-        Worker(library, settings, duties=DUTIES).run(once=True)
+        Worker(library, settings, registry=REGISTRY).run(once=True)
         assert (seen(id)["state"], seen(id)["error"]) == ("done", None)
     assert sorted(path.name for path in library.folder.iterdir()) == [".library", "sample"]
     with library.database.read() as session:

@@ -43,13 +43,13 @@ def far(library, database_url, network):
 
 
 @pytest.fixture
-def at_work(far, settings, duties):
+def at_work(far, settings, registry):
     """Start a worker across the network, with leases of so many seconds; gives it."""
     started = []
 
     def run(*, lease_s):
         own = replace(settings, jobs=replace(settings.jobs, lease_s=lease_s))
-        worker = Worker(far, own, duties=duties)
+        worker = Worker(far, own, registry=registry)
         thread = threading.Thread(target=worker.run)
         thread.start()
         started.append((worker, thread))

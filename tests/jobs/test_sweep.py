@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.errors import StorageError
 from webapp.jobs.worker import Worker
 from webapp.store.maps import edits, maps
@@ -34,7 +34,7 @@ def late(library, park):
 
 
 def test_the_worker_writes_what_a_killed_request_has_not(library, settings, late):
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     assert late.read_text() == "plan.png;30;20\n0;photos/a.jpg;5;6\n"
     with library.database.read() as session:
         assert session.get(MapRecord, 1).exported_revision == 3
@@ -71,7 +71,7 @@ def test_many_quick_edits_cost_few_exports(library, settings, late, monkeypatch)
         with library.changing(1) as change:
             at = {"photo/0": {"x_px": float(x)}}
             edits.apply(change.session, change.record, changes=at, kind="move", account_id=1)
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     assert exports == [change.record.revision]
 
 
@@ -81,14 +81,14 @@ def test_what_cannot_be_written_is_reported_and_stops_nothing(library, settings,
 
     monkeypatch.setattr(export, "export_map", refuse)
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings, duties=DUTIES).run(once=True)
+        Worker(library, settings, registry=REGISTRY).run(once=True)
     assert "the disk is full" in caplog.text
 
 
 def test_a_file_that_cannot_be_read_stops_no_worker(library, settings, late, caplog):
     late.mkdir()
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings, duties=DUTIES).run(once=True)
+        Worker(library, settings, registry=REGISTRY).run(once=True)
     assert "the files of map 1 are not current" in caplog.text
 
 
@@ -103,12 +103,12 @@ def test_what_cannot_be_swept_of_one_map_leaves_the_others(library, settings, la
         other = maps.create(session, "Other", account_id=1).id
     monkeypatch.setattr(photo_files, "sweep_orphans", refuse)
     with caplog.at_level(logging.WARNING):
-        Worker(library, settings, duties=DUTIES).run(once=True)
+        Worker(library, settings, registry=REGISTRY).run(once=True)
     assert sorted(swept) == [1, other]
     assert "you may not" in caplog.text
 
 
-def test_a_job_that_outlives_its_map_leaves_no_folder(library, settings, duties, park, queue):
+def test_a_job_that_outlives_its_map_leaves_no_folder(library, settings, registry, park, queue):
     queue("outlive", map_id=park)
-    Worker(library, settings, duties=duties).run(once=True)
+    Worker(library, settings, registry=registry).run(once=True)
     assert [path.name for path in library.folder.iterdir()] == [".library"]

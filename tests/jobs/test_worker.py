@@ -27,9 +27,9 @@ def end_of_threads(library):
 
 
 @pytest.fixture
-def work(library, settings, duties):
+def work(library, settings, registry):
     """Do all that waits, in this process."""
-    return lambda: Worker(library, settings, duties=duties).run(once=True)
+    return lambda: Worker(library, settings, registry=registry).run(once=True)
 
 
 def steps(library):
@@ -62,9 +62,9 @@ def test_a_job_that_cannot_be_done_says_why(work, queue, seen, caplog):
 
 
 def test_the_thread_that_keeps_the_storage_in_order_outlives_its_errors(
-    library, settings, duties, monkeypatch, caplog
+    library, settings, registry, monkeypatch, caplog
 ):
-    worker, rounds = Worker(library, settings, duties=duties), []
+    worker, rounds = Worker(library, settings, registry=registry), []
 
     def fail(_library, *, stops):
         rounds.append(stops())
@@ -91,10 +91,10 @@ def test_a_job_that_lost_a_process_continues_but_not_for_ever(work, queue, seen,
     assert f"died {settings.jobs.attempts} times" in seen(hopeless)["error"]["message"]
 
 
-def test_while_storage_is_away_other_jobs_are_done(library, settings, duties, queue, seen, wait_for):
+def test_while_storage_is_away_other_jobs_are_done(library, settings, registry, queue, seen, wait_for):
     """The pause of a job is no pause of the worker: it would outlast this test."""
     waiting = [queue("away", key=str(n), arguments={"wait_s": 600}) for n in range(3)]
-    worker = Worker(library, settings, duties=duties)
+    worker = Worker(library, settings, registry=registry)
     working = threading.Thread(target=worker.run)
     working.start()
     try:
@@ -202,7 +202,7 @@ def test_stopped_in_a_long_step_it_ends_all_the_same(library, start, queue, seen
 
 
 def test_stopped_in_a_long_step_without_a_database_it_ends_all_the_same(
-    library, settings, duties, queue, monkeypatch
+    library, settings, registry, queue, monkeypatch
 ):
     def ended(code):
         raise SystemExit(code)
@@ -212,7 +212,7 @@ def test_stopped_in_a_long_step_without_a_database_it_ends_all_the_same(
 
     monkeypatch.setattr(os, "_exit", ended)
     queue("stubborn", arguments={"seconds": 2})
-    worker = Worker(library, replace(settings, jobs=replace(settings.jobs, stop_s=0.0)), duties=duties)
+    worker = Worker(library, replace(settings, jobs=replace(settings.jobs, stop_s=0.0)), registry=registry)
 
     def stop_when_begun():
         begun = (library.inner / "begun").exists()

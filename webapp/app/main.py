@@ -20,19 +20,21 @@ from webapp.importing import import_name
 from webapp.settings import let_threads_sleep
 
 if TYPE_CHECKING:
-    from webapp.jobs.kinds import Duties
+    from webapp.jobs.kinds import JobRegistry
     from webapp.tasks.operate.backup import LibraryPart
 
 
-def _duties() -> Duties:
-    return cast("Duties", import_name("webapp.app.wings:DUTIES"))
+def _registry() -> JobRegistry:
+    return cast("JobRegistry", import_name("webapp.app.registry:REGISTRY"))
 
 
 def _library_parts() -> Sequence[LibraryPart]:
-    return cast("Sequence[LibraryPart]", import_name("webapp.app.wings:PARTS"))
+    return cast("Sequence[LibraryPart]", import_name("webapp.app.registry:PARTS"))
 
 
-COMPOSITION = Composition(web_app="webapp.app.web:create_app", duties=_duties, library_parts=_library_parts)
+COMPOSITION = Composition(
+    web_app="webapp.app.web:create_app", registry=_registry, library_parts=_library_parts
+)
 
 
 class LazyCommand(NamedTuple):

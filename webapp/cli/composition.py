@@ -16,7 +16,7 @@ from webapp.files.object_storage.marker import settings_at
 from webapp.settings import Settings
 
 if TYPE_CHECKING:
-    from webapp.jobs.kinds import Duties
+    from webapp.jobs.kinds import JobRegistry
     from webapp.tasks.operate.backup import LibraryPart
 
 
@@ -28,14 +28,14 @@ class Composition:
     ----------
     web_app : str
         "module:function" that makes the web application, in the processes that answer requests.
-    duties : callable
+    registry : callable
         Gives what a worker does.
     library_parts : callable
         Gives what a library keeps besides maps.
     """
 
     web_app: str
-    duties: Callable[[], Duties]
+    registry: Callable[[], JobRegistry]
     library_parts: Callable[[], Sequence[LibraryPart]]
 
 

@@ -88,7 +88,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
         os.nice(_POLITENESS)
     opened = open_library(settings.library, url=settings.database)
     open_storage(opened, settings)
-    working = Worker(opened, settings, duties=composition.duties(), parent=parent)
+    working = Worker(opened, settings, registry=composition.registry(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)
     opened.database.close()

@@ -40,8 +40,8 @@ KINDS: dict[str, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Duties:
-    """What a worker does (`webapp.app.wings` names it).
+class JobRegistry:
+    """The kinds of jobs and the sweeps of a worker (`webapp.app.registry` has all of them).
 
     Attributes
     ----------

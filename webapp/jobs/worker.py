@@ -35,7 +35,7 @@ from webapp.errors import (
 )
 from webapp.files.atomic import is_full, storage_error
 from webapp.jobs.context import Context, JobProgress
-from webapp.jobs.kinds import Duties, Sweep
+from webapp.jobs.kinds import JobRegistry, Sweep
 from webapp.logs import at_work
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -80,10 +80,10 @@ class Worker:
     """
 
     def __init__(
-        self, library: Library, settings: Settings, *, duties: Duties, parent: int | None = None
+        self, library: Library, settings: Settings, *, registry: JobRegistry, parent: int | None = None
     ) -> None:
         self._library = library
-        self._duties = duties
+        self._registry = registry
         self._settings = settings
         self._parent = parent
         self._lock = ProcessLock(library.inner / "workers")
@@ -196,7 +196,7 @@ class Worker:
     def _clean(self) -> None:
         """Delete every now and then what interrupted work has left behind."""
         if time.monotonic() >= self._clean_at:
-            delete_leftovers(self._library, self._settings, more=self._duties.sweeps)
+            delete_leftovers(self._library, self._settings, more=self._registry.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
 
     def _next(self, *, early: bool) -> Job | None:
@@ -240,7 +240,7 @@ class Worker:
 
     def _work(self, job: Job, context: Context) -> Mapping[str, Any] | None:
         with span(f"job {job.kind}", job=job.id, attempt=job.attempts):
-            return self._duties.function(job.kind)(context)
+            return self._registry.function(job.kind)(context)
 
     def _leave(self, lease: Lease) -> None:
         """End in the middle of a long step; the next worker does it again."""

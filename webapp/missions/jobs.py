@@ -1,4 +1,4 @@
-"""The jobs of missions; `webapp.app.wings` names them."""
+"""The jobs of missions; `webapp.app.registry` names them."""
 
 from __future__ import annotations
 

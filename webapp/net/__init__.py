@@ -1,1 +1,1 @@
-"""The only code that talks to other hosts: configured map tile services, and where weights come from."""
+"""Everything that is fetched from public services: map tiles, places, street-level photos, model weights."""

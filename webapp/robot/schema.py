@@ -64,7 +64,7 @@ def create_tables(database: SpoolDatabase) -> None:
 
 
 def check_version(folder: Path) -> None:
-    """Check that a folder holds no spool of version 0.7.
+    """Check that a folder holds no spool of the released version 0.7.0.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def check_version(folder: Path) -> None:
     """
     if (folder / "spool.json").exists():
         raise UsageError(
-            "the spool was written by version 0.7, which kept it in other files",
+            "the spool was written by the released version 0.7.0, which kept it in other files",
             where=str(folder),
             hint="upload it with that version: expmap robot recover SPOOL; then choose another folder",
         )

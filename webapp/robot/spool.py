@@ -85,7 +85,7 @@ class Spool:
     Raises
     ------
     UsageError
-        The spool is of another mission, or of version 0.7.
+        The spool is of another mission, or of the released version 0.7.0.
     Conflict
         Another program has it open.
     StorageError, DiskFull

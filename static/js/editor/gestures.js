@@ -59,9 +59,9 @@ export class EditGestures {
     const { dots } = this;
     if (!this.store.satellite || event.target.closest("button, a, input, .leaflet-marker-icon, .ed-overlay")) return;
     if (this.gesture) {
-      this.cancel(); // a second finger: a pinch
-      this._ignore = event.pointerId;
-      return;
+      const second = event.pointerId !== this.gesture.id;
+      this.cancel();
+      if (second) return; // finger: a pinch. Else the page has not been told that the first press ended
     }
     if (event.button !== 0) return;
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";

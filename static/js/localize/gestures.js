@@ -37,7 +37,11 @@ export class AnswerGestures {
 
   _down(event) {
     if (!this.view.store.satellite || event.button !== 0 || event.target.closest("button, a")) return;
-    if (this.press) return this._end(); // a second finger: a pinch
+    if (this.press) {
+      const second = event.pointerId !== this.press.id;
+      this._end();
+      if (second) return; // finger: a pinch. Else the page has not been told that the first press ended
+    }
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";
     const point = this.view.map.mouseEventToContainerPoint(event);
     this.press = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };

@@ -9,7 +9,7 @@ from filelock import FileLock
 
 from tests.core.trajectory.simulated import Drive
 from tests.core.trajectory.test_fusion import gps_of, odometry_of
-from webapp.app.wings import PARTS
+from webapp.app.registry import PARTS
 from webapp.errors import StorageError
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Pose

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sqlalchemy import Engine, event, func, select
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.errors import Conflict
 from webapp.jobs.worker import Worker
 from webapp.missions.store import missions, query, reading, tracks
@@ -310,7 +310,7 @@ def test_the_worker_does_what_the_settings_ask_for(library, old_mission):
 
     def work(**given):
         settings = Settings(library=library.folder, missions=MissionSettings(**given))
-        Worker(library, settings, duties=DUTIES).run(once=True)
+        Worker(library, settings, registry=REGISTRY).run(once=True)
         return [track_of(library, id)[0].poses for id in (old, kept)]
 
     assert work() == [1000, 1000], "by default nothing is removed"

@@ -15,7 +15,7 @@ from contextlib import closing
 import pytest
 from sqlalchemy import select
 
-from webapp.app.wings import PARTS
+from webapp.app.registry import PARTS
 from webapp.errors import Conflict, DiskFull, InputError, NotFound, StorageError, UsageError
 from webapp.files import backup
 from webapp.files.backup import MANIFEST
@@ -215,7 +215,7 @@ import os, sys, signal
 from pathlib import Path
 from webapp.progress import Progress
 from webapp.store.library import open_library
-from webapp.app.wings import PARTS
+from webapp.app.registry import PARTS
 from webapp.tasks.operate import backup as backup_library
 
 class Killed(Progress):
@@ -391,7 +391,7 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
 KILLED_RESTORE = """
 import os, sys, signal
 from pathlib import Path
-from webapp.app.wings import PARTS
+from webapp.app.registry import PARTS
 from webapp.progress import Progress
 from webapp.tasks.operate import restore
 

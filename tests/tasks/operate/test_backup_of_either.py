@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from tests.tasks.operate.moves import Stop, file_url, hashes, opens, to_server
-from webapp.app.wings import PARTS
+from webapp.app.registry import PARTS
 from webapp.errors import StorageError, UsageError
 from webapp.progress import Progress
 from webapp.store.library import open_library

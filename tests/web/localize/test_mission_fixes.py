@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from sqlalchemy import select
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.jobs import map_jobs
@@ -149,7 +149,7 @@ def test_photos_are_localized_in_the_background(client, mission, send, queries, 
     later = send(f"{mission}/photos", queries / "off_map.jpg", time=11).json["sha256"]
     queued = client.post(f"{mission}/photos/{later}/fix")
     assert queued.status_code == 202
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     job = client.get(f"/api/v1/jobs/{queued.json['job']}").json
     assert (job["state"], job["result"]) == ("done", {"localized": 1, "no_pose": 1, "failed": 0})
     photos = client.get(f"{mission}/photos").json["photos"]
@@ -163,7 +163,7 @@ def test_a_photo_that_is_missing_on_the_disk_fails_alone(client, mission, send, 
     with library.database.read() as session:
         path = session.scalars(select(MissionPhoto.path).where(MissionPhoto.sha256 == gone)).one()
     (missions.folder(library, 1) / path).unlink()
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     states = {p["sha256"]: p["fix_state"] for p in client.get(f"{mission}/photos").json["photos"]}
     assert states.pop(gone) == "failed"
     assert set(states.values()) == {"done"}
@@ -181,7 +181,7 @@ def test_the_index_is_built_where_it_is_missing(
 
     monkeypatch.setattr(map_jobs, "build_map_index", build)
     send(f"{mission}/photos?fix=1", queries / "query_01.jpg", time=10)
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     assert client.get(f"{mission}/photos").json["photos"][0]["fix_state"] == "done"
 
 
@@ -190,7 +190,7 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
     assert client.get(f"{mission}/fusion").status_code == 404
     queued = client.post(f"{mission}/fuse")
     assert queued.status_code == 202
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     assert client.get(f"/api/v1/jobs/{queued.json['job']}").json["state"] == "done"
     report = client.get(f"{mission}/fusion").json
     assert (report["poses"], report["gated"]) == (1, [])
@@ -202,7 +202,7 @@ def test_tracks_are_fused_on_demand(client, mission, send, queries, library, set
 
 def test_nothing_to_fuse_fails_with_words(client, mission, library, settings):
     job = client.post(f"{mission}/fuse").json["job"]
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     result = client.get(f"/api/v1/jobs/{job}").json
     assert result["state"] == "failed"
     assert "no fix" in result["error"]["message"]

@@ -22,8 +22,8 @@ from sqlalchemy import select
 from tests.web.conftest import Browser
 from webapp.api import open_map
 from webapp.app import main as program
+from webapp.app.registry import REGISTRY
 from webapp.app.web import create_app
-from webapp.app.wings import DUTIES
 from webapp.cli.library import existing_library, opened_library
 from webapp.cli.progressbar import TerminalProgress
 from webapp.core.features.table import choose
@@ -140,7 +140,7 @@ def row(library, make_map, owner, settings):
     make_map(library.map_folder("row"), 4)
     id = adopt_map.adopt_map(library, "row", account_id=owner.id)
     storage.use(None)
-    Worker(library, replace(settings, storage=None), duties=DUTIES).run(once=True)
+    Worker(library, replace(settings, storage=None), registry=REGISTRY).run(once=True)
     return id
 
 
@@ -162,7 +162,7 @@ def build(library, settings, map_id):
     """Let a worker build the index; gives the job's record."""
     with library.database.write() as session:
         id = jobs.enqueue(session, "index", map_id=map_id, arguments={}, key="").id
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     with library.database.read() as session:
         return session.get_one(Job, id)
 
@@ -400,7 +400,7 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
     with pytest.raises(StorageUnavailable, match="overloaded or out of order"):
         build(library, cold, moved)  # `--once` ends, and the job waits
     assert last_job(library).state == "queued"
-    worker = Worker(library, cold, duties=DUTIES)
+    worker = Worker(library, cold, registry=REGISTRY)
     with ThreadPoolExecutor(1) as pool:
         working = pool.submit(worker.run)
         try:
@@ -600,7 +600,7 @@ def test_a_sweep_that_is_stopped_deletes_nothing(machine, library, park, setting
 
 def test_a_worker_that_is_started_now_and_then_keeps_the_storage_in_order(row, library, settings, s3, bucket):
     open_storage.open_storage(library, settings)
-    Worker(library, settings, duties=DUTIES).run(once=True)
+    Worker(library, settings, registry=REGISTRY).run(once=True)
     names = [path.name for path in (library.map_folder("row") / "photos").glob(".*.object")]
     assert len(names) == 4, "files became objects"
 

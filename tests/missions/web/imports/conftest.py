@@ -2,7 +2,7 @@
 
 import pytest
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.jobs.context import Context, JobProgress
 from webapp.missions.store import missions
 from webapp.store.operate import jobs
@@ -23,7 +23,7 @@ def work(library, settings):
     def go(**limits):
         with library.database.write() as session:
             job = jobs.lease(session, "test", limits=Limits(limits.get("seconds", 60), 3))
-            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
+            lease, function = Lease(job.id, job.fence), REGISTRY.function(job.kind)
             known = (job.map_id, job.account_id, job.arguments)
         return function(Context(library, settings, JobProgress(), lease, *known))
 

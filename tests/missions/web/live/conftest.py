@@ -3,7 +3,7 @@
 import pytest
 from sqlalchemy import select
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.core.geo.corners import Corners, from_corners
 from webapp.core.geo.types import LatLon
 from webapp.files.maps.map_json import georeference_fields
@@ -96,7 +96,7 @@ def work(library, settings):
     def go():
         with library.database.write() as session:
             job = jobs.lease(session, "test", limits=Limits(60, 3))
-            lease, function = Lease(job.id, job.fence), DUTIES.function(job.kind)
+            lease, function = Lease(job.id, job.fence), REGISTRY.function(job.kind)
             known = (job.map_id, job.account_id, job.arguments)
         function(Context(library, settings, JobProgress(), lease, *known))
         with library.database.write() as session:

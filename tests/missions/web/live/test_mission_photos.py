@@ -3,7 +3,7 @@
 import hashlib
 import io
 
-from webapp.app.wings import DUTIES
+from webapp.app.registry import REGISTRY
 from webapp.jobs import worker
 from webapp.settings import Settings
 
@@ -50,5 +50,5 @@ def test_folders_of_no_mission_are_swept(library, mission, add_photo):
     add_photo()
     stray = library.folder / ".missions" / "999" / "photos"
     stray.mkdir(parents=True)
-    worker.delete_leftovers(library, Settings(), more=DUTIES.sweeps)
+    worker.delete_leftovers(library, Settings(), more=REGISTRY.sweeps)
     assert [path.name for path in (library.folder / ".missions").iterdir()] == [str(mission)]

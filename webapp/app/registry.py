@@ -1,4 +1,4 @@
-"""What the wings add to the program: kinds of jobs, sweeps, and parts of a library."""
+"""What the subpackages add to the program: kinds of jobs, sweeps, and parts of a library."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from webapp.jobs import kinds
-from webapp.jobs.kinds import Duties
+from webapp.jobs.kinds import JobRegistry
 from webapp.missions.store import missions
 from webapp.missions.tasks import delete as delete_mission
 from webapp.missions.tasks import fuse, thin_tracks
@@ -28,7 +28,7 @@ _KINDS = {
 }
 """Name of each kind of job to "module:function", imported when the first job of its kind comes."""
 
-DUTIES = Duties(
+REGISTRY = JobRegistry(
     kinds=_KINDS,
     sweeps=(delete_mission.sweep, thin_tracks.sweep),
 )
