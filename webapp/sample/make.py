@@ -138,7 +138,7 @@ def make_sample(
         fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".tmp", dir=folder.parent))
         try:
             truth = write_sample(fresh / "new", seed=seed, size=size, progress=progress)
-            record = {"note": "an invented park, made by a program", "recipe": recipe, **truth}
+            record = {"note": "a synthetic park, made by a program", "recipe": recipe, **truth}
             write_text(fresh / "new" / RECORD, json.dumps(record, indent=1) + "\n")
             if folder.exists():
                 folder.rename(fresh / "old")
@@ -226,7 +226,7 @@ def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progres
     progress.size(size.photos + size.queries + 2)
     studio = _Studio(folder, size, progress)
     for_world, for_map, for_queries, for_elsewhere = np.random.default_rng(seed).spawn(4)
-    progress.note("inventing a park")
+    progress.note("making a synthetic park")
     world = build_world(for_world)
     progress.note("taking photos")
     _make_map(studio, world, rng=for_map)
