@@ -228,7 +228,7 @@ def build_landmarks(context: Context) -> dict[str, Any]:
         colour_cloud(cfg, found, limits=settings.photo, progress=context.progress)
         joined = sum(len(submodel) for submodel in found.submodels)
         result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.submodels)}
-    context.progress.note("laying them on the map")
+    context.progress.note("aligning them with the map")
     lay_in_library(library, record)
     return result
 

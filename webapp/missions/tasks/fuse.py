@@ -91,7 +91,7 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
         odometry = None if reckoned is None else _read(session, reckoned)[0]
         fixed = {source: f for source in _FIXES if (f := _fixes(session, found, source)) is not None}
     progress.size(3)
-    progress.note("weighing the fixes")
+    progress.note("fusing odometry and fixes")
     fusion = fuse(odometry, {s: f.poses for s, f in fixed.items()}, check=lambda _: progress.check())
     if isinstance(fusion, NoFusion):
         raise UsageError(

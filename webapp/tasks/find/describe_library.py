@@ -185,7 +185,7 @@ def _train(
     library: Library, records: Sequence[MapRecord], *, settings: Settings, progress: Progress
 ) -> tuple[Basis | None, int]:
     """Train a basis on photos from everywhere; returns it and the number of photos on all maps."""
-    progress.note("learning what photos have in common")
+    progress.note("training the descriptor of photos")
     photos = 0
     contents: set[str] = set()
     for record in records:

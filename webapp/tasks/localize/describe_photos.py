@@ -87,7 +87,7 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
     progress.size(len(todo))
     if not todo:
         return
-    progress.note("describing the photos as a whole")
+    progress.note("computing global descriptors")
     saved = time.monotonic()
     try:
         for content, experience in todo.items():

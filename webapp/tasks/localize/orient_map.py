@@ -162,7 +162,7 @@ def _up_to_date(
         progress.size(0)
         return known
     pairs = compare()
-    progress.note("working out how the photos were held")
+    progress.note("estimating the orientations of the photos")
     places = _describe(opened, trust=None, partner=_partners(opened.indexed, pairs))
     found = estimate(replace(opened.indexed, place_radius_px=places.radius_px), pairs)
     stored = StoredOrientations(found, opened.contents, opened.indexed.position, key)
