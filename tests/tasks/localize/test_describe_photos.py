@@ -30,7 +30,7 @@ class Notes(Progress):
 
     def note(self, text):
         self.notes.append(text)
-        self.describing = text.startswith("describing")
+        self.describing = text == "computing global descriptors"
 
     def advance(self, steps=1):
         self.steps += steps * self.describing
