@@ -61,7 +61,7 @@ export class EditGestures {
     if (this.gesture) {
       const second = event.pointerId !== this.gesture.id;
       this.cancel();
-      if (second) return; // finger: a pinch. Else the page has not been told that the first press ended
+      if (second) return; // finger: a pinch; otherwise the pointerup of the first press was lost
     }
     if (event.button !== 0) return;
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";

@@ -40,7 +40,7 @@ export class AnswerGestures {
     if (this.press) {
       const second = event.pointerId !== this.press.id;
       this._end();
-      if (second) return; // finger: a pinch. Else the page has not been told that the first press ended
+      if (second) return; // finger: a pinch; otherwise the pointerup of the first press was lost
     }
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";
     const point = this.view.map.mouseEventToContainerPoint(event);
