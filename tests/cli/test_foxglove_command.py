@@ -8,13 +8,14 @@ import subprocess
 import sys
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
 
 from tests.foxglove_client import hear, read_mcap
 from webapp.api import GeoSource, PlaceOptions, place_photos
-from webapp.cli.foxglove import WatchedPhotos
+from webapp.cli.foxglove import WatchedPhotos, serve_until_interrupted
 
 ROOT = Path(__file__).resolve().parents[2]
 TOPICS = {"/image", "/matches", "/map", "/answer", "/hypotheses", "/position"}
@@ -142,3 +143,24 @@ def test_a_mission_that_is_not_there_and_a_port_that_is_taken_are_told(expmap, m
     with Served("mission", mission) as served:
         code, _, error = expmap("foxglove", "mission", mission, "--port", served.port)
     assert code == 2 and f"cannot listen on 127.0.0.1:{served.port}" in error
+
+
+class Interrupting:
+    """Gets Ctrl-C while it is destroyed, where Python ignores exceptions."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+        len("")  # the handler runs between two operations
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_ctrl_c_is_not_lost_in_a_destructor(capsys):
+    looks = []
+
+    def look():
+        looks.append(1)
+        assert len(looks) < 3, "it goes on"
+        Interrupting()
+
+    serve_until_interrupted(SimpleNamespace(port=1), "127.0.0.1", look=look)
+    assert len(looks) == 1 and "stopped" in capsys.readouterr().err

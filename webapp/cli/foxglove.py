@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -65,13 +67,23 @@ def serve_until_interrupted(sink: FoxgloveSink, host: str, *, look: Callable[[],
     if sink.port is None:
         look()
         return
-    click.echo(f"listening on ws://{host}:{sink.port}")
+    stopped = threading.Event()
+
+    def stop(*_: object) -> None:
+        stopped.set()  # Python drops the exception where it interrupts a destructor
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, stop)
     try:
-        while True:
+        click.echo(f"listening on ws://{host}:{sink.port}")
+        while not stopped.is_set():
             look()
-            time.sleep(_LOOK_S)
+            stopped.wait(_LOOK_S)
     except KeyboardInterrupt:
-        click.echo("stopped", err=True)
+        pass
+    finally:
+        signal.signal(signal.SIGINT, before)
+    click.echo("stopped", err=True)
 
 
 @click.command(short_help="Show answers with their pictures.")
