@@ -14,9 +14,10 @@ from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.files.maps.folder import read_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks.control_points import residuals_of
+from webapp.tasks.landmarks.control_points import found_points, residuals_of
 from webapp.tasks.landmarks.place_rest import georegister_found, suggest_from
-from webapp.tasks.landmarks.reconstruct import reconstruct
+from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
+from webapp.tasks.localize.index_location import landmarks_folder
 
 METRIC = Georeference("EPSG:32633", (0.05, 0.0, 458000.0, 0.0, -0.05, 5549000.0, 0.0, 0.0, 1.0), "affine")
 AT, HEADINGS = walk(9)
@@ -57,8 +58,8 @@ def unplaced(court):
     return replace(the_map, experiences=(), unplaced=(*tray, *the_map.unplaced), georeference=METRIC)
 
 
-def join(court, the_map):
-    return reconstruct(court.cfg, the_map, settings=Settings(), progress=Progress())
+def join(court, the_map, **options):
+    return reconstruct(court.cfg, the_map, settings=Settings(), progress=Progress(), **options)
 
 
 def test_three_points_place_all_photos_to_a_decimetre(court, unplaced):
@@ -86,6 +87,13 @@ def test_a_point_at_a_wrong_place_and_a_wrong_click_are_named(court, unplaced):
     assert residuals[0].name == "step"
     assert residuals[0].residual_m(the_map) == pytest.approx(3.0, abs=0.2)
     assert {one.name: one.wrong for one in residuals if one.wrong} == {"drain": (found_name(the_map, first),)}
+
+
+def test_clicks_have_rays_in_a_reconstruction_of_some_photos_too(court, unplaced):
+    the_map = replace(unplaced, control_points=(point("drain"),))
+    part = join(court, the_map, part=landmarks_folder(court.cfg) / SURROUNDINGS / "part")
+    [known] = found_points(part, the_map)
+    assert len(known.ray) == len(the_map.control_points[0].clicks) == 4
 
 
 def found_name(the_map, click):

@@ -143,7 +143,7 @@ def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
     if stored is None:
         return ()
     content_of = {number: content for content, number in found.number_of.items()}
-    return known_points(found.photos, the_map, lenses=PhotoLenses(found.folder, stored.cloud, content_of))
+    return known_points(found.photos, the_map, lenses=PhotoLenses(found.shared, stored.cloud, content_of))
 
 
 def known_points(
