@@ -1,12 +1,13 @@
-"""Varies one number that steers localization and measures what it is worth.
+"""Varies one tuning parameter of localization and measures its effect.
 
     python -m benchmarks.ablation MAP.cfg QUERIES.csv --vary pose.keypoint_sigma_px=1.2,2.4,4.8
         [--features sift] [--index FOLDER] [--limit N] [--fov DEGREES] [--map-fov DEGREES]
 
-Fields are those of `webapp/core/tuning.py`; `--vary` can be repeated, each field on its own. Prints a table:
-share of all queries whose most probable place is so near, and median error of those with a place, map pixels.
-The first row is the default. Fields of `extrinsics` are estimated again from the stored pairs, which do not
-change; `retrieval.pair_...` needs a new index. Probabilities use the calibration of the default.
+Fields are those of `webapp/core/tuning.py`; `--vary` can be repeated, and each field is varied on its own.
+Prints a table: share of queries whose most probable place is within each distance, and median error of those
+with a place, map pixels. The first row is the default. For fields of `extrinsics` these are estimated again
+from the stored pairs, which do not change; `retrieval.pair_...` needs a new index. Probabilities use the
+calibration of the default.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def main() -> None:
 
 
 def tuned(localizer: LocalizationPipeline, tuning: Tuning, *, map_fov: float | None) -> LocalizationPipeline:
-    """Give a localizer other numbers; the map's extrinsics are estimated again where theirs change."""
+    """Return a localizer with another tuning; re-estimate the map's extrinsics if their fields change."""
     opened = localizer.opened
     indexed = replace(opened.indexed, tuning=tuning)
     if tuning.extrinsics != opened.indexed.tuning.extrinsics:
@@ -61,7 +62,7 @@ def tuned(localizer: LocalizationPipeline, tuning: Tuning, *, map_fov: float | N
 
 
 def errors(localizer: LocalizationPipeline, queries: list[Query]) -> list[float]:
-    """Measure the error of the most probable place of each query, map pixels; infinite without one."""
+    """Measure the error of the most probable place of each query, map pixels; infinite without a place."""
     measured = []
     for query in queries:
         answer = localizer.localize(query.path, top=1)

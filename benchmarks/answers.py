@@ -1,4 +1,4 @@
-"""Asks the web application for addresses, and measures how long that takes."""
+"""Requests addresses of the web application, and measures the response times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from webapp.store.schema import Account
 
 
 def reader(library: Library, settings: Settings, account: Account) -> Callable[[str], Any]:
-    """Return what fetches an address as somebody, without a network in between."""
+    """Return a function that requests an address as an account, without a network."""
     client = create_app(settings, library=library).test_client()
     with client.session_transaction() as session:
         session["_user_id"] = f"{account.id}.{account.epoch}"
@@ -31,7 +31,7 @@ def reader(library: Library, settings: Settings, account: Account) -> Callable[[
 
 
 def timed(get: Callable[[str], Any], addresses: list[str]) -> dict[str, float]:
-    """Ask for addresses, the first one twice: its first answer is not counted.
+    """Request addresses; the first one is requested once more before, to warm up.
 
     Returns
     -------

@@ -7,18 +7,18 @@
 FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`; `benchmarks.derived_maps` makes more.
 Columns, for each map, features and method:
 
-- kind, radius: what kind of map the program takes it for, and its place radius, map pixels;
-- right: share of the queries whose first hypothesis is within the place radius, or within what --within
-  says of the map; the same for every method; "- vote": that of `vote` with these features taken off, for
-  `auto`, which chooses features itself, that of the better one;
-- median px; ECE; "in radius" (68 % is wanted); answered at 99 %; refused: "not on this map";
+- kind, radius: kind of the map as detected by the program, and its place radius, map pixels;
+- right: share of the queries whose first hypothesis is within the place radius, or within the distance given
+  by --within for the map; the same for every method; "- vote": difference to `vote` with these features, or
+  for `auto`, which chooses features itself, to the better one;
+- median px; ECE; "in radius" (target: 68 %); answered at 99 %; refused: "not on this map";
 - foreign: share of the --foreign photos that got a place with a probability of at least 0.5;
-- ms: median seconds of a query; MB: peak of the process; build s, calibrate s.
+- ms: median time of a query; MB: peak of the process; build s, calibrate s.
 
---baseline is another program, called and printing as in `benchmarks.side_by_side`; one is here,
-`benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: once with each, and
-once with none. An index in the --index folder is used again, so that a second run measures queries only.
---json has the figures of each map as soon as they are known.
+--baseline is another program with the interface described in `benchmarks.side_by_side`, such as
+`benchmarks/peer_colmap.py`. --options adds options of `expmap evaluate` to the methods: measured once with
+each, and once without. An index in the --index folder is reused, so that a second run measures queries only.
+--json is rewritten with the figures after each map.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ COLUMNS = {
 
 
 def main() -> None:
-    """Run everything and print the table."""
+    """Run all measurements and print the table."""
     arguments = _arguments()
     within = dict(pair.split("=", 1) for pair in arguments.within)
     rows: list[dict[str, Any]] = []
@@ -65,7 +65,7 @@ def main() -> None:
             if cfg.with_name("queries.csv").exists():
                 right_px = float(within[cfg.parent.name]) if cfg.parent.name in within else None
                 rows += _measure(cfg, arguments, index=index / cfg.parent.name, right_px=right_px)
-                if arguments.json:  # after each map: the whole takes hours
+                if arguments.json:  # after each map, since the whole run takes hours
                     arguments.json.write_text(json.dumps(rows, indent=2), "utf-8")
     print(table("battery", COLUMNS, rows))
 
@@ -89,7 +89,7 @@ def _arguments() -> argparse.Namespace:
 def _measure(
     cfg: Path, arguments: argparse.Namespace, *, index: Path, right_px: float | None
 ) -> list[dict[str, Any]]:
-    """Measure all features and methods on one map; its own place radius says what is right, unless given."""
+    """Measure all features and methods on one map; `right_px` defaults to its place radius."""
     limited = ["--limit", str(arguments.limit)] if arguments.limit else []
     found = [_baseline(program, cfg, limited) for program in arguments.baseline]
     methods = [m for m in arguments.methods.split(",") if m != AUTO]
@@ -100,7 +100,7 @@ def _measure(
         for one in asked:
             row = _evaluate(cfg, [*one, *further.split()], options=options, foreign=arguments.foreign)
             found += [{**row, "name": f"{row['name']} {further}".strip()}] if row else []
-        # `vote` knows no relative poses, by which the kind of a map is detected: one radius is for all.
+        # `vote` has no relative poses, by which the kind of a map is detected: use one radius for all methods
         right_px = right_px or found[-1]["place_radius_px"]
     for row in found:
         errors = [query["error_px"] for query in row.pop("per_query", [])]
@@ -123,7 +123,7 @@ def _baseline(program: Path, cfg: Path, limited: list[str]) -> dict[str, Any]:
 def _evaluate(
     cfg: Path, asked: list[str], *, options: list[str], foreign: Path | None
 ) -> dict[str, Any] | None:
-    """Measure one way of localizing; None, and a line on standard error, where a part of it is missing."""
+    """Measure one configuration; return None, and print why, if an optional part is not installed."""
     program = [sys.executable, "-m", "webapp.app.main"]
     queries = str(cfg.with_name("queries.csv"))
     try:

@@ -1,19 +1,19 @@
-"""Kills parts of a cluster at random under load, and looks whether anything is lost, double or damaged.
+"""Kills parts of a cluster at random under load, and checks that nothing is lost, duplicated or damaged.
 
     python -m benchmarks.chaos [--minutes 20] [--editors 20] [--robots 20] [--uploaders 2] [--every 10] [--s3]
 
 Starts PostgreSQL, a scheduler with two workers of Dask, and two web nodes with a worker each, all on this
-machine, with a temporary library. Every few seconds one of these is killed with SIGKILL and started again: a
-web node with all its processes, one of its processes, a worker, a worker of Dask, or PostgreSQL (SIGQUIT, as
-by a power cut). Meanwhile people edit maps, robots send poses, and photos are uploaded, placed and built into
-indexes by jobs on Dask. With --s3 photos and indexes are in S3, each node has a cache of its own, and the S3
-server falls silent now and then.
+machine, with a temporary library. Every few seconds one of these is killed with SIGKILL and restarted: a web
+node with all its processes, one of its processes, a worker, a worker of Dask, or PostgreSQL (SIGQUIT, like a
+power cut). Meanwhile people edit maps, robots send poses, and photos are uploaded, placed and built into
+indexes by jobs on Dask. With --s3 photos and indexes are in S3, each node has its own cache, and the S3
+server stops responding now and then.
 
-Printed is a JSON object. Right is: each acknowledged edit is in the database unless a later one changed the
-same photo; no revision was given twice; all are in `map.cfg`; each pose is stored once, in order; each
-acknowledged photo is there once, whole, where it was placed; no job has failed, and the map answers. The
-longest refusal is the longest time in which a client got no answer, those in which PostgreSQL was away
-left out. The exit code is 1 where something is wrong, or a refusal was longer than `--longest`.
+Prints a JSON object. Checks: each acknowledged edit is in the database unless a later one changed the same
+photo; no revision was given twice; all edits are in `map.cfg`; each pose is stored once, in order; each
+acknowledged photo is stored once, undamaged, at its acknowledged position; no job has failed, and the map
+answers. The longest refusal is the longest time in which a client got no answer, except while PostgreSQL was
+down. The exit code is 1 if a check fails, or if a refusal was longer than `--longest`.
 """
 
 from __future__ import annotations
@@ -62,23 +62,23 @@ _PLAN_PX = (1600, 1200)
 _JOBS_WITHIN_S = 900.0
 _NEAR_PX = 20.0
 _RECOVERY_S = 5.0
-"""After PostgreSQL answers again, for pools and leases to notice."""
+"""Time after a restart of PostgreSQL for connection pools and leases to recover."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Where the cluster answers, and what it keeps.
+    """Addresses and storage of the cluster.
 
     Attributes
     ----------
     address : str
-        That clients ask.
+        Address for clients.
     folder : Path
-        Of the library.
+        Folder of the library.
     database : str
-        Its address.
+        URL of the database.
     storage : str or None
-        Address of the photos, unless they are in the folder.
+        URL of the object storage of photos, unless they are in the folder.
     """
 
     address: str
@@ -87,17 +87,17 @@ class Site:
     storage: str | None
 
     def library(self) -> Library:
-        """Open the library; it is to be closed."""
+        """Open the library; the caller must close it."""
         return open_library(self.folder, url=self.database)
 
     def links(self, count: int) -> list[str]:
-        """Make accounts; gives links that sign in to them."""
+        """Create accounts; return links that sign in to them."""
         return [self.address + path for path in sign_in_links(self.folder, count, url=self.database)]
 
 
 @dataclass
 class Load:
-    """Everybody who uses the cluster."""
+    """All clients of the cluster."""
 
     editors: list[UnsureEditor]
     uploaders: list[Uploader]
@@ -105,7 +105,7 @@ class Load:
     refusals: Refusals
 
     def work(self, arguments: argparse.Namespace) -> None:
-        """Let all work at once, for so long."""
+        """Run all clients in parallel for the given time."""
         seconds = 60 * arguments.minutes
         options = argparse.Namespace(seconds=seconds, hertz=5.0, beat=1.0)
         begin = time.time() + 1.0
@@ -120,7 +120,7 @@ class Load:
 
 
 def main() -> None:
-    """Run it and print one JSON object."""
+    """Run the load and print one JSON object."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
@@ -199,7 +199,7 @@ def _made(folder: Path) -> Path:
 
 
 def _make_library(site: Site, robots: int) -> tuple[str, list[int]]:
-    """Make a library with missions and a map: else the start makes the sample meanwhile."""
+    """Make a library with missions and a map, since an empty one would get the sample map at the start."""
     library = site.library()
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
@@ -211,7 +211,7 @@ def _make_library(site: Site, robots: int) -> tuple[str, list[int]]:
 
 
 def _set_up(site: Site, arguments: argparse.Namespace, *, robots: list[Robot]) -> tuple[Load, dict[str, Any]]:
-    """Make maps of noise and accounts; gives everybody, and the state of the maps that are edited."""
+    """Make maps with photos of noise, and accounts; return the clients and the state of the edited maps."""
     links = site.links(1 + arguments.editors + arguments.uploaders)
     owner = Client(site.address, links[0])
     plan = site.folder.with_name("plan.png")
@@ -237,7 +237,7 @@ def _set_up(site: Site, arguments: argparse.Namespace, *, robots: list[Robot]) -
 
 
 def _wait_for_jobs(library: Library) -> list[str]:
-    """Wait until nothing is left to do; gives what is, in words."""
+    """Wait until all jobs are done; report those that are left after `_JOBS_WITHIN_S`."""
     until = time.monotonic() + _JOBS_WITHIN_S
     left = ["all"]
     while left and time.monotonic() < until:
@@ -252,7 +252,7 @@ def _jobs(library: Library) -> list[tuple[str, str]]:
 
 
 def _answer_problems(library: Library, one: Uploader) -> list[str]:
-    """Ask the map where one of its photos was taken: its own position is right."""
+    """Localize one of the map's own photos, and compare the answer with its position."""
     slug = one.slug
     with library.database.read() as session:
         record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).one()
@@ -272,7 +272,7 @@ def _answer_problems(library: Library, one: Uploader) -> list[str]:
 def _edit_problems(
     load: Load, slug: str, *, first: dict[str, Any], served: list[dict[str, Any]], final: Final
 ) -> list[str]:
-    """Compare what was acknowledged of a map with what there is."""
+    """Compare the acknowledged edits of a map with its final state."""
     editors = [editor for editor in load.editors if editor.log.slug == slug]
     answers = sorted((a for e in editors for a in e.log.answers), key=lambda answer: int(answer["revision"]))
     problems = [error for editor in editors for error in editor.log.errors]
@@ -282,7 +282,7 @@ def _edit_problems(
     lost = sum(editor.lost for editor in editors)
     if len(unknown) > lost:
         problems.append(f"{slug}: {len(unknown)} edits that nobody made, {lost} answers were lost")
-    problems += [] if unknown else check_seen(answers)  # an edit without an answer may explain what is seen
+    problems += [] if unknown else check_seen(answers)  # lost answers could explain differences
     last = {photo["id"]: (photo["revision"], place(photo)) for photo in first["photos"]}
     for answer in answers:
         last |= {photo["id"]: (answer["revision"], place(photo)) for photo in answer["photos"]}
@@ -325,7 +325,7 @@ def _upload_problems(library: Library, one: Uploader) -> list[str]:
 
 
 def _longest(refusals: Refusals, outages: list[tuple[float, float]]) -> dict[str, Any]:
-    """Find the longest refusal and its request; what overlaps an outage of the database is counted apart."""
+    """Find the longest refusal and its request; those during outages of the database are kept apart."""
     away = [(begin, end + _RECOVERY_S) for begin, end in outages]
     kinds = {"s": 0.0, "with_the_database_away_s": 0.0}
     longest = ""

@@ -1,4 +1,4 @@
-"""The parts of a library on several machines, as processes on this one, and what kills them at random."""
+"""The parts of a cluster as processes on this machine, and a thread that kills them at random."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from tests.postgresql_server import PostgresqlServer
 
 _STARTS_WITHIN_S = 120.0
 _DOWN_S = (0.2, 3.0)
-"""How long what was killed stays away, at random."""
+"""Range of the random time until a killed part is restarted."""
 
 
 class WebNode:
-    """`expmap serve` with a worker of its own; all of it can be killed at once, or a process of it."""
+    """`expmap serve` with its own worker; can be killed as a whole, or one process of it."""
 
     def __init__(self, library: Path, port: int, *, environ: dict[str, str], log: Path) -> None:
         self.port = port
@@ -39,7 +39,7 @@ class WebNode:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it; `wait` waits until it answers."""
+        """Start it, without waiting until it answers."""
         words = ["serve", "--port", str(self.port), "--library", str(self._library), "--workers", "2"]
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
@@ -68,14 +68,14 @@ class WebNode:
         process.wait()
 
     def kill_one(self, rng: random.Random, *, worker: bool) -> None:
-        """Kill its worker, or one of its processes that answer; it starts them again itself."""
+        """Kill its worker, or one of its web processes; it restarts them itself."""
         below = descendants(self._running().pid)
         pids = [pid for pid, command in below.items() if (" worker " in command) is worker]
         if pids:
             _kill(rng.choice(pids))
 
     def end(self) -> None:
-        """End it as the system does when it shuts down."""
+        """Stop it by SIGTERM, as a system shutdown does."""
         process = self._running()
         process.terminate()
         try:
@@ -90,7 +90,7 @@ class WebNode:
 
 
 class Balancer:
-    """Passes each connection on to one of the ports that take it, in turns."""
+    """Forwards connections to the ports in turn, skipping those that do not accept."""
 
     def __init__(self, ports: Iterable[int]) -> None:
         self._ports = list(ports)
@@ -99,7 +99,7 @@ class Balancer:
 
     @property
     def url(self) -> str:
-        """Where clients connect to."""
+        """Address for clients."""
         return f"http://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def __enter__(self) -> Balancer:
@@ -128,7 +128,7 @@ class Balancer:
             port = self._ports[self._turn % len(self._ports)]
             with contextlib.suppress(OSError):
                 server = socket.create_connection(("127.0.0.1", port), 2)
-                server.settimeout(None)  # it was for connecting only
+                server.settimeout(None)  # the timeout was only for connecting
                 return server
         return None
 
@@ -144,14 +144,14 @@ def _pass_on(here: socket.socket, there: socket.socket) -> None:
 
 @dataclass
 class Cluster:
-    """All parts.
+    """All parts of the cluster.
 
     Attributes
     ----------
     objects : ObjectServer or None
-        Where photos are in S3.
+        The S3 server, if photos are in S3.
     outages : list of tuple of float
-        From when to when the database was away, by the monotonic clock.
+        Begin and end of the outages of the database, by the monotonic clock.
     """
 
     database: PostgresqlServer
@@ -168,7 +168,7 @@ class Cluster:
             node.wait()
 
     def restart_database(self) -> None:
-        """Stop it at once, and start it again after a while."""
+        """Stop the database at once, and restart it after a while."""
         begin = time.monotonic()
         self.database.stop(signal.SIGQUIT)
         time.sleep(random.uniform(*_DOWN_S))
@@ -176,21 +176,21 @@ class Cluster:
         self.outages.append((begin, time.monotonic()))
 
     def end(self) -> None:
-        """End the nodes and Dask; the database is needed to look at what is left."""
+        """Stop the nodes and Dask; the database is still needed for the checks."""
         for node in self.nodes:
             node.end()
         self.dask.stop()
 
 
 class Chaos:
-    """While it is entered, kills a part of the cluster every few seconds, and starts it again.
+    """Context manager that kills a part of the cluster every few seconds, and restarts it.
 
     Attributes
     ----------
     killed : Counter
-        How often which part was killed.
+        Number of kills of each part.
     problems : list of str
-        What could not be started again.
+        Errors of parts that could not be restarted.
     """
 
     def __init__(self, cluster: Cluster, *, every_s: float, seed: int) -> None:

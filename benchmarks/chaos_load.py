@@ -1,8 +1,8 @@
-"""Who uses the cluster in `chaos`: people who edit and upload; they write down what was acknowledged.
+"""Clients of the cluster in `chaos`, which edit and upload, and record what was acknowledged.
 
-An answer that is lost on the way says nothing: what was asked may be done or not. Clients do what the pages
-do then. An edit is not repeated: the client asks for what has changed. An upload is, as the program knows
-a photo that it has.
+If a response is lost, the request may or may not have been executed. Clients then behave like the pages: an
+edit is not repeated, but the client polls for changes; an upload is repeated, since the program recognises
+photos that it has.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from benchmarks.editing_client import Editor
 PATIENCE_S = 120.0
 _PAUSE_S = 0.1
 _UNSURE = (429, 500, 502, 503, 504)
-"""Nothing is certain after these: a database can be lost while it commits."""
+"""Statuses after which the outcome is unknown: a database can fail while it commits."""
 _AWAY = ("database_unavailable", "storage_unavailable")
-"""Codes of a photo's result that say the same."""
+"""Error codes in the result of a photo with the same meaning."""
 
 
 @dataclass
 class Refusals:
-    """Times from the first request of a client that was refused to the one that was answered.
+    """Periods from the first failed request of a client to its next successful one.
 
     Attributes
     ----------
     times : list of tuple
-        Begin and end by the monotonic clock, and what was asked first and why there was no answer.
+        Begin and end by the monotonic clock, and the first failed request with its error.
     errors : list of str
-        Answers that should not be, even while parts of the cluster are away.
+        Responses that are not allowed even while parts of the cluster are down.
     """
 
     times: list[tuple[float, float, str]] = field(default_factory=list)
@@ -46,7 +46,7 @@ class Refusals:
 
 
 class PatientClient(Client):
-    """Asks again what can be repeated, until it is answered, and keeps how long that took."""
+    """Client that can repeat requests until they are answered, and records how long that took."""
 
     def __init__(self, url: str, link: str, refusals: Refusals) -> None:
         super().__init__(url, link)
@@ -54,12 +54,12 @@ class PatientClient(Client):
         self._refused: tuple[float, str] | None = None
 
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
-        """Ask the API once; refusals are noted.
+        """Send one request to the API; failures are recorded.
 
         Raises
         ------
         requests.RequestException
-            No answer came, or one that leaves open what was done.
+            There was no response, or one that leaves the outcome unknown.
         """
         try:
             answer = super().call(method, path, **options)
@@ -77,7 +77,7 @@ class PatientClient(Client):
         return answer
 
     def repeat(self, method: str, path: str, **options: Any) -> requests.Response:
-        """Ask until there is an answer."""
+        """Repeat a request until it is answered."""
         until = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -89,12 +89,12 @@ class PatientClient(Client):
 
 
 class UnsureEditor(Editor):
-    """An editor whose answers may be lost.
+    """An editor whose responses may be lost.
 
     Attributes
     ----------
     lost : int
-        Edits of which it is not known whether they were made.
+        Number of edits with unknown outcome.
     """
 
     client: PatientClient
@@ -123,14 +123,14 @@ class UnsureEditor(Editor):
 
 
 class Uploader:
-    """Fills a map of its own with photos, each of which it places.
+    """Uploads photos to its own map, and places each of them.
 
     Attributes
     ----------
     tried, uploaded : set of str
         SHA-256 of the photos that it sent, and of those that were acknowledged.
     placed : dict
-        Where photos are that were placed, by id, as acknowledged.
+        Acknowledged positions of placed photos, by id.
     """
 
     def __init__(self, client: PatientClient, slug: str, *, seed: int, pause_s: float) -> None:
@@ -145,7 +145,7 @@ class Uploader:
         self._draw = np.random.default_rng(seed)
 
     def work(self, seconds: float) -> None:
-        """Upload and place photos for so long."""
+        """Upload and place photos for a number of seconds."""
         until = time.monotonic() + seconds
         while time.monotonic() < until and not self.errors:
             data = self._photo()
@@ -160,7 +160,7 @@ class Uploader:
             time.sleep(self._random.expovariate(1 / self._pause_s))
 
     def _upload(self, name: str, data: bytes) -> dict[str, Any]:
-        """Send a photo until its result is not that something was away; gives the result."""
+        """Send a photo until database and storage are available; return its result."""
         until = time.monotonic() + PATIENCE_S
         while True:
             answer = self.client.repeat("POST", f"/maps/{self.slug}/photos", files={"file": (name, data)})

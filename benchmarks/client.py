@@ -1,4 +1,4 @@
-"""A person's session at the program, without a browser: what the pages ask of the API, in a few calls."""
+"""HTTP client with a user's session, which sends requests to the API as the pages do."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ CSRF = re.compile(r'<meta name="csrf-token" content="([^"]+)"')
 
 
 class Client:
-    """Signed in by a link; sends the token against forged requests as the pages do.
+    """A client that is signed in by a link; sends the CSRF token as the pages do.
 
     Parameters
     ----------
     url : str
-        Of the program.
+        Address of the program.
     link : str
-        That signs in once.
+        Single-use link for signing in.
     """
 
     def __init__(self, url: str, link: str) -> None:
@@ -37,18 +37,18 @@ class Client:
         return found[1]
 
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
-        """Ask the API; any status is an answer."""
+        """Send a request to the API; return the response whatever its status."""
         return self.session.request(method, f"{self.url}/api/v1{path}", timeout=60, **options)
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
-        """Ask the API for what must succeed; gives its JSON."""
+        """Send a request to the API that must succeed; return its JSON."""
         answer = self.call(method, path, **options)
         if not answer.ok:
             raise SystemExit(f"{method} {path}: {answer.status_code} {answer.text[:500]}")
         return answer.json()
 
     def make_map(self, name: str, *, satellite: Path, photos: list[Path]) -> str:
-        """Make a map with a satellite image and photos; gives its slug."""
+        """Make a map with a satellite image and photos; return its slug."""
         slug = self.ask("POST", "/maps", json={"name": name})["slug"]
         with satellite.open("rb") as image:
             self.ask("PUT", f"/maps/{slug}/satellite", files={"file": (satellite.name, image)})

@@ -1,15 +1,14 @@
-"""Compares a build by Dask with one in processes of this machine, on as many cores: time and bytes.
+"""Compares time and result of a build on Dask with one in local processes, on as many cores.
 
     python -m benchmarks.dask_build MAP.cfg [--photos 200] [--runs 3] [--workers 2] [--json OUT]
 
-A scheduler and its workers are started here, one thread each. Both kinds of builds take turns, each into a
-folder of its own, of copies of the first photos of the map. Method `verified`: photos are described, joined,
-coded, compared with each other and tried. The first build by Dask, in which workers load the program, is not
-counted.
+A scheduler and its workers are started here, one thread each. Both kinds of builds alternate, each into its
+own folder, from copies of the first photos of the map. The method is `verified`, with all stages of a build,
+including trials. The first build on Dask, in which workers load the program, is not counted.
 
-- seconds: median, and all of them; ratio: of the medians
-- equal: whether all files but for times have the same bytes
-- load: of the machine before each run: other work makes all times worse
+- seconds: time of each run; ratio: of the medians
+- equal: whether all files are identical except for times in them
+- load: of the machine before each run, since other work makes all times worse
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ _TIMES = re.compile(rb'"\w*seconds\w*": ?[0-9.]+|"second_look_s": ?[0-9.]+')
 
 
 def main() -> int:
-    """Run the comparison; 1 where bytes differ."""
+    """Run the comparison; return 1 if the files differ."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cfg", type=Path)
     parser.add_argument("--photos", type=int, default=200)
@@ -60,7 +59,7 @@ def main() -> int:
 
 
 def first_photos(cfg: Path, folder: Path, *, photos: int) -> Path:
-    """Make a map of copies of the first photos."""
+    """Make a map from copies of the first photos."""
     folder.mkdir()
     plan, *lines = cfg.read_text("utf-8").splitlines()
     image, rest = plan.split(";", 1)
@@ -88,7 +87,7 @@ def cluster(folder: Path, *, workers: int) -> Iterator[str]:
     while not facts.exists():
         time.sleep(0.1)
     own = ["--nthreads", "1", "--no-nanny", "--local-directory", str(folder)]
-    env = {**os.environ, "MALLOC_ARENA_MAX": "1"}  # as docs/cluster.md has it
+    env = {**os.environ, "MALLOC_ARENA_MAX": "1"}  # as in docs/cluster.md
     started += [
         subprocess.Popen([*command, "worker", *own, *here], cwd=folder, env=env) for _ in range(workers)
     ]
@@ -102,7 +101,7 @@ def cluster(folder: Path, *, workers: int) -> Iterator[str]:
 
 
 def compare(cfg: Path, folder: Path, *, address: str, runs: int, workers: int) -> dict[str, Any]:
-    """Build in turns."""
+    """Alternate the two kinds of builds; return the results."""
     ways = {"local": Settings(), "dask": Settings(dask=address)}
     build(cfg, folder / "warm", settings=ways["dask"], workers=workers)
     shutil.rmtree(folder / "warm")
@@ -130,7 +129,7 @@ def compare(cfg: Path, folder: Path, *, address: str, runs: int, workers: int) -
 
 
 def build(cfg: Path, index: Path, *, settings: Settings, workers: int) -> float:
-    """Build from nothing; gives the seconds."""
+    """Build from scratch; return the seconds."""
     options = OpenOptions(method="verified", features="sift", index=index, jobs=workers)
     started = time.perf_counter()
     report = build_map(cfg, options, settings=settings, progress=Progress())
@@ -141,7 +140,7 @@ def build(cfg: Path, index: Path, *, settings: Settings, workers: int) -> float:
 
 
 def lasting(folder: Path) -> dict[str, bytes]:
-    """Read all files of an index, without the times in them."""
+    """Read all files of an index, removing times."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != "lock")
     return {
         str(path.relative_to(folder)): _TIMES.sub(b"", data) if path.suffix == ".json" else data

@@ -1,11 +1,11 @@
-"""Measures the most that decoding a photo costs within the limits: seconds and memory, by format.
+"""Measures the maximum cost of decoding a photo within the limits: time and memory, by format.
 
     python -m benchmarks.decode_costs [--megapixels 120]
 
-Files of the largest size allowed are made: flat ones, which have few bytes, and noise. Each is then read in
-a process of its own, as an upload is. Printed is a JSON object: seconds of processor time, megabytes by which
-the process grew, and megabytes of the file; or why the file is refused. HEIC and AVIF are of a sixteenth of
-the pixels: they take long to make, and longer in proportion to be read.
+Makes files of the largest size allowed: flat ones, which have few bytes, and noise. Each is then read in a
+separate process, like an upload. Prints a JSON object: seconds of processor time, megabytes by which the
+process grew, and megabytes of the file; or why the file is refused. HEIC and AVIF have a sixteenth of the
+pixels: they take long to encode, and more than proportionally long to decode.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def _kinds() -> dict[str, Callable[[Image.Image], bytes]]:
-    """Name each kind of file, and how an image becomes one."""
+    """Return the encoder of each kind of file, by name."""
     save = _saved
     return {
         "jpeg flat": functools.partial(save, form="JPEG"),
@@ -81,7 +81,7 @@ def _saved(image: Image.Image, *, form: str, **options: Any) -> bytes:
 def _make(name: str, size: tuple[int, int]) -> bytes:
     pillow_heif.register_heif_opener()
     if name.startswith(("webp", "jpeg2000")):
-        size = (size[0] // 2, size[1] // 2)  # they may have a third of the pixels
+        size = (size[0] // 2, size[1] // 2)  # their limit is a third of the pixels
     if name.startswith(("heic", "avif")):
         size = (size[0] // 4, size[1] // 4)
     if name.endswith("flat"):

@@ -1,16 +1,17 @@
-"""Derives maps of other kinds from maps that there are, to measure on: areas, noise, few photos, two places.
+"""Derives test maps of other kinds from existing maps: areas, noise, few photos, two sites.
 
     python -m benchmarks.derived_maps FOLDER OUT
 
-FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`. Of each one, OUT gets
+FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`. For each one, OUT gets
 
-- NAME-areas: its positions gathered into 40 clusters by k-means, or a fifth of its places where that is less;
-- NAME-noise: 0.7 place radii of noise on each axis of its positions, as by a poor GPS receiver;
+- NAME-areas: its positions reduced to 40 clusters by k-means, or to a fifth of its positions if that is less;
+- NAME-noise: its positions with noise of 0.7 place radii on each axis, as from a poor GPS receiver;
 - NAME-thin: a quarter of its photos;
 - NAME-snake: its photos in the order of the file as lanes of 25, a plan that is not to scale;
 - NAME-dim: the same map, its queries dimmed and noisy;
 
-and of the first two together `joined`, one below the other. Photos are linked, not copied. Draws are seeded.
+and `joined`, which has the first two maps one below the other. Photos are linked, not copied. Random draws
+are seeded.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def read(folder: Path) -> Table:
 
 
 def areas(table: Table) -> Table:
-    """Gather the positions into clusters."""
+    """Replace the positions by the centres of their clusters."""
     places = np.unique(table.position, axis=0).astype(np.float32)
     count = max(2, min(AREAS, len(places) // PLACES_PER_AREA))
     cv2.setRNGSeed(1)
@@ -96,7 +97,7 @@ def areas(table: Table) -> Table:
 
 
 def noise(table: Table) -> Table:
-    """Put noise on the positions of the map."""
+    """Add noise to the positions of the map."""
     radius = place_radius_px(table.position, width=table.size[0], height=table.size[1])
     moved = table.position + np.random.default_rng(7).normal(0.0, NOISE * radius, table.position.shape)
     return replace(table, position=np.clip(np.round(moved), 0, table.size))
@@ -110,7 +111,7 @@ def thin(table: Table) -> Table:
 
 
 def snake(table: Table) -> Table:
-    """Draw the photos, in the order of the file, as lanes; a query comes to the photo nearest to it."""
+    """Arrange the photos, in the order of the file, as lanes; move each query to its nearest photo."""
     number = np.arange(len(table.photos))
     row, column = np.divmod(number, LANE)
     column = np.where(row % 2 == 0, column, LANE - 1 - column)
@@ -136,7 +137,7 @@ def join(first: Table, second: Table) -> Table:
 
 
 def dim(table: Table, folder: Path) -> None:
-    """Write the map with queries as by night: darkened, noisy and compressed again."""
+    """Write the map with queries as at night: darkened, noisy and compressed again."""
     rng = np.random.default_rng(7)
     (folder / "dimmed").mkdir(parents=True, exist_ok=True)
     queries = []

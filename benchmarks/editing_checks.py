@@ -1,4 +1,4 @@
-"""Whether all acknowledged edits are in the API's answer, in the database and in `map.cfg`."""
+"""Checks that all acknowledged edits are in the API's answer, in the database and in `map.cfg`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Place = tuple[float | None, float | None, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Final:
-    """What a map's database rows and its `map.cfg` hold when the program has ended."""
+    """Content of a map's database rows and its `map.cfg` after the program has ended."""
 
     revision: int
     exported_revision: int
@@ -29,7 +29,7 @@ class Final:
 
 
 def read_final(library_folder: Path, slug: str, *, url: str | None = None) -> Final:
-    """Read database and `map.cfg` of a map; `url` is the address of the database, unless it is SQLite."""
+    """Read database and `map.cfg` of a map; `url` is that of the database, unless it is SQLite."""
     library = open_library(library_folder, url=url)
     with library.database.read() as session:
         record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).one()
@@ -43,7 +43,7 @@ def read_final(library_folder: Path, slug: str, *, url: str | None = None) -> Fi
 
 
 def check_revisions(answers: list[dict[str, Any]], *, first: int, last: int) -> list[str]:
-    """Compare the acknowledged revisions with those that the map went through."""
+    """Compare the acknowledged revisions with those of the map."""
     seen = Counter(answer["revision"] for answer in answers)
     missing = sorted(set(range(first + 1, last + 1)) - set(seen))
     twice = sorted(revision for revision, count in seen.items() if count > 1)
@@ -60,7 +60,7 @@ def check_revisions(answers: list[dict[str, Any]], *, first: int, last: int) -> 
 
 
 def check_seen(answers: list[dict[str, Any]]) -> list[str]:
-    """Find edits of photos that somebody else had changed, unseen by who made the edit."""
+    """Find edits that overwrote changes by another client, which the editing client had not seen."""
     changed: dict[int, list[int]] = {}
     for answer in answers:
         for photo in answer["photos"]:
@@ -74,7 +74,7 @@ def check_seen(answers: list[dict[str, Any]]) -> list[str]:
 
 
 def acknowledged(photos: list[dict[str, Any]], answers: list[dict[str, Any]]) -> dict[int, Place]:
-    """Play all acknowledged edits in the order of their revisions."""
+    """Return the places after all acknowledged edits, replayed in the order of their revisions."""
     places = {photo["id"]: place(photo) for photo in photos}
     for answer in sorted(answers, key=lambda answer: int(answer["revision"])):
         places |= {photo["id"]: place(photo) for photo in answer["photos"]}
@@ -82,12 +82,12 @@ def acknowledged(photos: list[dict[str, Any]], answers: list[dict[str, Any]]) ->
 
 
 def place(photo: dict[str, Any]) -> Place:
-    """Where the API says a photo is."""
+    """Return the place of a photo in the API's format."""
     return photo["x_px"], photo["y_px"], photo["heading_deg"]
 
 
 def differences(expected: dict[int, Place], *, served: list[dict[str, Any]], final: Final) -> list[str]:
-    """Say where the API, the database or `map.cfg` hold something else than was acknowledged."""
+    """Report where the API, the database or `map.cfg` differ from the acknowledged edits."""
     cfg = {
         number: (round_half_up(x), round_half_up(y))
         for number, (x, y, _) in expected.items()

@@ -1,4 +1,4 @@
-"""One of the people in `editing_load`: edits a map as the page does and writes down what was acknowledged."""
+"""Simulated user of `editing_load`: edits a map as the page does, and records what was acknowledged."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ KINDS = ("place", "place", "move", "move", "move", "turn", "unplace", "undo", "u
 
 @dataclass(slots=True)
 class Log:
-    """What happened to one client.
+    """Record of one client.
 
     Attributes
     ----------
     answers : list of dict
-        Of all acknowledged edits: revision and photos as they are since; `known`: the revision that the
-        client knew each of them in, but for undo and redo, where the program itself looks.
+        One for each acknowledged edit: its revision and the photos after it; `known`: the revision in which
+        the client knew each photo, except for undo and redo, where the server checks.
     """
 
     slug: str
@@ -58,7 +58,7 @@ class Editor:
         self._photos: dict[int, dict[str, Any]] = {p["id"]: p for p in self._state["photos"]}
 
     def work(self, seconds: float) -> None:
-        """Edit for so long; an unexpected end of the connection is an error like any other."""
+        """Edit for a number of seconds; lost connections are recorded as errors."""
         until = time.monotonic() + seconds
         asked = 0.0
         while time.monotonic() < until:
@@ -94,7 +94,7 @@ class Editor:
             self._poll()
 
     def _chosen(self, kind: str) -> list[int]:
-        """One photo, or now and then a few that are moved together."""
+        """Choose one photo, or sometimes a few to be moved together."""
         count = 3 if kind == "move" and self._random.random() < 0.2 else 1
         return self._random.sample(sorted(self._photos), count)
 
@@ -114,7 +114,7 @@ class Editor:
             self._photos[photo["id"]] = photo
 
     def _take_own(self, result: dict[str, Any]) -> None:
-        """Know the own edit; what others did just before it has to be asked for."""
+        """Apply the client's own edit; poll if others made edits just before it."""
         if result["revision"] == self._revision + 1:
             self._take(result)
         else:

@@ -1,17 +1,17 @@
-"""Lets many people edit shared maps at once: how fast are the answers, and is any edit lost.
+"""Simulates many people who edit shared maps: measures response times, and checks for lost edits.
 
     python -m benchmarks.editing_load [--clients 20] [--seconds 120] [--maps 2] [--photos 40] [--pause 0.3]
 
-Starts the program with a temporary library and maps of small photos. Every client is an account of its own
-and does what the edit page does: asks for changes every second, and places, moves, turns, undoes and redoes
-in between, with the newest revision that it knows of. A conflict is a right answer: the client takes the new
-state and continues. Everything else that is not 2xx is an error.
+Starts the program with a temporary library and maps of small photos. Every client has its own account and
+behaves like the edit page: it polls for changes every second, and places, moves, turns, undoes and redoes in
+between, based on the newest revision that it knows. Conflicts are valid responses: the client takes over the
+new state and continues. Any other status than 2xx is an error.
 
-Nothing is lost when the acknowledged edits have all revisions from the first to the last exactly once, and
-when playing them in this order gives what the API, the database and `map.cfg` hold in the end.
+Nothing is lost if the acknowledged edits have each revision from the first to the last exactly once, and if
+replaying them in this order gives the final state of the API, the database and `map.cfg`.
 
-The clients are threads with `requests`, which folium brings along. Locust would add eighteen packages, among
-them a second network stack for gevent, and its own report knows nothing of edits that were lost.
+The clients are threads with `requests`, a dependency of folium. Locust would add eighteen packages, including
+a second network stack for gevent, and its report does not cover lost edits.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PLAN_PX = (1600, 1200)
 
 
 def main() -> None:
-    """Run it and print one JSON object; exit code 1 when something was wrong."""
+    """Run the load and print one JSON object; exit with 1 if there were problems."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "maps"
@@ -71,7 +71,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _set_up(app: App, folder: Path, arguments: argparse.Namespace) -> tuple[list[str], list[Editor]]:
-    """Maps of noise, and as many accounts as clients, all of which may edit them."""
+    """Make maps with photos of noise, and an account for each client, all of which may edit them."""
     owner = Client(app.url, app.sign_in)
     rng = np.random.default_rng(1)
     plan = folder / "plan.png"
@@ -90,9 +90,9 @@ def _set_up(app: App, folder: Path, arguments: argparse.Namespace) -> tuple[list
 
 
 def sign_in_links(folder: Path, count: int, *, url: str | None = None) -> list[str]:
-    """Make accounts that may do everything; gives the paths that sign in to them.
+    """Create accounts with all permissions; return the paths that sign in to them.
 
-    `url` is the address of the database, unless it is SQLite.
+    `url` is that of the database, unless it is SQLite.
     """
     library = open_library(folder, url=url)
     with library.database.write() as session:
@@ -113,7 +113,7 @@ def _work(editors: list[Editor], *, seconds: float) -> None:
 def _problems(
     first: dict[str, Any], served: dict[str, Any], *, final: dict[str, Final], logs: list[Log]
 ) -> list[str]:
-    """Everything that should not be, as sentences."""
+    """Return descriptions of all problems."""
     problems = [error for log in logs for error in log.errors]
     for slug, end in final.items():
         answers = [answer for log in logs if log.slug == slug for answer in log.answers]

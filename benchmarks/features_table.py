@@ -1,7 +1,7 @@
-"""Compares features on one map, as a field experiment reports them, and prints one table.
+"""Compares features on one map, with the figures of a field experiment, and prints one table.
 
-Each is built into an empty folder and asked the same photos. Medians over the queries; grades are
-counts of excellent/good/sufficient/insufficient, of the first hypothesis and of the best of the others.
+For each kind an index is built from scratch and the same photos are localized. Medians over the queries;
+grades are counts of excellent/good/sufficient/insufficient, of the first hypothesis and of the best other.
 
     python benchmarks/features_table.py MAP.cfg QUERIES.csv [--method vote] [--limit N] [--json OUT] [more]
 
@@ -47,7 +47,7 @@ COLUMNS = {
 
 
 def main() -> None:
-    """Measure each and print the table."""
+    """Measure all kinds of features and print the table."""
     arguments, options = _parser().parse_known_args()
     rows = []
     for features in arguments.features.split(","):
@@ -89,7 +89,7 @@ def _measure(
     ]
     limit = ["--limit", str(arguments.limit)] if arguments.limit else []
     where = [str(arguments.map), str(arguments.queries)]
-    # The index is built on the way, so that its time and its memory are those of the features alone.
+    # the evaluation builds the index, so that the figures of the build are of these features only
     done = _run("evaluate", *where, "--json", "-o", str(scratch / "report"), *limit, *common)
     with (scratch / "report" / "results.csv").open(encoding="utf-8", newline="") as file:
         queries = list(csv.DictReader(file, delimiter=";"))
@@ -126,7 +126,7 @@ def _grades(queries: list[dict[str, str]], key: str) -> str:
 
 
 def _print(rows: list[dict[str, Any]]) -> None:
-    """One line a figure, one column a kind of features."""
+    """Print one line per figure, one column per kind of features."""
     print(f"{'':<16}" + "".join(f"{row['features']:>18}" for row in rows))
     for key, title in COLUMNS.items():
         print(f"{title:<16}" + "".join(f"{_cell(row.get(key)):>18}" for row in rows))

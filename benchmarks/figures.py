@@ -1,4 +1,4 @@
-"""Figures from what programs printed, and tables of them."""
+"""Computes figures from the output of programs, and formats tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Cell = Callable[[Row], str]
 
 
 def percentile(values: Sequence[float], percent: float) -> float | None:
-    """Percentile with linear interpolation between the sorted values; None of none."""
+    """Return a percentile with linear interpolation between the sorted values; None without values."""
     if not values:
         return None
     ordered = sorted(values)
@@ -24,7 +24,7 @@ def percentile(values: Sequence[float], percent: float) -> float | None:
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share (Wilson, JASA 22, 1927)."""
+    """Return the 95 % interval of a share (Wilson, JASA 22, 1927)."""
     share, z2 = hits / count, 1.96**2
     middle = (share + z2 / (2 * count)) / (1 + z2 / count)
     half = 1.96 * math.sqrt(share * (1 - share) / count + z2 / (4 * count**2)) / (1 + z2 / count)
@@ -32,12 +32,12 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def stage_seconds(answers: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Give the median seconds of each stage, as `stage_read` and so on.
+    """Return the median seconds of each stage, as `stage_read` and so on.
 
     Parameters
     ----------
     answers : sequence of mapping
-        As `localize --json` prints them; those with an error are left out.
+        Output of `localize --json`; answers with an error are left out.
     """
     times = [answer["seconds"] for answer in answers if "seconds" in answer]
     known = {stage: [t[stage] for t in times if t.get(stage) is not None] for stage in STAGES}
@@ -45,19 +45,19 @@ def stage_seconds(answers: Sequence[Mapping[str, Any]]) -> dict[str, float | Non
 
 
 def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Say how surely photos were placed that were taken elsewhere.
+    """Summarise false positives on photos that were taken elsewhere.
 
     Parameters
     ----------
     answers : sequence of mapping
-        As `localize --json` prints them, of at least one photo that could be used.
+        Output of `localize --json`, with at least one answer without an error.
 
     Returns
     -------
     dict
-        How many photos; how many were placed with a probability of at least a half, their share and its 95 %
-        interval; largest probability and its 99 % quantile. A photo's probability is that of its most
-        probable place, 0 where it has none.
+        Number of photos; number placed with a probability of at least 0.5, their share and its 95 % interval;
+        largest probability and the 99 % quantile. A photo's probability is that of its most probable place, 0
+        without a place.
     """
     used = [answer for answer in answers if "error" not in answer]
     sure = [max((h["probability"] for h in a["hypotheses"]), default=0.0) for a in used]
@@ -74,27 +74,27 @@ def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def per_photo_kb(peak_mb: float, one_photo_mb: float, *, photos: int) -> float:
-    """Memory that a map photo costs, 1000 bytes: the peak over that with a map of one photo."""
+    """Return the memory per map photo, 1000 bytes: the peak minus that with a map of one photo."""
     return (peak_mb - one_photo_mb) * 2**20 / 1000.0 / photos
 
 
 def each(large: float, small: float, *, more: int) -> float | None:
-    """Cost of one more query, from two runs of which one had so many more; None where none had."""
+    """Return the cost per additional query, from two runs that differ by `more` queries; None if 0."""
     return (large - small) / more if more > 0 else None
 
 
 def ratio(value: float | None, base: float | None) -> float | None:
-    """Quotient, where both are known."""
+    """Return the quotient; None if a value is unknown or the base is 0."""
     return None if value is None or not base else value / base
 
 
 def plain(key: str, digits: int = 3, *, times: float = 1.0) -> Cell:
-    """Make a column of numbers."""
+    """Return the formatter of a column of numbers."""
     return lambda row: "-" if row.get(key) is None else f"{row[key] * times:.{digits}f}"
 
 
 def with_interval(key: str) -> Cell:
-    """Make a column of figures with their 95 % intervals, from `intervals_95`."""
+    """Return the formatter of a column of figures with 95 % intervals, from `intervals_95`."""
 
     def cell(row: Row) -> str:
         if row.get(key) is None:
@@ -106,7 +106,7 @@ def with_interval(key: str) -> Cell:
 
 
 def placed(row: Row) -> str:
-    """Make the cell of photos from elsewhere that were placed."""
+    """Format the cell of photos from elsewhere that were placed."""
     if row.get("foreign_photos") is None:
         return "-"
     share, interval = row["foreign_share"], _interval(row["foreign_interval"])
@@ -118,7 +118,7 @@ def _interval(interval: Sequence[float]) -> str:
 
 
 def table(title: str, columns: Mapping[str, Cell], rows: Sequence[Row]) -> str:
-    """Lay rows out for people: the columns are as wide as they have to be."""
+    """Format rows as a text table with aligned columns."""
     head = [title, *columns]
     lines = [head, *([row["name"], *(cell(row) for cell in columns.values())] for row in rows)]
     wide = [max(len(line[i]) for line in lines) for i in range(len(head))]

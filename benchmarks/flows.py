@@ -1,4 +1,4 @@
-"""Follows two requests through the program: modules that take part, calls between them, and time.
+"""Traces two requests through the program: modules involved, calls between them, and time.
 
     python -m benchmarks.flows [--photos 60,1400] [--repeat 40] [--no-query] [--json OUT]
 
@@ -6,16 +6,15 @@
 - move N: a photo of a map of N is moved (PATCH .../experiences), with all that is done before the answer
 
 "modules" are those of the program in which a function was called, "crossings" calls from a function of one
-module to a function of another, both in the program; a generator that is resumed counts as a call. Calls
-through a library, such as from Flask to a view, are not crossings, and what runs while a module is imported
-is left out. Both are counted in one request after others have warmed everything up. The times are those of
-further requests that are not traced: median and fastest by the clock, and median CPU time of all threads,
-which other work on the machine changes least.
+module to a function of another, both in the program; resuming a generator counts as a call. Calls through a
+library, such as from Flask to a view, are not crossings, and code that runs during imports is left out. Both
+are counted in one request, after warm-up requests. Times are from further requests without tracing: median
+and minimum wall time, and median CPU time of all threads, which is affected least by other work on the
+machine.
 
 The requests go to the application in this process, on a temporary library. Only the command line, the API
-and `create_app` are used, so that this script can also follow another version: run it by its path with the
-Python of that version's virtual environment. Compare times of two versions only where both were measured in
-turn.
+and `create_app` are used, so that this script can also trace another version: run it by its path with the
+Python of that version's virtual environment. Compare times of two versions only if their runs alternated.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ from PIL import Image
 
 PACKAGE = "webapp"
 FACTORIES = ("webapp.app.web:create_app", "webapp.web:create_app")
-"""Where the application is made: where missions are a wing of their own, and before."""
+"""Factories of the application, in the current version and in older ones."""
 
 PLAN_PX = (1600, 1200)
 PHOTO_PX = (64, 48)
@@ -58,21 +57,21 @@ Request = Callable[[], None]
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """What was seen of a request.
+    """Figures of a request.
 
     Attributes
     ----------
     name : str
     modules : list of str
-        In which a function was called.
+        Modules in which a function was called.
     crossings : int
-        Calls between two of them.
+        Number of calls between two of them.
     pairs : list of tuple of str, str and int
-        The caller's module, the callee's, and their calls, most first.
+        The caller's module, the callee's, and the number of calls, most calls first.
     median_ms, fastest_ms, cpu_ms : float
-        Of untraced requests: by the clock, and the median of CPU time.
+        Of untraced requests: median and minimum wall time, median CPU time.
     load : float
-        Processes that wanted a core, on average over the minute before the timing ended.
+        Load average of the minute before the timing ended.
     """
 
     name: str
@@ -86,12 +85,12 @@ class Flow:
 
 
 class Program:
-    """The application on a library, asked through its API as the owner of the library.
+    """The application on a new library, with requests to its API as the owner.
 
     Parameters
     ----------
     library : Path
-        Is made.
+        Folder to be created.
     """
 
     def __init__(self, library: Path) -> None:
@@ -103,23 +102,23 @@ class Program:
 
     @staticmethod
     def expmap(*words: str) -> str:
-        """Run a command in a process of its own; gives what it printed."""
+        """Run a command in a separate process; return its output."""
         command = [sys.executable, "-m", PACKAGE, *words]
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
-        """Ask the API for what must succeed; gives its JSON."""
+        """Send a request to the API that must succeed; return its JSON."""
         answer = self._client.open(f"/api/v1{path}", method=method, headers=self._headers, **options)
         if not 200 <= answer.status_code < 300:
             raise SystemExit(f"{method} {path}: {answer.status_code} {answer.text[:500]}")
         return answer.json
 
     def do_jobs(self) -> None:
-        """Do all work that waits in the background."""
+        """Run all queued jobs."""
         self.expmap("worker", "--once", "--library", str(self._library))
 
     def make_map(self, name: str, *, plan: bytes, photos: dict[str, bytes], positions: list[str]) -> str:
-        """Make a map with its photos placed by a table `name;x;y`; gives its slug."""
+        """Make a map with its photos placed by a table `name;x;y`; return its slug."""
         slug = self.ask("POST", "/maps", json={"name": name})["slug"]
         self.ask("PUT", f"/maps/{slug}/satellite", data={"file": (io.BytesIO(plan), "plan.png")})
         listed = list(photos.items())
@@ -135,7 +134,7 @@ class Program:
 
 
 def main() -> None:
-    """Follow both requests and print a table."""
+    """Trace both requests and print a table."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         program = Program(Path(folder) / "maps")
@@ -165,7 +164,7 @@ def _numbers(text: str) -> list[int]:
 
 
 def queries(program: Program, folder: Path) -> Request:
-    """Make the sample's map in the library; gives what localizes its queries, one after the other."""
+    """Make the sample's map in the library; return a function that localizes its queries in turn."""
     cfg = Path(program.expmap("sample", str(folder)).strip())
     image, *lines = (line.split(";") for line in cfg.read_text("utf-8-sig").splitlines())
     placed = {cfg.parent / path: f"{x};{y}" for _, path, x, y, *_ in lines}
@@ -189,7 +188,7 @@ def queries(program: Program, folder: Path) -> Request:
 
 
 def moves(program: Program, *, photos: int) -> Request:
-    """Make a map of so many tiny photos; gives what moves one of them, each time another."""
+    """Make a map of tiny photos; return a function that moves one of them, another one each time."""
     width, height = PLAN_PX
     names = [f"{number:05}.jpg" for number in range(photos)]
     places = [(20 + 37 * i % (width - 40), 20 + 53 * i % (height - 40)) for i in range(photos)]
@@ -214,14 +213,14 @@ def moves(program: Program, *, photos: int) -> Request:
 
 
 def draw_plan() -> bytes:
-    """Draw a PNG as a map's image."""
+    """Return a PNG for the map's image."""
     data = io.BytesIO()
     Image.new("RGB", PLAN_PX, (90, 120, 80)).save(data, "png")
     return data.getvalue()
 
 
 def draw_photo(number: int) -> bytes:
-    """Draw a tiny JPEG, another one for each number, that knows all that a phone writes into a photo."""
+    """Return a tiny JPEG, different for each number, with the EXIF data of a phone."""
     data = io.BytesIO()
     colour = (number % 256, number // 256 % 256, 100)
     minutes, seconds = divmod(number, 60)
@@ -244,7 +243,7 @@ def draw_photo(number: int) -> bytes:
 
 
 def follow(name: str, request: Request, *, repeat: int) -> Flow:
-    """Send a request several times: to warm up, to trace it, to time it."""
+    """Send a request several times: to warm up, to trace it, and to time it."""
     for _ in range(3):
         request()
     with traced() as calls:
@@ -270,9 +269,9 @@ def follow(name: str, request: Request, *, repeat: int) -> Flow:
 
 @contextmanager
 def traced() -> Iterator[list[tuple[str, str]]]:
-    """Note the modules of caller and callee of each call into the program, "" for a caller outside it.
+    """Record the modules of caller and callee of each call into the program, "" for a caller outside it.
 
-    Threads that are started meanwhile are traced, too, but not those that there were before.
+    Threads that are started meanwhile are traced, too, but not earlier ones.
     """
     calls: list[tuple[str, str]] = []
 
@@ -292,7 +291,7 @@ def traced() -> Iterator[list[tuple[str, str]]]:
 
 
 def as_text(flows: list[Flow]) -> str:
-    """Lay the figures out for people."""
+    """Format the figures as a table."""
     heads = ("modules", "crossings", "median ms", "fastest ms", "CPU ms", "load")
     lines = [" " * 12 + "".join(f"{head:>12}" for head in heads)]
     for flow in flows:
@@ -306,7 +305,7 @@ def as_text(flows: list[Flow]) -> str:
 
 
 def _module(frame: FrameType | None) -> str:
-    """Name the module of a frame if it is the program's, else give ""."""
+    """Return the module of a frame if it belongs to the program, else ""."""
     name = "" if frame is None else str(frame.f_globals.get("__name__", ""))
     return name if name == PACKAGE or name.startswith(f"{PACKAGE}.") else ""
 

@@ -1,15 +1,15 @@
-"""Corrects recorded odometry by some of the recorded fixes, and compares what comes out with the others.
+"""Fuses recorded odometry with some of the recorded fixes, and compares the track with the held-out fixes.
 
     python -m benchmarks.fusion FILE ... [--json OUT] [--picture OUT.jpg]
 
-A file has odometry and GPS: a ROS bag, say. Nothing is tuned to it. Printed are the distances, in metres, of
-the fixes that were held out from the track of each method: the odometry as it was recorded (from the first
-fix, its own heading taken for east), dead reckoning that knows only the fixes of the first half minute,
-straight lines between the fixes that were not held out, and the fused track. Of the last also: how many of
-the fixes held out lie within 95 % of what it says, the fix's own error included.
+A file, such as a ROS bag, has odometry and GPS. Nothing is tuned to it. Prints the distances, in metres, of
+the held-out fixes from the track of each method: the odometry as recorded (from the first fix, assuming that
+the robot then faces east), dead reckoning that uses only the fixes of the first half minute, straight lines
+between the fixes that were not held out, and the fused track. For the last one also the share of held-out
+fixes within the 95 % region of the track's uncertainty and the fix's own.
 
-Fixes of a receiver err alike for a while: one of two says nearly what the other one does, true or not. So
-the first rows say how well a method follows the receiver; those with gaps say how well it knows the way.
+Errors of consecutive GPS fixes are correlated, so the rows with every other fix held out only show how well a
+method follows the receiver; those with gaps show how well it follows the true path.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _95_SQUARED = 5.991
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A way to hold fixes out: its name, and which are held out."""
+    """A scheme of holding fixes out: its name, and a mask of the held-out fixes."""
 
     name: str
     fixes: NDArray[np.bool_]
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def evaluate(path: Path) -> list[dict[str, Any]]:
-    """Measure all methods on a file; gives a row for each, none where it has no GPS or no odometry."""
+    """Measure all methods on a file; return a row for each, none if it lacks GPS or odometry."""
     odometry, gps = recorded(path)
     if odometry is None or gps is None:
         return []
@@ -79,7 +79,7 @@ def evaluate(path: Path) -> list[dict[str, Any]]:
 
 
 def recorded(path: Path) -> tuple[Poses | None, Poses | None]:
-    """Read odometry and GPS of a file, not thinned; the odometry begins at the first fix, to the east."""
+    """Read odometry and GPS of a file, not thinned; the odometry starts at the first fix, facing east."""
     gps = _read(path, "gps", LatLon(0.0, 0.0))
     first = LatLon(0.0, 0.0) if gps is None else LatLon(*gps.latlon[0].tolist())
     return _read(path, "odometry", first), gps
@@ -93,7 +93,7 @@ def _read(path: Path, source: str, first: LatLon) -> Poses | None:
 
 
 def ways(gps: Poses) -> list[HeldOut]:
-    """Give the ways in which fixes are held out: every other one, and the last seconds of each minute."""
+    """Return the schemes of holding out: every other fix, and the last seconds of each minute."""
     since = (gps.times_s - gps.times_s[0]) % CYCLE_S
     gaps = [HeldOut(f"{gap:.0f} s of each minute", since >= CYCLE_S - gap) for gap in (20.0, 45.0)]
     return [HeldOut("every other fix", np.arange(len(gps)) % 2 == 1), *gaps]
@@ -106,7 +106,7 @@ def _fused(odometry: Poses, gps: Poses) -> Fusion:
 
 
 def errors(track: Poses, out: Poses) -> dict[str, float]:
-    """Distances of fixes from a track at their times, metres."""
+    """Return statistics of the distances of fixes from a track at their times, metres."""
     distance = np.hypot(*_off(track, out).T)
     return {
         "rms_m": float(np.sqrt((distance**2).mean())),
@@ -117,7 +117,7 @@ def errors(track: Poses, out: Poses) -> dict[str, float]:
 
 
 def honesty(fused: Fusion, out: Poses) -> dict[str, Any]:
-    """Report whether a fused track knows how wrong it is, and how it weighed the fixes."""
+    """Report whether the uncertainty of a fused track is consistent, and how fixes were weighted."""
     off, track = _off(fused.poses, out), fused.poses
     spread = np.column_stack([np.interp(out.times_s, track.times_s, c) for c in track.covariance_m2.T])
     own = out.covariance_m2 * fused.fit.receiver**2
@@ -145,7 +145,7 @@ def _off(track: Poses, out: Poses) -> NDArray[np.float64]:
 
 
 def picture(path: Path) -> Any:
-    """Draw what is made of a file whose receiver was led astray four times."""
+    """Draw the fusion of a file with four outliers added to its GPS fixes."""
     odometry, gps = recorded(path)
     assert odometry is not None
     assert gps is not None
@@ -165,7 +165,7 @@ def picture(path: Path) -> Any:
 
 
 def as_text(rows: list[dict[str, Any]]) -> str:
-    """Write rows as a table."""
+    """Format rows as a table."""
     if not rows:
         return "nothing to compare with: it has no GPS, or no odometry"
     lines = [

@@ -1,16 +1,16 @@
-"""Corrects simulated odometry by fixes some of which are wrong, and compares the tracks with those of GTSAM.
+"""Fuses simulated odometry with fixes that include outliers, and compares the tracks with those of GTSAM.
 
     pip install gtsam
     python -m benchmarks.fusion_outliers [--seeds 10] [--first-seed 100]
 
-A car drives four kilometres of streets with loops, eight metres a second, as KITTI 00 does. Its odometry (ten
-poses a second) drifts by random errors, by a scale and by a constant turn; there is a fix each ten seconds,
-of 3 m in each direction. Wrong fixes are somewhere else on the way, or 15 to 150 m off. Printed is the
-median of the seeds of the absolute error of positions (root of the mean square, metres, nothing aligned).
+A car drives four kilometres of streets with loops at 8 m/s, similar to KITTI 00. Its odometry (10 Hz) drifts
+by random errors, a scale error and a constant curvature; there is a fix every 10 s with a standard deviation
+of 3 m on each axis. Outliers are at another point of the path, or 15 to 150 m off. Prints the median over the
+seeds of the absolute position error (RMS, metres, without alignment).
 
-GTSAM gets what is true of the simulation: the noise of the odometry and of the fixes, and where the car
-begins. Ours gets neither, only the standard deviation of good fixes. Seeds below 100 are those that the
-method was developed with; figures are of others.
+GTSAM gets the true parameters of the simulation: the noise of odometry and fixes, and the start pose. Our
+method gets only the standard deviation of good fixes. Seeds below 100 were used to develop the method;
+figures are from others.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ HZ, SPEED, SECONDS = 10.0, 8.0, 470
 FIX_S, SIGMA_M = 10.0, 3.0
 SHARES = (0.0, 0.15, 0.25)
 WAY_NOISE, SIDE_NOISE, TURN_NOISE = 0.02, 0.01, 0.002
-"""Of the odometry, each per square root of a metre: metres, metres, radians."""
+"""Random errors of the odometry along, across and in heading: m, m, rad, each per square root of a metre."""
 SCALE, CURVE = 0.01, 2e-4
-"""Of the odometry, one standard deviation: a share of its way, radians a metre."""
+"""Standard deviations of the odometry's systematic errors: scale (relative), curvature (rad per metre)."""
 EVERY = 10
-"""GTSAM has a node for so many poses, with what was driven between them."""
+"""GTSAM gets a node for every so many poses, with the odometry between them."""
 
 Pose = NDArray[np.float64]
-"""(n, 3): metres east and north, heading in radians against the clock from east."""
+"""(n, 3): metres east and north, heading in radians counterclockwise from east."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What is true, what the odometry says, and what was measured of it."""
+    """A simulated drive: ground truth, odometry, and fixes with the indices of their poses."""
 
     times_s: NDArray[np.float64]
     truth: Pose
@@ -56,7 +56,7 @@ class Drive:
 
 
 def simulate(seed: int, *, wrong: float) -> Drive:
-    """Drive through a grid of streets, turning at random corners."""
+    """Simulate a drive through a grid of streets, turning at random corners."""
     rng = np.random.default_rng(seed)
     n = int(SECONDS * HZ)
     step = SPEED / HZ
@@ -92,7 +92,7 @@ def _driven(forward: NDArray[np.float64], side: NDArray[np.float64], turn: NDArr
 
 
 def ours(drive: Drive, source: str) -> NDArray[np.float64]:
-    """Fuse as missions do; gives the positions at the times of the odometry."""
+    """Fuse as for missions; return the positions at the times of the odometry."""
     heading = (90.0 - np.degrees(drive.odometry[:, 2])) % 360.0
     odometry = make_poses(drive.times_s, FRAME.latlon_from_enu(drive.odometry[:, :2]), heading_deg=heading)
     count = len(drive.at)
@@ -106,7 +106,7 @@ def ours(drive: Drive, source: str) -> NDArray[np.float64]:
 
 
 def by_gtsam(drive: Drive, kind: str) -> NDArray[np.float64]:
-    """Solve a pose graph; `kind` is plain, cauchy or gnc."""
+    """Solve the pose graph with GTSAM; `kind` is plain, cauchy or gnc."""
     import gtsam
 
     nodes = np.arange(0, len(drive.times_s), EVERY)
@@ -161,7 +161,7 @@ METHODS: dict[str, Callable[[Drive], NDArray[np.float64]]] = {
 
 
 def main() -> None:
-    """Print the medians and the worst of the seeds."""
+    """Print the median and the worst errors over the seeds."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=100)

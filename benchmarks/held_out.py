@@ -1,14 +1,14 @@
-"""Measures how honest probabilities are on a map that played no part in choosing their defaults.
+"""Measures the calibration of probabilities on maps that were not used to fit the defaults.
 
     python -m benchmarks.held_out FOLDER [--features sift,xfeat] [--limit N] [--index FOLDER]
         [--foreign FOLDER] [--within NAME=PX ...] [--json OUT]
 
 FOLDER holds maps, each a folder with `map.cfg` and `queries.csv`, as for `benchmarks.battery`; an index in
-the --index folder is used again. For each map the default coefficients of the calibration are fitted on the
-queries of all others, every map with the same weight, and its own calibration, on its photos, starts from
-these. Columns, for each map and features: share of right first answers and calibration error (ECE) with the
-defaults that the program has, which saw all of these maps, and with the held-out ones; each as the map is
-calibrated on its own photos and, "uncalibrated", without that.
+the --index folder is reused. For each map the default coefficients of the calibration are fitted on the
+queries of all other maps, with equal weight for each map, and its own calibration, on its photos, is
+regularised towards these. Columns, for each map and features: share of right first answers and calibration
+error (ECE), with the program's defaults, which were fitted on all of these maps, and with the held-out ones;
+each after calibration on the map's own photos and, "uncalibrated", without it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ COLUMNS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """What was found of the queries of a map, and of its own photos."""
+    """Results for the queries of a map, for foreign photos, and for trials of its own photos."""
 
     name: str
     pipeline: LocalizationPipeline
@@ -61,7 +61,7 @@ class Measured:
     trials: list[Trial]
 
     def calibrated(self, start: Calibration) -> Calibration:
-        """Fit the map's own photos, pulled towards `start`."""
+        """Fit the calibration on the map's own photos, regularised towards `start`."""
         return calibrate.fit_trials(self.pipeline.opened.indexed, self.trials, start=start)
 
 
@@ -114,9 +114,9 @@ def _measure(cfg: Path, features: str, arguments: argparse.Namespace, *, within:
 
 
 def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | None) -> Case:
-    """Look for a photo; which of the places found are right is known from the truth, none without it."""
+    """Find places for a photo, and mark those within the place radius of the truth, or none without it."""
     indexed = pipeline.opened.indexed
-    photo, *_ = pipeline._read(path)  # its parts: an answer has no evidence vectors
+    photo, *_ = pipeline._read(path)  # internal steps, since answers have no evidence vectors
     found = find_places(indexed, pipeline._extract(photo), fov_deg=photo.fov.degrees)
     radius = indexed.place_radius_px
     stored = pipeline.calibration.calibration if pipeline.calibration else DEFAULT
@@ -142,21 +142,21 @@ def _row(one: Measured, others: Sequence[Measured]) -> dict[str, Any]:
 
 
 def _defaults(maps: Sequence[Measured]) -> Calibration:
-    """Fit the coefficients on the queries of maps, each map with the same weight."""
+    """Fit the coefficients on the queries of maps, with equal weight for each map."""
     mean = float(np.mean([len(m.queries) for m in maps]))
     cases = [
         replace(case, weight=case.weight * mean / len(m.queries))
         for m in maps
         for case in (*m.queries, *m.foreign)
     ]
-    # Pulled towards no evidence at all: nothing that was chosen on the map that is held out comes in.
+    # regularised towards zero, so that nothing fitted on the held-out map leaks in
     nothing = replace(DEFAULT, slope=(0.0,) * len(DEFAULT.slope), offset=0.0)
     slope, offset = fit(cases, start=nothing)
     return replace(DEFAULT, slope=slope, offset=offset)
 
 
 def _figures(cases: Sequence[Case], calibration: Calibration) -> tuple[float, float | None]:
-    """Share of right first answers, and the calibration error."""
+    """Return the share of right first answers, and the calibration error."""
     stated, happened = [], []
     for case in cases:
         place, _ = probabilities(case.evidence, calibration)

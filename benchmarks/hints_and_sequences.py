@@ -1,10 +1,11 @@
-"""Measures what is gained by knowing more than one photo: hints, several photos of a spot, a sequence.
+"""Measures the gain from more information than one photo: hints, several photos of a spot, a sequence.
 
-Queries with one truth are photos of one spot. Where all truths differ, the queries must be the frames of a
-walk, in their order: then each with its neighbours stands for photos of one spot, the direction of the walk
-is what a compass shows, and the sequence is measured. Hints are made from the truth: a circle whose middle is
-off by up to half its radius, and a compass with noise. Wrong hints are measured, too: circles and headings of
-other queries. Photos from elsewhere, taken as the frames of a walk, have to stay uncertain.
+Queries with the same truth are photos of one spot. If all truths differ, the queries must be the frames of a
+walk, in order: then each frame with its neighbours counts as photos of one spot, the direction of the walk
+serves as compass heading, and the sequence is measured. Hints are derived from the truth: a circle whose
+centre is off by up to half its radius, and a compass with noise. Wrong hints are measured, too: circles of
+other queries, and opposite headings. Photos from elsewhere, treated as the frames of a walk, must stay
+uncertain.
 
     python -m benchmarks.hints_and_sequences MAP.cfg QUERIES.csv [--features sift] [--first N]
         [--foreign FOLDER] [--json OUT]
@@ -45,10 +46,10 @@ HINT_RADII, COMPASS_NOISE_DEG = 3.0, 15.0
 
 OF_ONE_SPOT = 3
 REACH = 3
-"""Frames before and after that the direction of the walk is taken from."""
+"""Number of frames before and after from which the direction of the walk is computed."""
 
 SURE = 0.9
-"""A wrong answer with at least this probability is confidently wrong."""
+"""A wrong answer with at least this probability counts as confidently wrong."""
 
 COLUMNS = (
     "within_10px",
@@ -63,7 +64,7 @@ COLUMNS = (
 
 
 def main() -> None:
-    """Measure each and print the table."""
+    """Measure all variants and print the table."""
     arguments = _parser().parse_args()
     localizer = open_pipeline(
         arguments.map,
@@ -102,7 +103,7 @@ def _parser() -> argparse.ArgumentParser:
 def _ways(
     localizer: LocalizationPipeline, queries: Sequence[Query]
 ) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
-    """Answer in each way; gives the queries that each is about, and the answers."""
+    """Localize with each kind of information; return the queries and answers of each."""
     rng = np.random.default_rng(0)
     paths = localizer.opened.indexed.paths
     truths = [q.truth for q in queries]
@@ -143,7 +144,7 @@ def _look(
 
 
 def _foreign(localizer: LocalizationPipeline, photos: Sequence[Path]) -> dict[str, dict[str, float]]:
-    """Print how photos from elsewhere are answered: each by itself, and as a walk."""
+    """Print figures for photos from elsewhere, as single photos and as a walk."""
     queries = [Query(photo.name, photo, MapPixel(math.nan, math.nan)) for photo in photos]
     alone = _look(localizer, queries, [Hints()] * len(queries), name="from elsewhere")
     ways = {
@@ -179,7 +180,7 @@ def _followed(localizer: LocalizationPipeline, alone: Sequence[Answer]) -> list[
 
 
 def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> CirclePrior:
-    """A circle that holds the truth; its middle is off by up to half its radius."""
+    """Return a circle that contains the truth; its centre is off by up to half its radius."""
     way, angle = radius / 2.0 * math.sqrt(rng.random()), 2.0 * math.pi * rng.random()
     return CirclePrior(truth.x + way * math.cos(angle), truth.y + way * math.sin(angle), radius)
 
@@ -187,7 +188,7 @@ def _circle(truth: MapPixel, radius: float, rng: np.random.Generator) -> CircleP
 def _spots(
     localizer: LocalizationPipeline, queries: Sequence[Query], answers: Sequence[Answer], *, walk: bool
 ) -> dict[str, tuple[Sequence[Query], list[Answer]]]:
-    """Join the answers about photos of one spot: of a walk, each with those of its neighbours."""
+    """Combine the answers for photos of one spot; for a walk, each with those of its neighbours."""
     count, half = len(queries), OF_ONE_SPOT // 2
     if walk:
         spots = [list(range(max(i - half, 0), min(i + half + 1, count))) for i in range(count)]
@@ -205,7 +206,7 @@ def _spots(
 
 
 def _directions(truths: Sequence[MapPixel]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Directions of the walk at each frame, degrees clockwise from up."""
+    """Return the direction of the walk at each frame, degrees clockwise from up."""
     directions = []
     for i in range(len(truths)):
         a, b = truths[max(i - REACH, 0)], truths[min(i + REACH, len(truths) - 1)]

@@ -1,14 +1,14 @@
-"""Sends a running program what it should refuse, for as long as one likes, and counts its answers.
+"""Fuzzes a running server with invalid input, and counts its responses.
 
     python -m benchmarks.hostile [--minutes 60] [--seed 0] [--clients 4] [--only 12345]
 
-Requests of all of the API, photos, satellite images, zips, `.cfg` files, missions and coordinate systems are
-made by chance and sent by several clients to a server of its own, with a temporary library. Each request has
-a number, and follows from the seed and that number: `--only` sends one again. Printed are a JSON object with
-the answers by kind and status and the slowest request of each kind with its seconds, and on standard error
-each fault as it comes: a 5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no answer, an
-answer after more than a minute, a health check after more than ten seconds, an acknowledged photo that is
-gone or another one. With faults, the end of the server's log follows, and the exit code is 1.
+Random requests to all of the API, photos, satellite images, zips, `.cfg` files, missions and coordinate
+systems are sent by several clients to a separate server with a temporary library. Each request is derived
+from the seed and its number: `--only` repeats one. Prints a JSON object with the responses by kind and
+status, and the slowest request of each kind with its seconds; on standard error each fault as it occurs: a
+5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no response, a response after more than
+a minute, a health check after more than ten seconds, an acknowledged photo that is missing or different. With
+faults, the end of the server's log follows, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -46,32 +46,32 @@ _MISSION = {"name": "walk"}
 
 @dataclasses.dataclass
 class Tally:
-    """What was answered."""
+    """Counts of the responses, and faults."""
 
     statuses: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)
     slowest: dict[str, tuple[float, str]] = dataclasses.field(default_factory=dict)
     faults: list[str] = dataclasses.field(default_factory=list)
 
     def note(self, kind: str, status: object, *, seconds: float, request: str = "") -> None:
-        """Count an answer, and keep the slowest of a kind."""
+        """Count a response, and keep the slowest of each kind."""
         self.statuses[f"{kind} {status}"] += 1
         self.slowest[kind] = max(self.slowest.get(kind, (0.0, "")), (round(seconds, 2), request))
 
     def fault(self, text: str) -> None:
-        """Note what should not have happened."""
+        """Record and print a fault."""
         self.faults.append(text)
         print(text, file=sys.stderr, flush=True)
 
 
 def is_fault(status: int, headers: Any) -> bool:
-    """Return whether an answer is the server's own failure."""
+    """Return whether a response indicates a failure of the server itself."""
     return status >= 500 and status != 507 and not (status == 503 and "Retry-After" in headers)
 
 
 def make_request(
     seed: int, number: int, *, document: dict[str, Any], known: dict[str, Any]
 ) -> tuple[str, Request]:
-    """Make the request of a number; gives its kind, too."""
+    """Return the kind and the request of a number."""
     chance = random.Random(f"{seed}/{number}")
     kinds: dict[str, Callable[[], Request]] = {
         "api": lambda: hostile_inputs.api_request(chance, document, known=known),
@@ -90,7 +90,7 @@ def make_request(
 
 
 def main() -> None:
-    """Run it and print one JSON object."""
+    """Send requests and print one JSON object."""
     arguments = _arguments()
     tally = Tally()
     with tempfile.TemporaryDirectory() as folder, App(Path(folder) / "maps") as app:
@@ -119,7 +119,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _prepare(owner: Client) -> dict[int, bytes]:
-    """Make the maps and the mission; gives the photos of the map that is left alone, by id."""
+    """Make the maps; return the photos of the map that is not fuzzed, by id."""
     photos: dict[int, bytes] = {}
     for slug in (KEPT, TARGET):
         assert owner.ask("POST", "/maps", json={"name": slug})["slug"] == slug
@@ -132,7 +132,7 @@ def _prepare(owner: Client) -> dict[int, bytes]:
 
 
 def _send_all(app: App, arguments: argparse.Namespace, *, tally: Tally) -> int:
-    """Send requests from all clients until the time is over; gives how many."""
+    """Send requests from all clients until the time is over; return their number."""
     numbers: Iterator[int] = itertools.count() if arguments.only is None else iter([arguments.only])
     until = time.monotonic() + arguments.minutes * 60
     links = sign_in_links(app.library, arguments.clients)
@@ -140,7 +140,7 @@ def _send_all(app: App, arguments: argparse.Namespace, *, tally: Tally) -> int:
 
     def work(link: str) -> None:
         client = Client(app.url, app.url + link)
-        # one that is kept may just be closed by the server when a request is sent
+        # the server may close a kept-alive connection just when a request is sent
         client.session.headers["Connection"] = "close"
         document = client.ask("GET", "/openapi.json")
         known = _known(client)
@@ -154,12 +154,12 @@ def _send_all(app: App, arguments: argparse.Namespace, *, tally: Tally) -> int:
 
     with ThreadPoolExecutor(len(links)) as pool:
         for finished in [pool.submit(work, link) for link in links]:
-            finished.result()  # a client that failed is no run without a fault
+            finished.result()  # raises if a client failed
     return next(sent)
 
 
 def _known(client: Client) -> dict[str, Any]:
-    """Make what was deleted anew; gives values that exist, by the names of parameters."""
+    """Recreate what was deleted; return existing values, by the names of parameters."""
     client.call("POST", f"/maps/{TARGET}/restore")
     if client.call("GET", f"/maps/{TARGET}").status_code == 404:
         client.call("POST", "/maps", json={"name": TARGET})
@@ -194,7 +194,7 @@ def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, in
 
 
 def _watch(url: str, tally: Tally, over: threading.Event) -> None:
-    """Ask for the health of the server every second."""
+    """Check the health of the server every second."""
     while not over.wait(1.0):
         started = time.monotonic()
         try:

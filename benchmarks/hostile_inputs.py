@@ -1,6 +1,6 @@
-"""Files and requests that a stranger with bad intentions, or a broken program, could send.
+"""Random files and requests that an attacker or a broken client could send.
 
-All of them follow from the random generator that is passed in: the same seed gives the same bytes.
+All are derived from the random generator that is passed in: the same seed gives the same bytes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _FORMATS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is sent: `json`, or `files` and `data` of a form."""
+    """A request with a body of `json`, or of `files` and `data` of a form."""
 
     method: str
     path: str
@@ -55,7 +55,7 @@ class Request:
 
 
 def damaged(chance: random.Random, data: bytes) -> bytes:
-    """Change, cut, repeat or insert bytes in a few places."""
+    """Return the data with bytes changed, cut, repeated or inserted in a few places."""
     found = bytearray(data)
     for _ in range(chance.choice((0, 1, 1, 2, 8, 40))):
         if not found:
@@ -77,7 +77,7 @@ def damaged(chance: random.Random, data: bytes) -> bytes:
 
 
 def picture(chance: random.Random) -> tuple[str, bytes]:
-    """Make a small image of some format, odd or damaged; gives its name and content."""
+    """Make a small image in a random format, unusual or damaged; return its name and content."""
     shape = chance.choice(((48, 64), (1, 1), (1, 4000), (4000, 1), (300, 400)))
     kind, suffix = chance.choice(tuple(_FORMATS.items()))
     values = np.random.default_rng(chance.randrange(2**32))
@@ -102,7 +102,7 @@ def picture(chance: random.Random) -> tuple[str, bytes]:
 
 
 def cfg(chance: random.Random) -> bytes:
-    """Write a map file, mostly with faults."""
+    """Make a map file, mostly with errors."""
     lines = [f"{_word(chance, 'plan.png')};{_word(chance, 400)};{_word(chance, 300)}"]
     for n in range(chance.choice((0, 1, 3, 3000))):
         lines.append(
@@ -112,7 +112,7 @@ def cfg(chance: random.Random) -> bytes:
 
 
 def map_zip(chance: random.Random) -> bytes:
-    """Zip a map, mostly a damaged one."""
+    """Make a zip of a map, mostly damaged."""
     file = io.BytesIO()
     plan = io.BytesIO()
     Image.new("RGB", (400, 300)).save(plan, "PNG")
@@ -131,12 +131,12 @@ def map_zip(chance: random.Random) -> bytes:
     with zipfile.ZipFile(file, "w", method) as archive:
         for name, data in parts.items():
             if name == "map.cfg" or chance.random() < 0.7:
-                archive.writestr(zipfile.ZipInfo(name), data, compress_type=method)  # without the time
+                archive.writestr(zipfile.ZipInfo(name), data, compress_type=method)  # no timestamp
     return damaged(chance, file.getvalue()) if chance.random() < 0.6 else file.getvalue()
 
 
 def track(chance: random.Random) -> tuple[str, bytes]:
-    """Write a file with a track of a mission, odd or damaged; gives its name and content."""
+    """Make a file with a track of a mission, unusual or damaged; return its name and content."""
     points = [
         (chance.choice(NUMBERS), chance.uniform(-100, 100), chance.uniform(-200, 200)) for _ in range(30)
     ]
@@ -155,14 +155,14 @@ def track(chance: random.Random) -> tuple[str, bytes]:
 
 
 def api_request(chance: random.Random, document: Mapping[str, Any], *, known: Mapping[str, Any]) -> Request:
-    """Make a request of any operation of the API, by its own description, with unusual values.
+    """Make a request to a random operation of the API, by its OpenAPI schema, with unusual values.
 
     Parameters
     ----------
     document : mapping
         The OpenAPI description.
     known : mapping of str to Any
-        Values that exist, by the name of the parameter of an address.
+        Existing values, by the names of path parameters.
     """
     path = chance.choice(sorted(document["paths"]))
     method = chance.choice(sorted(set(document["paths"][path]) & {"get", "post", "put", "patch", "delete"}))
@@ -188,7 +188,7 @@ def api_request(chance: random.Random, document: Mapping[str, Any], *, known: Ma
 def _value(
     chance: random.Random, schema: Mapping[str, Any], document: Mapping[str, Any], *, depth: int = 0
 ) -> Any:
-    """Make a value that fits a schema, or now and then none."""
+    """Make a value that fits a schema, or occasionally one that does not."""
     if chance.random() < 0.08 or depth > 6:
         return chance.choice((None, True, [], {}, *TEXTS, *NUMBERS))
     if "$ref" in schema:
@@ -224,7 +224,7 @@ def _word(chance: random.Random, usual: object) -> object:
 
 
 def _huge_png(chance: random.Random) -> bytes:
-    """Write a PNG that says that it is large; it may hold nothing, or all of that in few bytes."""
+    """Make a PNG that declares a huge size, with hardly any data or as a decompression bomb."""
     width, height = chance.choice(((60_000, 60_000), (119_000_000, 1), (10_000, 10_000), (2**31 - 1, 1)))
     rows = min(width + 1, 200_000_000) * height if width * height < 2e8 and chance.random() < 0.5 else 10
 

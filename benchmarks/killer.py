@@ -1,4 +1,4 @@
-"""Kills processes of the running program without warning, one after the other."""
+"""Kills random processes of the running program without warning."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 
 def descendants(pid: int) -> dict[int, str]:
-    """Processes that stem from one, with their command lines."""
+    """Return the descendants of a process, with their command lines."""
     listed = subprocess.run(["ps", "-eo", "pid=,ppid=,args="], capture_output=True, text=True, check=True)
     children: dict[int, list[tuple[int, str]]] = {}
     for line in listed.stdout.splitlines():
@@ -28,12 +28,12 @@ def _below(pid: int, children: dict[int, list[tuple[int, str]]]) -> Iterator[tup
 
 
 class Killer:
-    """While it is entered, kills a random process below `pid` every few seconds, with SIGKILL.
+    """Context manager that kills a random descendant of `pid` every few seconds, with SIGKILL.
 
     Attributes
     ----------
     killed : Counter
-        How often processes of each command line were killed.
+        Number of kills of each command line.
     """
 
     def __init__(self, pid: int, *, every_s: float, seed: int = 0) -> None:
@@ -52,7 +52,7 @@ class Killer:
         self.end()
 
     def end(self) -> None:
-        """Kill no more."""
+        """Stop killing processes."""
         self._end.set()
         self._thread.join()
 

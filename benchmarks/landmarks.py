@@ -1,12 +1,12 @@
-"""Measures the search of a photo in a cloud of landmarks whose truth is known, and how long it takes.
+"""Measures accuracy and time of localizing a photo in a simulated cloud of landmarks.
 
     python -m benchmarks.landmarks --points 40000
 
-The scene is a yard of 100 m x 50 m full of points, and each of the photos taken there recognises a third
-of those that it sees. A query is a camera beside one of them: half of its keypoints show no landmark,
-descriptors have noise, and keypoints are half a pixel off. Prints one JSON object: errors of the cameras, and
-milliseconds of the stage from descriptors to the camera with 20 photos as retrieved, by the clock and by one
-core.
+The scene is a yard of 100 m x 50 m full of points; each map photo recognises a third of the points that it
+sees. A query is a camera near one of the map photos: half of its keypoints show no landmark, descriptors have
+noise, and keypoints have noise of half a pixel. Prints one JSON object: errors of the cameras, and
+milliseconds of the stage from descriptors to the camera, given 20 retrieved photos: wall time, and CPU time
+on one core.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Array = NDArray[np.float64]
 
 LENS = Lens(800, 600, 640.0, 0.01)
 LENGTH, WIDTH, FAR = 100.0, 50.0, 30.0
-"""Of the yard, and how far away landmarks are recognised, metres."""
+"""Length and width of the yard, and range within which landmarks are recognised, metres."""
 
 _KEYPOINTS, _WRONG, _NOISE_PX, _NOISE = 1000, 0.5, 0.5, 12.0
-"""Of a query: how many, the share that show no landmark, noise of their places and of descriptors."""
+"""Of a query: number of keypoints, share without a landmark, noise of keypoints and of descriptors."""
 
 _RETRIEVED = 20
 
@@ -58,7 +58,7 @@ def level_camera(heading: float) -> Array:
 
 
 def make_scene(points: int, *, photos: int, rng: np.random.Generator) -> Scene:
-    """Make a yard that photos have seen."""
+    """Make a yard with points, and photos that observe them."""
     at = np.column_stack(
         [rng.uniform(0, LENGTH, points), rng.uniform(0, WIDTH, points), rng.uniform(0, 8, points)]
     )
@@ -91,7 +91,7 @@ def make_scene(points: int, *, photos: int, rng: np.random.Generator) -> Scene:
 
 
 def visible(at: Array, *, rotation: Array, centre: Array) -> tuple[NDArray[np.int64], Array]:
-    """List the points that a camera sees, at most as many as a photo has keypoints, and where."""
+    """Return the points that a camera sees, at most `_KEYPOINTS`, and their pixels."""
     own = (at - centre) @ rotation.T
     near = np.flatnonzero((own[:, 2] > 1.0) & (own[:, 2] < FAR))
     xy = project(at[near], lens=LENS, rotation=rotation, centre=centre)
@@ -100,12 +100,12 @@ def visible(at: Array, *, rotation: Array, centre: Array) -> tuple[NDArray[np.in
 
 
 def noisy(descriptors: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Give descriptors noise."""
+    """Add noise to descriptors."""
     return np.clip(descriptors + rng.normal(0.0, _NOISE, descriptors.shape), 0, 255).astype(np.uint8)
 
 
 def make_query(scene: Scene, rng: np.random.Generator) -> tuple[Features, Array, Array]:
-    """Take a photo next to one of the scene's; returns it, and its camera's true centre and rotation."""
+    """Simulate a photo near one of the scene's; return it, and its camera's true centre and rotation."""
     beside = rng.integers(len(scene.centre))
     centre = scene.centre[beside] + rng.normal(0.0, 1.0, 3) * [1.0, 1.0, 0.2]
     rotation = so3.exp(rng.normal(0.0, 0.1, 3)) @ scene.rotation[beside]
@@ -127,7 +127,7 @@ def make_query(scene: Scene, rng: np.random.Generator) -> tuple[Features, Array,
 
 
 def localize(scene: Scene, query: Features, near: Array) -> tuple[float, Array | None, Array | None]:
-    """Solve a query's camera with the photos nearest to a point as retrieved; returns seconds, too."""
+    """Solve a query's camera, with the photos nearest to a point as retrieved; return seconds and pose."""
     apart = np.linalg.norm(scene.centre - near, axis=1)
     started = time.perf_counter()
     groups = scene.laid.groups(np.argsort(apart)[:_RETRIEVED], visible=np.ones(len(apart), np.bool_), most=4)
@@ -142,7 +142,7 @@ def localize(scene: Scene, query: Features, near: Array) -> tuple[float, Array |
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Have Faiss use one core: threads that wait for each other count as busy."""
+    """Make Faiss use one thread, since threads that wait for each other count as CPU time."""
     before = faiss.omp_get_max_threads()
     faiss.omp_set_num_threads(1)
     try:
@@ -152,7 +152,7 @@ def one_thread() -> Iterator[None]:
 
 
 def measure(points: int, *, photos: int, queries: int, seed: int = 1) -> dict[str, float]:
-    """Localize queries in a scene."""
+    """Localize queries in a scene; return the figures."""
     rng = np.random.default_rng(seed)
     scene = make_scene(points, photos=photos, rng=rng)
     metres, degrees, seconds, cpu = [], [], [], []
@@ -182,7 +182,7 @@ def measure(points: int, *, photos: int, queries: int, seed: int = 1) -> dict[st
 
 
 def main() -> None:
-    """Measure as asked for on the command line."""
+    """Measure with the options of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

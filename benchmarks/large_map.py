@@ -1,10 +1,10 @@
-"""Measures a map of very many photos, as served: edits, undo, state, pages, and the first dots in a browser.
+"""Measures a map with very many photos in the web application: edits, undo, state, pages, first dots drawn.
 
     python -m benchmarks.large_map [--photos 20000] [--bulk 9999] [--repeat 5] [--json OUT]
 
-The photos are records without files, as none of this reads a photo. Seconds are medians of `--repeat` runs;
-bytes are those on the wire. The first dot is when the page begins to draw photos on its canvas, counted from
-the start of the navigation, in a browser that has nothing of the page yet.
+The photos are records without files, since no measured operation reads a photo. Seconds are medians of
+`--repeat` runs; bytes are those on the wire. The first dot is the time at which the page begins to draw
+photos on its canvas, from the start of the navigation, in a browser with an empty cache.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ requestAnimationFrame(tick);
 
 
 def main() -> None:
-    """Run it and print a line for each figure."""
+    """Measure and print a line for each figure."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "maps"
@@ -82,7 +82,7 @@ def _plan(folder: Path) -> Path:
 
 
 def fill(folder: Path, slug: str, *, count: int) -> None:
-    """Put photos on the map as one revision: nine of ten have a place."""
+    """Add photos to the map as one revision; nine of ten have a position."""
     rng = np.random.default_rng(1)
     at = rng.uniform((0, 0), PLAN_PX, (count, 2)).round(2)
     library = open_library(folder)
@@ -129,7 +129,7 @@ def _wait_for_export(folder: Path, slug: str) -> None:
 
 
 def _measure(client: Client, slug: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Time the requests, one after the other."""
+    """Time the requests one after the other."""
     path = f"/maps/{slug}"
     rng = np.random.default_rng(2)
     placed = [number for number in range(arguments.photos) if number % 10]
@@ -167,7 +167,7 @@ def _seconds(run: Callable[[], object]) -> float:
 
 
 def _wire_kb(url: str, client: Client) -> float:
-    """Count the bytes of an answer as they come, compressed as a browser would ask for it."""
+    """Count the bytes of a response on the wire, with the compression that a browser requests."""
     headers = {"Accept-Encoding": "gzip, deflate, br, zstd"}
     with client.session.get(url, headers=headers, stream=True, timeout=60) as answer:
         return round(len(answer.raw.read(decode_content=False)) / 1000, 1)
@@ -206,7 +206,7 @@ def _first_dot(browser: Browser, address: str, client: Client) -> float:
 
 
 def _frame_ms(browser: Browser, address: str, client: Client) -> float:
-    """Drag the image about; the median frame, of which there would be 60 in a second."""
+    """Drag the image about; return the median time between frames (ideally 1/60 s), milliseconds."""
     page, _first = _open(browser, address, client)
     page.wait_for_timeout(5000)
     box = page.locator("#map-canvas").bounding_box()
@@ -225,7 +225,7 @@ def _frame_ms(browser: Browser, address: str, client: Client) -> float:
 
 
 def _open(browser: Browser, address: str, client: Client) -> tuple[Page, float]:
-    """Open a page, and wait for its first dot; gives when that was, in milliseconds."""
+    """Open a page, and wait for its first dot; return its time in milliseconds."""
     context = browser.new_context(viewport={"width": 1366, "height": 768}, service_workers="block")
     context.add_cookies(
         [{"name": c.name, "value": c.value or "", "url": client.url} for c in client.session.cookies]

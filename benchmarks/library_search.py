@@ -1,15 +1,16 @@
-"""Measures which map of a library is searched first for a photo, and how long that takes in large libraries.
+"""Measures the ranking of maps for a photo whose map is unknown: accuracy, and time in large libraries.
 
     python -m benchmarks.library_search FOLDER... [--index FOLDER] [--limit N] [--photos N] [--maps N]
         [--postgresql]
 
-Each FOLDER holds a `map.cfg` with its index and a `queries.csv` of photos that were taken on it. The basis is
-trained on a sample of all of them, as in a library, and, with "map left out", on those of the other maps.
+Each FOLDER holds a `map.cfg` with its index and a `queries.csv` of photos that were taken on it. The basis of
+the photo vectors is trained on a sample of all maps, as in a library, and, for "map left out", on the other
+maps only.
 
-Then there are as many photos as are asked for, on as many maps: vectors of the real ones with noise. A search
-on them is timed, without the extraction of the query: in memory and, with --postgresql, by pgvector in a
-server that this starts, for somebody who sees all maps and for one who sees a tenth of them. Of that is also
-printed how many of the 20 maps that are most alike, and of the 20 photos, it finds.
+Then a library with --photos photos on --maps maps is simulated by adding noise to the real vectors. A search
+in it is timed, without the extraction of the query: in memory and, with --postgresql, by pgvector in a server
+that this starts, for a user who sees all maps and for one who sees a tenth of them. For pgvector the recall
+of the 20 most similar maps and of the 20 most similar photos is printed, too.
 """
 
 from __future__ import annotations
@@ -36,17 +37,17 @@ from webapp.tasks.find import rank_maps
 from webapp.tasks.find.describe_library import SAMPLE_PHOTOS, features, indexed_photos
 
 NOISE = 0.05
-"""Standard deviation added to each number of a real vector, whose length is 1."""
+"""Standard deviation of the noise added to each component of a real vector, whose length is 1."""
 
 REPEATS, RECALL_AT = 20, 20
 ROUNDING = 1e-5
-"""Of a cosine that the database computes."""
+"""Rounding error of cosines computed by the database."""
 
 Descriptors = NDArray[np.uint8]
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the accuracy and the timings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--index", type=Path, help="has a folder of indexes for each map, by its name")
@@ -104,7 +105,7 @@ def _matrix(basis: photo_vectors.Basis, photos: list[Descriptors]) -> NDArray[np
 def _ranks(
     name: str, maps: dict[str, list[Descriptors]], queries: list[Descriptors], *, basis: photo_vectors.Basis
 ) -> NDArray[np.int64]:
-    """Count for each query the maps that come before the right one."""
+    """Return for each query the number of maps that are ranked before the right one."""
     vectors = {other: _matrix(basis, photos) for other, photos in maps.items()}
     ranks = []
     for query in queries:
@@ -117,7 +118,7 @@ def _ranks(
 def _library(
     basis: photo_vectors.Basis, maps: dict[str, list[Descriptors]], *, photos: int, count: int
 ) -> list[NDArray[np.float16]]:
-    """Make the vectors of a large library, map by map."""
+    """Simulate the vectors of a large library, map by map."""
     rng = np.random.default_rng(1)
     real = np.concatenate([_matrix(basis, some) for some in maps.values()]).astype(np.float32)
     library = []
@@ -147,7 +148,7 @@ def _time_postgresql(
             basis_id = _keep(there, library, basis)
             search = there.database.photo_search
             assert search is not None
-            _set(there, "maintenance_work_mem = '1GB'")  # as the guide says for the first filling
+            _set(there, "maintenance_work_mem = '1GB'")  # as the guide recommends for the first build
             begun = time.perf_counter()
             search.refresh()
             seconds = time.perf_counter() - begun
@@ -203,7 +204,7 @@ def _compare(
     name: str,
     step: int,
 ) -> None:
-    """Time the searches of somebody who sees each `step`-th map, and compare them with those in memory."""
+    """Time the searches of a user who sees every `step`-th map, and compare them with exact results."""
     search = there.database.photo_search
     assert search is not None
     seen = [*range(step, len(library) + 1, step)]
@@ -226,7 +227,7 @@ def _compare(
 def _recall(
     there: Library, query: NDArray[np.float32], *, basis_id: int, seen: list[int], every: NDArray[np.float32]
 ) -> float:
-    """Compute how many of the photos that are most alike the index has, as many as `RECALL_AT`."""
+    """Compute the share of the `RECALL_AT` most similar photos that the index finds."""
     vector = f"[{','.join(map(repr, query.tolist()))}]"
     values = {"query": vector, "basis": basis_id, "maps": seen, "nearest": photo_search.NEAREST}
     with there.database.engine.begin() as connection:

@@ -1,10 +1,10 @@
-"""Measures what a library of one map takes: seconds of taking it over and of indexing, bytes by kind of file.
+"""Measures the cost of a library with one map: seconds to adopt and to index it, bytes by kind of file.
 
     python -m benchmarks.library_size FOLDER
 
-FOLDER has a `map.cfg`; it is copied without what was computed from it. With another checkout in PYTHONPATH,
-`python benchmarks/library_size.py FOLDER` measures that one. `index_s` is a run of the worker, its start
-included.
+FOLDER has a `map.cfg`; it is copied without derived files. With another checkout in PYTHONPATH,
+`python benchmarks/library_size.py FOLDER` measures that version. `index_s` is a run of the worker, including
+its start.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from webapp.tasks.maps.adopt_map import adopt_map
 
 
 def main() -> None:
-    """Print one JSON object."""
+    """Measure and print one JSON object."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
     source = parser.parse_args().folder.resolve()
@@ -35,7 +35,7 @@ def main() -> None:
         _adopt(folder)
         adopted = time.perf_counter()
         worker = [sys.executable, "-m", "webapp", "worker", "--once", "--library", str(folder)]
-        subprocess.run(worker, check=True, cwd=name)  # not here, where Python would prefer this checkout
+        subprocess.run(worker, check=True, cwd=name)  # not in this folder, as Python would prefer it
         indexed = time.perf_counter()
         if not any((folder / "map" / "derived").rglob("*.features")):
             raise SystemExit("the map was not indexed")

@@ -1,13 +1,13 @@
-"""Lets many people localize photos on one map at once, compared with the command line on the same photos.
+"""Simulates many people who localize photos on one map at once, and compares with the command line.
 
     python -m benchmarks.localizing_load MAPFOLDER [--clients 20] [--seconds 120] [--fov 73.7]
 
-MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv`. A copy of the map goes into a
-temporary library and is indexed by the program itself. Every client is an account of its own and asks one
-photo after the other, without a pause. Printed are errors, seconds of an answer, answers a second, the memory
-of all processes together (proportional set size: shared pages count once), how much of the index one process
-has and all have together, and the command line's own time a query; on standard error the memory of each
-process.
+MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv`. A copy of the map is added to a
+temporary library and indexed by the program itself. Every client has its own account and localizes one photo
+after the other, without pauses. Prints errors, seconds per answer, answers per second, the memory of all
+processes together (proportional set size: shared pages count once), how much of the index is in the memory of
+one process and of all together, and the time per query of the command line; on standard error the memory of
+each process.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MOMENT_S = 0.01
 
 @dataclass
 class Asker:
-    """A client and what it got."""
+    """A client with its results."""
 
     client: Client
     photos: list[Path]
@@ -48,7 +48,7 @@ class Asker:
     errors: list[str] = field(default_factory=list)
 
     def work(self, until: float, fov: float | None) -> None:
-        """Ask until the time is over."""
+        """Localize photos until the time is over."""
         options = {} if fov is None else {"fov": str(fov)}
         number = 0
         while time.monotonic() < until:
@@ -65,7 +65,7 @@ class Asker:
 
 
 def main() -> None:
-    """Run it and print one JSON object; exit code 1 when there was an error."""
+    """Run the load and print one JSON object; exit with 1 if there was an error."""
     arguments = _arguments()
     lines = (arguments.folder / "queries.csv").read_text(encoding="utf-8").splitlines()[1:]
     photos = [arguments.folder / line.split(";")[0] for line in lines if line.strip()]
@@ -96,7 +96,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _copy_map(source: Path, library: Path) -> None:
-    """Put a copy of the map, without what was derived from it, into a library."""
+    """Add a copy of the map, without derived files, to a library."""
     opened = open_library(library)
     shutil.copytree(source, library / SLUG, ignore=shutil.ignore_patterns("derived"))
     with opened.database.write() as session:
@@ -116,7 +116,7 @@ def _wait_for_index(owner: Client) -> None:
 
 
 def _work(askers: list[Asker], arguments: argparse.Namespace, *, pid: int) -> dict[str, float]:
-    """Let all ask at once; prints the memory of each process, gives that of all at its highest, megabytes."""
+    """Run all clients at once; print the memory of each process, return the peak of all, megabytes."""
     print(as_text(memory_mb(pid), title="MB after the start"), file=sys.stderr)
     askers[0].work(time.monotonic() + _MOMENT_S, arguments.fov)
     print(as_text(memory_mb(pid), title="MB after the first answer"), file=sys.stderr)
@@ -136,13 +136,13 @@ def _work(askers: list[Asker], arguments: argparse.Namespace, *, pid: int) -> di
 
 
 def _index_mb(table: Table) -> dict[str, float]:
-    """Measure how much of the index the process has that has most of it, and all processes together."""
+    """Return how much of the index is in memory: the maximum of one process, and of all together."""
     most = max(sizes["index_Rss"] for who, sizes in table.items() if who != "all")
     return {"index_in_one_mb": round(most), "index_in_all_mb": round(table["all"]["index_Pss"])}
 
 
 def _command_line(library: Path, photos: list[Path], *, fov: float | None) -> dict[str, float]:
-    """Time the command line's own queries, one after the other."""
+    """Time queries by the command line, one after the other."""
     options = [] if fov is None else ["--fov", str(fov)]
     printed = expmap("localize", library / SLUG / "map.cfg", *photos, "--json", *options, library=library)
     seconds = np.array([answer["seconds"]["total"] for answer in json.loads(printed)])

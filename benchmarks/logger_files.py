@@ -1,7 +1,7 @@
 """Reads a folder of loggers' files, and compares each with an independent reading of the same file.
 
-GPX is read by gpxpy, all others by a few lines here. Compared are the number of positions, each position,
-and the first and the last time. Differences are printed, to be judged: a file may be odd on purpose.
+GPX is read by gpxpy, other formats by a few lines here. Compares the number of positions, each position, and
+the first and the last time. Differences need to be judged: a file may be unusual on purpose.
 
     python -m benchmarks.logger_files FOLDER
 """
@@ -37,7 +37,7 @@ _FIT_EPOCH_S = 631_065_600
 _SAME_DEG = 2e-6
 _SAME_S = 1.0
 _SOON_S = 1e5
-"""Times of tracks that have none count from 0."""
+"""Smaller times are those of untimed tracks, which count from 0."""
 
 
 def _gpx(path: Path) -> Iterator[Row]:
@@ -68,7 +68,7 @@ def _igc(path: Path) -> Iterator[Row]:
 
 
 def _fit(path: Path) -> Iterator[Row]:
-    """Read the records of a file whose numbers are little-endian."""
+    """Read the records of a little-endian FIT file."""
     data = path.read_bytes()
     at, end = data[0], data[0] + struct.unpack_from("<I", data, 4)[0]
     known: dict[int, tuple[int, list[tuple[int, int]]]] = {}
@@ -157,7 +157,7 @@ READERS: dict[str, Callable[[Path], Iterator[Row]]] = {
 
 
 def _differences(report: ReadReport, rows: list[Row]) -> list[str]:
-    """Say where a report differs from an independent reading; what it names as left out may be missing."""
+    """List differences between a report and an independent reading, except items reported as left out."""
     latlon = np.concatenate([track.poses.latlon for track in report.tracks] or [np.zeros((0, 2))])
     left_out = sum(
         one.count for one in report.skipped if one.reason.startswith(("points without a time", "lines"))
@@ -189,7 +189,7 @@ def _timed(report: ReadReport, known: bool) -> Iterator[tuple[object, bool]]:
 
 
 def main() -> int:
-    """Print a line for each file, and how many are exact, refused or different."""
+    """Print a line for each file, and the numbers of exact, refused and different files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     options = replace(ReadOptions(), min_move=MinMove(0.0))

@@ -1,14 +1,14 @@
-"""Measures how fast a library with very many maps and photos answers, on PostgreSQL and on SQLite.
+"""Measures response times of a library with very many maps and photos, on PostgreSQL and on SQLite.
 
     python -m benchmarks.many_maps [--maps 10000] [--photos 1000000] [--repeat 40] [--only postgresql]
 
-Fills a library with maps of as many photos each, all placed, a tenth of the maps shared with somebody who
-owns none, and asks as the browser does, without a network in between: the first page of the list, a part of
-it in the middle, searches that find many, few and none, the same parts as JSON, and the editor with all that
-it needs to open. Editors are of other maps each time.
+Fills a library with maps that have equally many photos, all placed; a tenth of the maps are shared with a
+guest who owns none. Then requests addresses like a browser, without a network: the first page of the list, a
+page in the middle, searches with many, few and no results, the same as JSON, and the editor with all that it
+needs to open, each time for another map.
 
-Printed is a JSON object: for each address and database median, 95th percentile and processor time of an
-answer, milliseconds, and its size. The exit code is 1 where a 95th percentile is over `--most` milliseconds.
+Prints a JSON object: for each address and database median, 95th percentile and processor time of a response,
+milliseconds, and its size. The exit code is 1 if a 95th percentile is over `--most` milliseconds.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from webapp.store.schema import Account, MapRecord, Member, Photo
 _BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
 _PAGE = 48
 _ROWS = 20_000
-"""That are inserted at once."""
+"""Number of rows per INSERT."""
 
 
 def main() -> int:
-    """Run it; 1 where an answer takes too long."""
+    """Measure all databases; return 1 if a response takes too long."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -62,7 +62,7 @@ def main() -> int:
 
 @contextmanager
 def _database(kind: str) -> Iterator[str | None]:
-    """Make an empty database; None stands for SQLite."""
+    """Create an empty database and yield its URL; None stands for SQLite."""
     if kind == "sqlite":
         yield None
         return
@@ -74,7 +74,7 @@ def _database(kind: str) -> Iterator[str | None]:
 
 
 def measure(folder: Path, url: str | None, asked: argparse.Namespace) -> dict[str, dict[str, float]]:
-    """Fill a library and ask it."""
+    """Fill a library and measure requests."""
     library = open_library(folder, url=url)
     settings = Settings(library=folder, database=url)
     owner, guest = fill(library, maps=asked.maps, photos=asked.photos)
@@ -102,7 +102,7 @@ def measure(folder: Path, url: str | None, asked: argparse.Namespace) -> dict[st
 
 
 def fill(library: Library, *, maps: int, photos: int) -> tuple[Account, Account]:
-    """Fill a library; gives who owns it, and who sees a tenth of it."""
+    """Fill a library; return its owner, and a guest who sees a tenth of the maps."""
     each = photos // maps
     place = np.random.default_rng(1)
     with library.database.write() as session:
@@ -118,7 +118,7 @@ def fill(library: Library, *, maps: int, photos: int) -> tuple[Account, Account]
         with library.database.write() as session:
             session.execute(insert(Photo), rows)
     if library.database.engine.dialect.name == "postgresql":
-        with library.database.engine.connect() as connection:  # as it does by itself within minutes
+        with library.database.engine.connect() as connection:  # as autovacuum does within minutes
             connection.execution_options(isolation_level="AUTOCOMMIT").execute(text("ANALYZE"))
     return owner, guest
 

@@ -1,9 +1,9 @@
-"""Measures how long a line of a `.cfg` takes: to be parsed, checked and imported, also where lines are wrong.
+"""Measures the time to parse, check and import a line of a `.cfg`, for valid and invalid lines.
 
     python -m benchmarks.map_files [--lines 300000]
 
-Printed is a JSON object with microseconds of processor time a line, by kind of file. No photo is there: what
-is measured is what a small zip with many lines costs a server.
+Prints a JSON object with microseconds of processor time per line, by kind of file. The photos do not exist:
+the figures show what a small zip with many lines costs a server.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ KINDS: dict[str, Callable[[int], str]] = {
     "no numbers": lambda i: f"a{i};p{i}.jpg;b;c",
     "spaces": lambda i: f" {i} ; p{i}.jpg ; 1 ; 1 ",
 }
-"""A line by its number, for each kind of file."""
+"""Generator of line i, for each kind of file."""
 
 
 def cfg_of(kind: str, lines: int) -> bytes:
@@ -84,7 +84,7 @@ def _measure(kind: str, lines: int, *, folder: Path) -> Iterator[tuple[str, floa
 
 
 def _parsed(data: bytes) -> None:
-    with contextlib.suppress(CfgError):  # most kinds are wrong on purpose
+    with contextlib.suppress(CfgError):  # most kinds are invalid on purpose
         parse_cfg(data)
 
 

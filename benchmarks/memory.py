@@ -1,4 +1,4 @@
-"""Memory of a program's processes, from Linux's `/proc`: what is their own, and what they share."""
+"""Memory of a program's processes, private and shared, from Linux's `/proc`."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ Table = dict[str, dict[str, float]]
 
 
 def memory_mb(pid: int) -> Table:
-    """Measure a process and all below it.
+    """Measure a process and its descendants.
 
     Returns
     -------
     dict of str to dict of str to float
-        By process, and "all" for their sum, in 2^20 bytes: resident set size, proportional set size (a page
-        that n processes share counts 1/n in each) and its parts, what is private, and what there is of the
-        files of indexes. Where processes share an index, the sum of `index_Pss` is about one `index_Rss`.
+        For each process, and "all" for their sum, in 2^20 bytes: resident set size, proportional set size (a
+        page shared by n processes counts 1/n in each) and its parts, private memory, and mapped index files.
+        If processes share an index, the sum of `index_Pss` is about one `index_Rss`.
     """
     found: Table = {}
     for process in family(pid):
@@ -33,7 +33,7 @@ def memory_mb(pid: int) -> Table:
 
 
 def as_text(table: Table, *, title: str) -> str:
-    """Lay the figures out for people."""
+    """Format the figures as a table."""
     names = list(table["all"])
     lines = [f"{title:<26}" + "".join(f"{name:>11}" for name in names)]
     lines += [f"{who:<26}" + "".join(f"{sizes[n]:>11.0f}" for n in names) for who, sizes in table.items()]
@@ -53,11 +53,11 @@ def _sizes(process: Path) -> dict[str, float]:
 
 
 def _of_indexes(process: Path, name: str) -> float:
-    """Sum up a size (kB) of the mapped files of indexes."""
+    """Sum up one of the sizes (kB) over the mapped files of indexes."""
     total, counts = 0.0, False
     for line in (process / "smaps").read_text().splitlines():
         key, *rest = line.split()
-        if not key.endswith(":"):  # the first line of a mapping: its addresses, and last its file
+        if not key.endswith(":"):  # the first line of a mapping, which ends with its file
             counts = "/derived/" in line
         elif counts and key == f"{name}:":
             total += float(rest[0])
@@ -65,7 +65,7 @@ def _of_indexes(process: Path, name: str) -> float:
 
 
 def family(pid: int) -> list[int]:
-    """List a process and all below it."""
+    """List a process and its descendants."""
     parents: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():

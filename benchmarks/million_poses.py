@@ -1,18 +1,17 @@
-"""Opens a mission of a million poses in a browser, moves about in it, exports it, and measures all of that.
+"""Measures a mission of a million poses: opening, panning and zooming it in a browser, and exporting it.
 
     python -m benchmarks.million_poses [--poses 1000000] [--loads 5]
 
-Starts the program with a temporary library that has one mission: a robot that wanders about for a day.
-Printed are
+Starts the program with a temporary library with one mission: a robot that wanders about for a day. Prints
 
-- seconds to store the poses, and to prepare them for display, which the background does;
+- seconds to store the poses, and to build their pieces for display, normally a background job;
 - for each load of the page, the first with an empty cache: seconds until the track is drawn, and until the
   map has followed the first drag after that;
-- milliseconds between two frames while the map is dragged and zoomed with the wheel, seen whole and near;
-- of each export: its size, seconds, and by how much the server's memory (proportional set size of all its
-  processes) rose at the most; a short export of each kind comes before, so that modules are loaded.
+- milliseconds between two frames while the map is dragged and zoomed with the wheel, zoomed out and in;
+- for each export: its size, seconds, and the maximum rise of the server's memory (proportional set size of
+  all its processes); a short export of each kind comes first, so that modules are loaded.
 
-Exit code 1 where the page takes longer than 2 s (median) or an export more than 100 MB.
+The exit code is 1 if the page takes longer than 2 s (median) or an export more than 100 MB.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ addEventListener("DOMContentLoaded", () => {
   look();
 });
 """
-"""Notes when the colour of GPS tracks covers so many pixels of the map."""
+"""Records when at least PIXELS pixels of the map have the colour of GPS tracks."""
 
 _RECORD = """
 () => {
@@ -95,7 +94,7 @@ _PLACE = "() => document.querySelector('#map-canvas .leaflet-map-pane').style.tr
 
 
 def main() -> None:
-    """Run it and print one JSON object."""
+    """Measure and print one JSON object."""
     arguments = _arguments()
     path = find_browser()
     if path is None:
@@ -126,10 +125,10 @@ def _arguments() -> argparse.Namespace:
 
 
 def _fill(library: Library, poses: int) -> tuple[str, int, float]:
-    """Make a token and the mission; gives them, and seconds for the poses."""
+    """Create a token and the mission; return them, and the seconds to store the poses."""
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
-        maps.create(session, "Another", account_id=owner.id)  # else the start makes the sample meanwhile
+        maps.create(session, "Another", account_id=owner.id)  # prevents the sample map at the start
         token = accounts.new_token(session, owner, name="benchmark")
         mission = missions.create(session, "A day", account_id=owner.id).id
         tracks.get_or_create(session, mission, source="gps", name="wandering")
@@ -143,7 +142,7 @@ def _fill(library: Library, poses: int) -> tuple[str, int, float]:
 
 
 def _wander(count: int) -> Poses:
-    """Make the way of a robot that turns slowly, and back where it leaves a square of a kilometre."""
+    """Simulate a robot that turns slowly, its path mirrored at the sides of a square kilometre."""
     rng = np.random.default_rng(1)
     heading = np.cumsum(rng.normal(0, 0.03, count))
     step = _SPEED_MPS / _HERTZ * np.column_stack([np.cos(heading), np.sin(heading)])
@@ -157,7 +156,7 @@ def _wander(count: int) -> Poses:
 
 
 def _prepare(library: Library, mission: int) -> float:
-    """Prepare the track for display, as the background does; gives seconds."""
+    """Build the pieces of the track, as the background job does; return seconds."""
     begun = time.perf_counter()
     track_display.build_pieces(library, mission, write=library.database.write, progress=Progress())
     return round(time.perf_counter() - begun, 1)
@@ -233,7 +232,7 @@ def _recorded(page: Page, move: Callable[[Page], None]) -> dict[str, float]:
 
 
 def _pan(page: Page) -> None:
-    """Drag to and fro for some seconds."""
+    """Drag the map to and fro for some seconds."""
     x, y = _middle(page)
     page.mouse.move(x, y)
     page.mouse.down()
@@ -244,7 +243,7 @@ def _pan(page: Page) -> None:
 
 
 def _zoom(page: Page) -> None:
-    """Turn the wheel in and out again."""
+    """Zoom in and out with the wheel."""
     page.mouse.move(*_middle(page))
     for n in range(24):
         page.mouse.wheel(0, -120 if n % 8 < 4 else 120)
@@ -252,7 +251,7 @@ def _zoom(page: Page) -> None:
 
 
 def _export(app: App, mission: int, *, token: str, form: str) -> dict[str, float]:
-    """Fetch an export, and look at the memory of the server meanwhile."""
+    """Fetch an export, and measure the memory of the server meanwhile."""
     address = f"{app.url}/api/v1/missions/{mission}/export.{form}"
     headers = {"Authorization": f"Bearer {token}"}
     requests.get(address, params={"points": 100}, headers=headers, timeout=_PATIENCE_S).raise_for_status()

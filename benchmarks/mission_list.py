@@ -1,12 +1,12 @@
-"""Measures how fast the list of missions answers when there are very many.
+"""Measures response times of the list of missions with very many missions.
 
     python -m benchmarks.mission_list [--missions 5000] [--repeat 20]
 
 Fills a temporary library with missions of three tracks, five objects and a photo each, one in ten of them in
-the bin, and asks for its pages as the browser does, without a network in between. Printed is one JSON object:
-for the page itself, a first and a middle part of the list, searches that find many, few and none, the bin,
-and the whole list without and with small pictures, the median, the 95th percentile and the processor time of
-an answer, milliseconds, and its size.
+the bin, and requests addresses like a browser, without a network. Prints one JSON object with the median, the
+95th percentile and the processor time of a response, milliseconds, and its size: for the page itself, a first
+and a middle part of the list, searches with many, few and no results, the bin, and the whole list without and
+with previews.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PAGE = 50
 
 
 def main() -> None:
-    """Run it and print a line for each address."""
+    """Measure and print one JSON object."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(library=Path(folder) / "maps")

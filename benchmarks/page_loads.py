@@ -1,11 +1,11 @@
-"""Measures how pages load over a slow line: requests, bytes, and when they can be used.
+"""Measures page loads over a slow connection: requests, bytes, and times until pages are usable.
 
     python -m benchmarks.page_loads [--mbit 1.6] [--latency 150] [--repeat 3] [--json OUT]
 
-Starts the program with the sample map and opens its pages in a browser that has nothing of them, with the
-network that the browser emulates. `ready` is DOMContentLoaded, after which all scripts have run; `first dot`
-is when photos are drawn on the image; `loaded` is when the last picture in sight has come. Photos are counted
-apart from the files that the page is made of.
+Starts the program with the sample map and opens its pages in a browser with an empty cache and an emulated
+network. `ready` is DOMContentLoaded, after which all scripts have run; `first dot` is when photos are drawn
+on the image; `loaded` is when the last visible picture has arrived. Photos are counted separately from the
+other files of the page.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from tests.browser.ensure_browser import find_browser
 from tests.browser.watch import BROWSER_OPTIONS
 
 QUIET_S = 2.0
-"""A page that asks for nothing new for so long has loaded; those that ask for changes each second apart."""
+"""A page without new requests for this time has loaded, not counting those that poll every second."""
 PHOTO_PARTS = ("/thumb", "/preview", "/thumbnail")
 POLLS = ("/changes", "/jobs")
 
 
 def main() -> None:
-    """Run it and print a line for each page."""
+    """Measure and print a line for each page."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "maps"
@@ -72,7 +72,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _wait_for_sample(client: Client) -> None:
-    """Wait until the map is there, and until its index is, which keeps the processor busy."""
+    """Wait until the map exists and its index is built, which keeps the processor busy."""
     until = time.monotonic() + 300
     while not _is_ready(client) and time.monotonic() < until:
         time.sleep(0.5)
@@ -124,7 +124,7 @@ def _load(browser: Browser, address: str, who: tuple[Client, argparse.Namespace]
 
 
 def _watch(page: Page, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Slow the network down, and count what comes."""
+    """Throttle the network, and count responses."""
     seen: dict[str, Any] = {"requests": 0, "kB": 0.0, "photos": 0, "photos kB": 0.0, "last": time.monotonic()}
     addresses: dict[str, str] = {}
     session = page.context.new_cdp_session(page)

@@ -1,12 +1,13 @@
-"""Localizes by COLMAP, as hloc does: retrieval, a 3D model of the map's photos, pose by 2D-3D matches.
+"""Localizes with COLMAP, as hloc does: retrieval, a 3D model of the map's photos, pose from 2D-3D matches.
 
     python -m benchmarks.peer_colmap MAP.cfg QUERIES.csv [--limit N] [--neighbours 20] [--keypoints 2000]
 
-Everything but the retrieval is pycolmap (extra `sfm`): SIFT, matches verified by two-view geometry, global
-structure from motion (GLOMAP), absolute pose by RANSAC. Retrieval is VLAD (Jégou et al. 2010) of these SIFT,
-where hloc (Sarlin et al. 2019) takes a learned vector. A pose in the model becomes map pixels by a similarity
-in the plane of the cameras, fitted to the placed photos nearest to it in the model. A query without a pose is
-answered by the photo that retrieval puts first. Prints one JSON object with the keys of `expmap evaluate`.
+Everything except the retrieval is pycolmap (extra `sfm`): SIFT, matches verified by two-view geometry, global
+structure from motion (GLOMAP), absolute pose by RANSAC. Retrieval is VLAD (Jégou et al. 2010) of these SIFT
+descriptors, where hloc (Sarlin et al. 2019) uses a learned vector. A pose in the model is transformed to map
+pixels by a similarity in the plane of the cameras, fitted to the placed photos nearest to it in the model. A
+query without a pose gets the position of the best retrieved photo. Prints one JSON object with the keys of
+`expmap evaluate`.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 MAX_SIDE = 800
 WORDS, TRAINED_ON = 64, 100_000
 NEAR = 30
-"""Photos of the model that say where a pose is on the map."""
+"""Number of photos of the model from which the position of a pose on the map is computed."""
 
 _FEWEST_INLIERS = 12
 _ROUNDS = 10
@@ -45,7 +46,7 @@ _ROUNDS = 10
 
 @dataclass(frozen=True, slots=True)
 class Workspace:
-    """Where COLMAP works: names of photos are paths in `root`, and `folder` is for its files."""
+    """Folders and options for COLMAP: names of photos are relative to `root`; `folder` is for its files."""
 
     root: Path
     folder: Path
@@ -54,24 +55,24 @@ class Workspace:
 
     @property
     def database(self) -> Path:
-        """With features and matches of all photos."""
+        """Database with features and matches of all photos."""
         return self.folder / "database.db"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A reconstruction with what is known of its photos.
+    """A reconstruction, and the map positions of its photos.
 
     Attributes
     ----------
     plane : (2, 3) float64
-        Two axes across the cameras' common up.
+        Two axes perpendicular to the cameras' mean up direction.
     name : list of str
-        Of its n photos.
+        Names of its n photos.
     centre : (n, 2) float64
-        Of the cameras, along the axes.
+        Camera centres, along the axes.
     position : (n, 2) float64
-        Where the map has them, pixels.
+        Positions on the map, pixels.
     """
 
     found: pycolmap.Reconstruction
@@ -82,7 +83,7 @@ class Model:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print one JSON object."""
     arguments = _arguments()
     root = arguments.map.parent
     table = read(root)
@@ -155,7 +156,7 @@ def _extract(work: Workspace, names: Sequence[str]) -> None:
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = MAX_SIDE
     options.sift.max_num_features = work.keypoints
-    # COLMAP leaves out a photo whose size differs from that of the camera it shares.
+    # COLMAP skips photos whose size differs from that of their shared camera
     sizes = {(Path(name).parent, Image.open(work.root / name).size) for name in names}
     shared = len(sizes) == len({folder for folder, _ in sizes})
     mode = pycolmap.CameraMode.PER_FOLDER if shared else pycolmap.CameraMode.PER_IMAGE
@@ -163,7 +164,7 @@ def _extract(work: Workspace, names: Sequence[str]) -> None:
 
 
 def _sift(database: Path, name: str) -> NDArray[np.float32]:
-    """Read the descriptors of a photo, as RootSIFT; none of one that COLMAP left out."""
+    """Read the descriptors of a photo as RootSIFT; empty if COLMAP skipped the photo."""
     with pycolmap.Database.open(database) as opened:
         image = opened.read_image_with_name(name)
         if image is None:
@@ -174,7 +175,7 @@ def _sift(database: Path, name: str) -> NDArray[np.float32]:
 
 
 def _describe(database: Path, names: Sequence[str]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Train the words on the map's photos; gives the photos' vectors and the words."""
+    """Train the visual words on the map's photos; return the photos' vectors and the words."""
     described = [_sift(database, name) for name in names]
     rows = np.concatenate(described)
     rows = np.random.default_rng(0).permutation(rows)[:TRAINED_ON]
@@ -185,7 +186,7 @@ def _describe(database: Path, names: Sequence[str]) -> tuple[NDArray[np.float32]
 
 
 def _vlad(rows: NDArray[np.float32], words: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sum the residuals to each word, each sum of length 1, and all of them together, too."""
+    """Compute the VLAD vector: residuals summed per word, normalised per word and as a whole."""
     sums = np.zeros_like(words)
     if len(rows):
         nearest = (rows @ words.T - (words**2).sum(1) / 2.0).argmax(1)
@@ -220,7 +221,7 @@ def _model(found: pycolmap.Reconstruction, position: dict[str, Array]) -> Model:
     if np.linalg.det(np.vstack([plane, up])) < 0.0:
         plane = plane[::-1]
     centre = np.array([image.projection_center() for image in images]) @ plane.T
-    # Map pixels count downwards, so that seen from above the plane turns the other way.
+    # y of map pixels points down, so the second axis is mirrored
     return Model(
         found,
         plane * [[1.0], [-1.0]],
@@ -233,7 +234,7 @@ def _model(found: pycolmap.Reconstruction, position: dict[str, Array]) -> Model:
 def _locate(
     database: Path, name: str, retrieved: Sequence[str], *, models: Sequence[Model]
 ) -> list[float] | None:
-    """Solve the pose in the model that most matches agree with, and bring it to the map; None without one."""
+    """Solve the pose in the model with the most inliers, and return its map position; None without a pose."""
     poses = [
         (pose["num_inliers"], pose, model)
         for model in models
@@ -279,7 +280,7 @@ def _pose(database: Path, name: str, retrieved: Sequence[str], *, model: Model) 
 
 
 def _to_map(model: Model, centre: Array) -> list[float]:
-    """Take a point of the model's plane to map pixels by a similarity, robustly fitted around it."""
+    """Transform a point of the model's plane to map pixels by a similarity, robustly fitted around it."""
     near = np.argsort(((model.centre - centre) ** 2).sum(1))[:NEAR]
     source = model.centre[near] @ [1.0, 1.0j]
     target = model.position[near] @ [1.0, 1.0j]

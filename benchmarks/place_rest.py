@@ -1,13 +1,13 @@
-"""Measures how many photos of a map place themselves, and how far off, when only a few are placed by hand.
+"""Measures automatic placement: how many photos are placed from a few placed by hand, and with what error.
 
     python -m benchmarks.place_rest MAP.cfg --clicks 24 --unit 10
     python -m benchmarks.place_rest MAP.cfg --share 0.05 --unit 10
 
-All photos of the map are taken off it. With `--clicks` they come back one after the other as the program
-proposes them, each to where it was; with `--share` such a share of them, evenly spread over the list. The
-others are suggested from those. Errors are in units of `--unit` pixels: of a metre, or of a frame. Prints one
-JSON object.
-The reconstruction is kept beside the map, or in the user's cache where that cannot be written.
+All photos are removed from the map. With `--clicks`, photos are put back at their positions in the order in
+which the program proposes them; with `--share`, a share of them, evenly spread over the list. Positions of
+the others are suggested from those. Errors are in units of `--unit` pixels: of a metre, or of a frame. Prints
+one JSON object. The reconstruction is stored with the map, or in the user's cache if that folder is
+read-only.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from webapp.tasks.landmarks.place_rest import RestReport, suggest_from
 from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
 LIMITS = (1, 2, 4, 5, 10)
-"""Units within which a suggestion counts."""
+"""Error limits for the shares that are printed, in units."""
 
 
 def with_placed(the_map: Map, ids: Collection[int]) -> Map:
-    """Take all photos but some off a map."""
+    """Return a map on which only some photos are placed."""
     return replace(
         the_map,
         experiences=tuple(e for e in the_map.experiences if e.id in ids),
@@ -50,14 +50,14 @@ def with_placed(the_map: Map, ids: Collection[int]) -> Map:
 
 
 def with_photos_of(found: Reconstruction, the_map: Map) -> Reconstruction:
-    """Give a reconstruction the photos as they are on a map now."""
+    """Replace the photos of a reconstruction by their current state on a map."""
     everyone: list[AnyPhoto] = [*the_map.experiences, *the_map.unplaced]
     now = {photo.id: photo for photo in everyone}
     return replace(found, photos=tuple(now[photo.id] for photo in found.photos))
 
 
 def place_as_proposed(found: Reconstruction, the_map: Map, *, clicks: int) -> set[int]:
-    """Place the photos that are proposed, until so many are placed."""
+    """Place proposed photos until `clicks` are placed; return their ids."""
     placed: set[int] = set()
     while len(placed) < clicks:
         given = with_placed(the_map, placed)
@@ -69,7 +69,7 @@ def place_as_proposed(found: Reconstruction, the_map: Map, *, clicks: int) -> se
 
 
 def figures(report: RestReport, the_map: Map, *, placed: Collection[int], unit: float) -> dict[str, object]:
-    """Compare suggestions with where the photos were."""
+    """Compare suggestions with the true positions of the photos."""
     truth = {e.id: e.position for e in the_map.experiences}
     error = np.array([np.hypot(*np.subtract(one.position, truth[one.id])) / unit for one in report.suggested])
     radius = np.array([one.radius_px / unit for one in report.suggested])

@@ -1,13 +1,14 @@
-"""Measures the cloud of a map whose photos are all placed, and what it adds to localization.
+"""Measures the landmark cloud of a map whose photos are all placed, and its gain for localization.
 
     python -m benchmarks.placed_cloud MAP.cfg [--unit 10] [--queries QUERIES.csv] [--limit N] [--fov DEGREES]
         [--map-fov DEGREES] [--agreeing 40]
 
-The photos are reconstructed, joined and adjusted with their places as priors, as by `expmap landmarks build`.
-The first part says how many photos the largest model has and how far its cameras are from where the photos
-are placed. With `--queries`, `verified` and `landmarks` answer the same queries from the same index, and
-`both` combines them: that of `landmarks` where so many landmarks agree within the place that `verified`
-names, else that of `verified`. Errors are in units of `--unit` pixels. Prints one JSON object.
+The photos are reconstructed, joined and adjusted with their positions as priors, as by `expmap landmarks
+build`. The first part of the output has the share of photos in the largest model, and the distances of its
+cameras from the placed positions. With `--queries`, `verified` and `landmarks` answer the same queries from
+the same index, and `both` combines them: the answer of `landmarks` if at least `--agreeing` landmarks agree
+and it is within the place of `verified`, else that of `verified`. Errors are in units of `--unit` pixels.
+Prints one JSON object.
 """
 
 from __future__ import annotations
@@ -36,19 +37,19 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 
 LIMITS = (0.5, 1.0, 2.0, 5.0, 10.0)
-"""Units within which an answer counts."""
+"""Error limits for the shares that are printed, in units."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """The most probable place of one query by either method; None where a method has none."""
+    """The most probable place of one query by each method; None if a method has none."""
 
     query: Query
     verified: Hypothesis | None
     landmarks: Hypothesis | None
 
     def combined(self, *, agreeing: int, place_radius_px: float) -> Hypothesis | None:
-        """Take the place by landmarks where enough of them agree within the place of the other method."""
+        """Return the place by landmarks if enough agree and it is within the other place, else the other."""
         camera = self.landmarks.camera if self.landmarks else None
         if self.verified is None or self.landmarks is None or camera is None or camera.landmarks < agreeing:
             return self.verified
@@ -57,7 +58,7 @@ class Pair:
 
 
 def cloud_figures(cfg: Path, *, unit: float) -> dict[str, object]:
-    """Reconstruct the map's photos with their places as priors, and compare the two."""
+    """Reconstruct the map's photos with their positions as priors, and compare cameras and positions."""
     the_map, started = read_map(cfg), time.perf_counter()
     found = reconstruct(cfg, the_map, settings=load_settings(), progress=Progress())
     before = [len(submodel) for submodel in found.submodels]
@@ -76,20 +77,20 @@ def cloud_figures(cfg: Path, *, unit: float) -> dict[str, object]:
 
 
 def answers(localizer: LocalizationPipeline, queries: Sequence[Query]) -> list[Hypothesis | None]:
-    """Localize the queries; the most probable place of each."""
+    """Localize the queries; return the most probable place of each."""
     found = (localizer.localize(query.path, top=1).hypotheses for query in queries)
     return [places[0] if places else None for places in found]
 
 
 def shares(pairs: Sequence[tuple[Query, Hypothesis | None]], *, unit: float) -> dict[str, float]:
-    """Give the share of all queries that are answered so near to the truth, and of those without answer."""
+    """Return the shares of queries answered within each limit, and of those without an answer."""
     error = np.array([math.dist(one.position, query.truth) if one else math.inf for query, one in pairs])
     near = {f"within_{limit:g}": round(float(np.mean(error / unit <= limit)), 3) for limit in LIMITS}
     return {**near, "unanswered": round(float(np.mean(~np.isfinite(error))), 3)}
 
 
 def evidence_figures(options: argparse.Namespace) -> dict[str, object]:
-    """Answer the queries by either method and by both."""
+    """Localize the queries by each method and by both combined."""
 
     def opened(method: Method) -> LocalizationPipeline:
         asked = OpenOptions(method=method, features="sift", map_fov_deg=options.map_fov)

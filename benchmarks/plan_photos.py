@@ -1,14 +1,14 @@
-"""Measures what a plan of photos is worth: places of a map are hidden, and some come back as planned.
+"""Measures the benefit of a photo plan: places of a map are hidden, and some are restored as planned.
 
     python -m benchmarks.plan_photos MAP.cfg QUERIES.csv [--keep 0.25] [--spots 12] [--seeds 3]
         [--limit N] [--index FOLDER] [--uneven]
 
-Of the map's places, positions with all their photos, a share stays; with `--uneven` most of them in one half
-of the map. The photos that stay are looked for as if they were not on the map, and spots are planned by that.
-The hidden place nearest to each spot comes back with all its photos, as if somebody had turned round there.
-For comparison as many come back at random, by farthest-point sampling, and by a plan without trials. Printed
-is the share of the queries that are found within the place radius of the whole map, by the first answer; a
-line of JSON for each seed.
+Of the map's places (positions with all their photos) a share stays; with `--uneven` most of them in one half
+of the map. A trial is run for each photo that stays, hidden from the index, and spots are planned from the
+results. The hidden place nearest to each spot is restored with all its photos, as if somebody had taken
+photos in all directions there. For comparison as many places are restored at random, by farthest-point
+sampling, and by a plan without trials. Prints a line of JSON for each seed, with the share of the queries
+whose first answer is within the place radius of the whole map.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ Places = Mapping[MapPixel, Sequence[int]]
 
 TOP = 5
 _SPARSE = 0.2
-"""Of the places that stay, in the other half of an uneven map."""
+"""Share of the places that stay that is in the other half of an uneven map."""
 
 
 def places_of(map_: Map) -> Places:
-    """Give the ids of the photos at each position."""
+    """Return the ids of the photos at each position."""
     places: dict[MapPixel, list[int]] = defaultdict(list)
     for e in map_.experiences:
         places[e.position].append(e.id)
@@ -55,7 +55,7 @@ def places_of(map_: Map) -> Places:
 
 
 def split(places: Places, *, keep: float, uneven: bool, seed: int) -> tuple[list[MapPixel], list[MapPixel]]:
-    """Choose the places that stay; gives them and the hidden ones."""
+    """Choose the places that stay; return them and the hidden ones."""
     rng = np.random.default_rng(seed)
     every = sorted(places)
     weight = np.ones(len(every))
@@ -68,7 +68,7 @@ def split(places: Places, *, keep: float, uneven: bool, seed: int) -> tuple[list
 
 
 def nearest_to(spots: Sequence[tuple[float, float]], hidden: Sequence[MapPixel]) -> list[MapPixel]:
-    """Take the nearest hidden place of each spot, each place once."""
+    """Return the nearest hidden place of each spot, each place once."""
     left = list(hidden)
     taken = []
     for spot in spots:
@@ -79,7 +79,7 @@ def nearest_to(spots: Sequence[tuple[float, float]], hidden: Sequence[MapPixel])
 
 
 def farthest(there: Sequence[MapPixel], hidden: Sequence[MapPixel], count: int) -> list[MapPixel]:
-    """Take the hidden place that is farthest from all that are there, again and again."""
+    """Choose hidden places by farthest-point sampling, starting from those that are there."""
     candidates, taken = np.array(hidden), []
     away = distances(candidates, np.array(there)).min(axis=1)
     for _ in range(count):
@@ -90,14 +90,14 @@ def farthest(there: Sequence[MapPixel], hidden: Sequence[MapPixel], count: int) 
 
 
 def distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give the distance of each point of the first to each of the second."""
+    """Return the distance of each point of the first to each of the second."""
     return np.asarray(np.hypot(*(first[:, None, :] - second[None, :, :]).transpose(2, 0, 1)))
 
 
 def planned(
     left: Map, trials: Mapping[int, PhotoTrial], *, places: Places, count: int
 ) -> list[tuple[float, float]]:
-    """Plan spots near any of the places: there people can walk, which an area drawn by hand would say."""
+    """Plan spots near any of the places, which are known to be walkable, instead of a hand-drawn area."""
     width, height = left.satellite.width, left.satellite.height
     image = Rectangle(0.0, 0.0, width, height)
     rows = [
@@ -115,12 +115,12 @@ def planned(
 
 
 def ids_at(places: Places, chosen: Collection[MapPixel]) -> set[int]:
-    """Give the photos at some places."""
+    """Return the ids of the photos at some places."""
     return {id for place in chosen for id in places[place]}
 
 
 class Bench:
-    """A map of which any photos can be hidden."""
+    """A map whose photos can be hidden."""
 
     def __init__(self, pipeline: LocalizationPipeline, folder: Path) -> None:
         self.pipeline = with_hidden_photos(pipeline)
@@ -128,7 +128,7 @@ class Bench:
         self.radius = pipeline.place_radius_px
 
     def trials(self, stay: Collection[int]) -> dict[int, PhotoTrial]:
-        """Look for each photo on the map of those that stay, without itself."""
+        """Localize each photo that stays on the map of the others that stay."""
         gone = {e.id for e in self.map.experiences} - set(stay)
         return {
             e.id: self._look(self.folder / e.photo, e.position, hide=frozenset(gone | {e.id}))
@@ -137,7 +137,7 @@ class Bench:
         }
 
     def recognised(self, queries: Sequence[queries_csv.Query], stay: Collection[int]) -> float:
-        """Give the share of queries that are found on the map of some photos."""
+        """Return the share of queries that are localized correctly on a map of some photos."""
         gone = frozenset({e.id for e in self.map.experiences} - set(stay))
         return float(np.mean([self._look(q.path, q.truth, hide=gone).success for q in queries]))
 
@@ -155,7 +155,7 @@ class Bench:
 def measure(
     bench: Bench, queries: Sequence[queries_csv.Query], options: argparse.Namespace
 ) -> Iterator[dict[str, object]]:
-    """Compare the ways to choose places, once a seed."""
+    """Compare the strategies of choosing places, once per seed."""
     places = places_of(bench.map)
     for seed in range(options.seeds):
         stay, hidden = split(places, keep=options.keep, uneven=options.uneven, seed=seed)

@@ -1,4 +1,4 @@
-"""Runs programs one at a time, and says what each took: seconds, CPU seconds, memory at its highest."""
+"""Runs programs one at a time, and measures wall time, CPU time, and peak memory of each."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Run:
     printed : Any
         The JSON that it printed.
     seconds, cpu_seconds : float
-        By the clock; of all cores together. Its own child processes count.
+        Wall time; CPU time of all cores, including child processes.
     peak_rss_mb : float
-        Largest memory of one of its processes, 2^20 bytes, mapped files included.
+        Largest memory of one of its processes, 2^20 bytes, including mapped files.
     load : float
-        Processes that wanted a core, on average over the minute before it was started.
+        Load average of the minute before it was started.
     """
 
     printed: Any
@@ -37,7 +37,7 @@ class Run:
 
 
 class ProgramFailed(Exception):
-    """A program ended with a code that was not wanted."""
+    """A program ended with an unexpected exit code."""
 
     def __init__(self, command: Sequence[str], code: int, messages: str) -> None:
         super().__init__(f"{' '.join(command)} ended with {code}:\n{messages}")
@@ -48,14 +48,14 @@ class ProgramFailed(Exception):
 def run(command: Sequence[str], *, accepted: Collection[int] = (0,)) -> Run:
     """Run a program to its end. Linux and macOS only.
 
-    The peak of a new process starts at the size of the one that started it: who calls this stays small and
-    imports neither NumPy nor OpenCV.
+    The measured peak of a new process is at least the size of its parent, so the caller must stay small and
+    import neither NumPy nor OpenCV.
 
     Parameters
     ----------
     command : sequence of str
     accepted : collection of int
-        Exit codes that are no failure.
+        Exit codes that do not count as failures.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""Replays a recorded mission while the network is cut and client and server are killed, and counts the poses.
+"""Replays a recorded mission while the network is cut and client and server are killed; checks the poses.
 
     python -m benchmarks.robot_outage BAG [--speed 20] [--cuts 10] [--kills 5] [--min-move 0] [--seed 1]
 
-Starts the program with a temporary library, and `expmap robot replay` through a wire that can be cut. At
-random times, as long as the replay runs, the wire is cut and mended, the client is killed, or all processes
-of the server are, with SIGKILL each; who was killed is started again. In the end the track is compared,
-number by number, with the one that the import of the same file gives.
+Starts the program with a temporary library, and `expmap robot replay` through a proxy that can be
+disconnected. At random times during the replay, the connection is cut and restored, or the client or all
+processes of the server are killed with SIGKILL and restarted. At the end the track is compared, number by
+number, with the one from an import of the same file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ FINISH_WITHIN_S = 300
 
 
 def main() -> None:
-    """Run it and print one JSON object; exit code 1 when something was wrong."""
+    """Run the replay and print one JSON object; exit with 1 if there were problems."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -79,7 +79,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _make_library(folder: Path) -> None:
-    """Make it with a map of its own: else the first start makes the sample map meanwhile."""
+    """Make a library with a map, since an empty one would get the sample map at the first start."""
     library = open_library(folder)
     with library.database.write() as session:
         maps.create(session, "Another", account_id=accounts.ensure_owner(session).id)
@@ -87,7 +87,7 @@ def _make_library(folder: Path) -> None:
 
 
 class _Programs:
-    """The server and the client; both are gone at the end."""
+    """The server and the client, which are killed at the end."""
 
     def __init__(self, folder: Path, url: str, *, port: int, arguments: argparse.Namespace) -> None:
         library = folder / "maps"
@@ -105,7 +105,7 @@ class _Programs:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str) -> None:
-        """Start one of them in a group of its own."""
+        """Start one of them in its own process group."""
         self._running[name] = subprocess.Popen(
             [sys.executable, "-m", "webapp", *self._words[name]],
             env=self._environ, stdout=self._log, stderr=self._log, start_new_session=True,
@@ -120,11 +120,11 @@ class _Programs:
         self._running[name].wait()
 
     def client_runs(self) -> bool:
-        """Check whether the client has not ended by itself."""
+        """Check whether the client is still running."""
         return self._running["client"].poll() is None
 
     def end(self) -> int:
-        """Wait for the client, and end the server; gives the client's exit code."""
+        """Wait for the client, and stop the server; return the client's exit code."""
         code = self._running["client"].wait(FINISH_WITHIN_S)
         self._running["server"].terminate()
         self._running["server"].wait()
@@ -193,7 +193,7 @@ def _wait_for_server(port: int) -> None:
 
 
 def _compare(library: Library, folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Compare what the server has with what an import of the file gives."""
+    """Compare the data on the server with an import of the file."""
     spool = read_content(folder / "spool")
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
@@ -236,7 +236,7 @@ def _same(poses: Poses, expected: Poses) -> bool:
 
 
 def _distance_m(bag: Path) -> float:
-    """Sum of the geodesics between the fixes of the bag, without any of the program's own code."""
+    """Sum up the geodesics between the fixes of the bag, independently of the program's code."""
     with AnyReader([bag]) as reader:
         wanted = [c for c in reader.connections if c.topic == "/fix"]
         fixes = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(wanted)]

@@ -1,14 +1,14 @@
-"""Lets many robots send where they are at once, while a page follows one of them.
+"""Simulates many robots that send poses at once, while a page follows one of them.
 
     python -m benchmarks.robots_load [--robots 50] [--seconds 120] [--hertz 10] [--beat 1.0] [--json FILE]
 
-Is each pose there once? Starts the program with a temporary library. Every robot has a mission of its own and
-makes poses in even steps; each beat it sends all that are not acknowledged as a batch, as the robots' client
-does. Printed are what is lost, stored twice or out of order; seconds from the request that was acknowledged
-to its acknowledgement; what was put off because the server was busy; the memory of all processes of the
-server together (proportional set size: shared pages count once), before, at its highest and at the end; the
-processor time of the server and of the robots themselves, in cores; and how late, in seconds after a pose
-was made, the follower heard of it. A pose waits for half a beat on average before it is even sent.
+Checks that each pose is stored exactly once. Starts the program with a temporary library. Every robot has its
+own mission and makes poses at a constant rate; each beat it sends all unacknowledged ones as a batch, like
+the robots' client. Prints poses that are lost, stored twice or out of order; seconds from an acknowledged
+request to its acknowledgement; batches deferred because the server was busy; the memory of all processes of
+the server together (proportional set size: shared pages count once), before, at the peak and at the end; the
+processor time of the server and of the robots themselves, in cores; and the delay in seconds from the time of
+a pose until the follower receives it. On average, a pose waits half a beat before it is sent.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _MEMORY_EVERY_S = 2.0
 _PATIENCE_S = 60.0
 _STEP_DEGREES = 1e-6
 _BATCH = 1000
-"""Records in one request at most, as of the robots' client."""
+"""Maximum number of records in one request, as in the robots' client."""
 
 
 @dataclass
@@ -58,7 +58,7 @@ class Robot:
     errors: list[str] = field(default_factory=list)
 
     def work(self, begin: float, arguments: argparse.Namespace) -> None:
-        """Make poses from a Unix time on, and send all that are not acknowledged."""
+        """Make poses from a Unix time on, and send all unacknowledged ones."""
         server = http.client.HTTPConnection(urlsplit(self.url).netloc, timeout=_PATIENCE_S)
         total, known, since = int(arguments.seconds * arguments.hertz), 0, time.monotonic()
         due, pause_s = begin, 0.0
@@ -79,7 +79,7 @@ class Robot:
             self.errors.append(f"nothing was acknowledged for {_PATIENCE_S:.0f} s")
 
     def _send(self, server: http.client.HTTPConnection, first: int, last: int) -> float:
-        """Send some poses; gives the seconds to wait before they are sent again, 0 when they are stored."""
+        """Send some poses; return the seconds to wait before sending them again, 0 if they are stored."""
         records = [
             {"type": "pose", "time": time_s, "lat": 50 + n * _STEP_DEGREES, "lon": 14.0, "heading_deg": 0.0}
             for n, time_s in enumerate(self.made[first:last], first)
@@ -92,7 +92,7 @@ class Robot:
             answer = server.getresponse()
             text = answer.read()
         except (OSError, http.client.HTTPException) as error:
-            self.cuts.append(repr(error))  # the same poses again, on another connection
+            self.cuts.append(repr(error))  # the caller resends the poses, on a new connection
             server.close()
             return 1.0
         if answer.status == 200:
@@ -107,17 +107,17 @@ class Robot:
 
 @dataclass
 class Follower:
-    """A page that follows a mission, and how late it hears of its poses."""
+    """A page that follows a mission, and the delays of the poses that it receives."""
 
     url: str
     token: str
     mission: int
     heard: dict[int, float] = field(default_factory=dict)
-    """By the number of a pose: seconds after it was made."""
+    """Delay in seconds, by the number of the pose."""
     streams: int = 0
 
     def work(self, over: threading.Event) -> None:
-        """Follow until it is over; comes back as an `EventSource` does."""
+        """Follow until `over` is set; reconnect like an `EventSource`."""
         known: dict[str, str] = {}
         while not over.is_set():
             headers = {"Authorization": f"Bearer {self.token}", **known}
@@ -140,7 +140,7 @@ class Follower:
 
 
 def main() -> None:
-    """Run it and print one JSON object; exit code 1 when something was wrong."""
+    """Run the load and print one JSON object; exit with 1 if there were problems."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         token, ids = _make_library(Path(folder) / "maps", arguments.robots)
@@ -172,7 +172,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _make_library(folder: Path, robots: int) -> tuple[str, list[int]]:
-    """Make a library with a token, missions, and a map: else the start makes the sample meanwhile."""
+    """Make a library with a token, missions, and a map, which prevents the sample map at the start."""
     library = open_library(folder)
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
@@ -186,14 +186,14 @@ def _make_library(folder: Path, robots: int) -> tuple[str, list[int]]:
 def _work(
     robots: list[Robot], follower: Follower, arguments: argparse.Namespace, *, pid: int
 ) -> dict[str, Any]:
-    """Let all work at once; gives what the server takes: megabytes, and cores."""
+    """Run all robots and the follower at once; return memory (megabytes) and processor use (cores)."""
     before = highest = memory_mb(pid)["all"]["Pss"]
     busy_s, own_s, clock_s = _processor_s(pid), time.process_time(), time.monotonic()
     over = threading.Event()
     following = threading.Thread(target=follower.work, args=(over,))
     begin = time.time() + 1.0
     threads = [
-        # Robots do not wait for each other: their beats are spread.
+        # real robots are not synchronised, so the beats are spread
         threading.Thread(target=robot.work, args=(begin + arguments.beat * n / len(robots), arguments))
         for n, robot in enumerate(robots)
     ]
@@ -222,7 +222,7 @@ def _work(
 
 
 def _processor_s(pid: int) -> float:
-    """Sum up the processor time of a process and of all below it."""
+    """Sum up the processor time of a process and its descendants."""
     ticks = 0
     for process in family(pid):
         try:
@@ -234,7 +234,7 @@ def _processor_s(pid: int) -> float:
 
 
 def stored_problems(library: Library, robot: Robot) -> list[str]:
-    """Compare what a robot has made with what is stored of it."""
+    """Compare the poses that a robot has made with those stored."""
     with library.database.read() as session:
         found = tracks.list_tracks(session, robot.mission)
         times = [tracks.read(session, track).times_s for track in found]

@@ -1,12 +1,12 @@
-"""Measures the ROS 2 node `pose_estimator`: images at an even rate on one map.
+"""Measures the ROS 2 node `pose_estimator` with images at a constant rate on one map.
 
     .venv-ros/bin/python -m benchmarks.ros_latency MAP.cfg PHOTOS --hz 5 --minutes 30
 
-Run it after `make ros-test`, which makes `.venv-ros`. The node runs as a process of its own. Latency is from
-the stamp of an image to its answer; what an image waited is that less the time of its localization, and an
-image that was the newest has waited no longer than the time between two. The memory is the resident set of
-the node: after the warm-up, at each full minute, and its trend over the second half. Printed is one JSON
-object; the figures so far go to standard error every minute.
+Run it after `make ros-test`, which creates `.venv-ros`. The node runs in a separate process. Latency is the
+time from the stamp of an image to its answer; the waiting time is the latency minus the time of the
+localization, and the newest image never waits longer than the interval between two. The memory is the
+resident set of the node: after the warm-up, after each full minute, and its trend over the second half.
+Prints one JSON object, and the figures so far on standard error every minute.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from std_msgs.msg import Header, String
 _ROOT = Path(__file__).resolve().parents[1]
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _START_S = 3600.0
-"""The first start may build the index."""
+"""Time limit of the start, which may build the index."""
 
 _MINUTE_S = 60.0
 _TRANSFER_S = 0.1
-"""What an image and its answer are on their way, besides."""
+"""Allowance for the transfer of an image and its answer."""
 
 
 class Camera(Node):
-    """Publishes photos in turn, and times the answers."""
+    """Publishes photos one after the other, and times the answers."""
 
     def __init__(self, photos: list[Path]) -> None:
         super().__init__("benchmark")
@@ -58,7 +58,7 @@ class Camera(Node):
         self.sent += 1
 
     def forget(self) -> None:
-        """Begin the figures anew."""
+        """Reset the figures."""
         self.sent = 0
         del self.stamps_s[:], self.latencies_s[:], self.seconds[:]
 
@@ -71,7 +71,7 @@ class Camera(Node):
 
 
 def main() -> None:
-    """Measure, and print the figures."""
+    """Run the node and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -107,7 +107,7 @@ def _measure(pid: int, photos: list[Path], *, hz: float, warm_up_s: float, secon
     executor = SingleThreadedExecutor()
     executor.add_node(camera)
     end = time.monotonic() + _START_S
-    while not camera.latencies_s:  # it is opening the map
+    while not camera.latencies_s:  # the node is opening the map
         if time.monotonic() > end:
             raise SystemExit("the node has not answered")
         camera.publish()
@@ -125,7 +125,7 @@ def _measure(pid: int, photos: list[Path], *, hz: float, warm_up_s: float, secon
 
 
 def _run(camera: Camera, executor: SingleThreadedExecutor, *, hz: float, seconds: float) -> None:
-    """Publish at an even rate: an image that is due late does not delay those after it."""
+    """Publish at a constant rate; a late image does not delay those after it."""
     start = time.monotonic()
     for number in range(round(seconds * hz)):
         _spin(executor, start + number / hz)

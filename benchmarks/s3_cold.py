@@ -1,21 +1,20 @@
-"""Compares answers on a machine that has the map in S3 with those beside a local folder.
+"""Compares response times of a machine with the map in S3 and of one with the map in a local folder.
 
     python -m benchmarks.s3_cold MAP.cfg [--photos 300] [--queries 20] [--rounds 3] [--mb-s 100] [--ms 20]
 
-An S3 server of `moto` runs in a process of its own, and gives so many MB/s to all connections together, each
-answer so many milliseconds after it was asked for. A copy of the first photos of the map is built once, with
-its calibration, by method `verified`, and then moved to S3. Queries are photos of the map, cut at the edges.
-Each line of the table is the median of the rounds, which take turns, each in a new process that has loaded
-the program:
+An S3 server of `moto` runs in a separate process, with a bandwidth of --mb-s for all connections together and
+a latency of --ms for each response. A copy of the first photos of the map is built once, with its
+calibration, by method `verified`, and then copied to S3. Queries are photos of the map, cropped at the edges.
+Each line of the table is the median of the rounds, in which the variants alternate, each in a new process
+that has loaded the program:
 
 - local: photos and index are files
-- cold: they are objects, and nothing of them is on this machine
-- warm: the same, in another process of that machine
-- first: until the first answer, opening the map included; next: an answer after it
+- cold: they are objects, and the cache of the machine is empty
+- warm: the same, in another process with that cache
+- first: time until the first answer, including opening the map; next: time of a later answer
 - fetched: MB in the cache after the last answer
 
-What answers say is compared, too. The folder itself, with map.cfg, pointers and manifests, is on this
-machine.
+The answers are compared, too. The folder itself, with map.cfg, pointers and manifests, is on this machine.
 """
 
 from __future__ import annotations
@@ -53,11 +52,11 @@ from webapp.tasks.localize.pipeline import open_pipeline
 
 _OPTIONS = OpenOptions(method="verified", features="sift")
 _EDGE = 0.04
-"""Of a photo, which queries lack on each side."""
+"""Share of a photo that is cropped on each side of queries."""
 
 
 def main() -> int:
-    """Measure; 1 where answers differ."""
+    """Measure and print a table; return 1 if answers differ."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cfg", type=Path)
     parser.add_argument("--photos", type=int, default=300)
@@ -84,7 +83,7 @@ def main() -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Places:
-    """Where everything is: the same map as files and as objects, and photos to ask about."""
+    """Paths of the same map as files and as objects, of queries, and of caches."""
 
     local: Path
     stored: Path
@@ -92,7 +91,7 @@ class _Places:
     caches: Path
 
     def settings(self, cache: str) -> Settings:
-        """Return the settings of a machine; the database is named, and nobody connects to it."""
+        """Return the settings of a machine; the database URL is required, but never used."""
         return Settings(
             database="postgresql+psycopg://nobody@localhost/none",
             storage=f"s3://{BUCKET}/library",
@@ -101,7 +100,7 @@ class _Places:
 
 
 def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
-    """Build a map, and move a copy of it to S3."""
+    """Build a map, and put a copy of it into S3."""
     report = build_map(local, _OPTIONS, settings=Settings(), progress=Progress())
     asked = tuple(cut_photos(local, folder / "queries", queries))
     library = folder / "library"
@@ -121,7 +120,7 @@ def _prepare(local: Path, folder: Path, *, queries: int) -> _Places:
 
 
 def cut_photos(cfg: Path, folder: Path, count: int) -> Iterator[Path]:
-    """Make queries of photos of a map, evenly spread: cut at the edges."""
+    """Yield queries made from evenly spread photos of a map, cropped at the edges."""
     folder.mkdir()
     experiences = read_map(cfg).experiences
     for number in range(min(count, len(experiences))):
@@ -135,7 +134,7 @@ def cut_photos(cfg: Path, folder: Path, count: int) -> Iterator[Path]:
 
 @dataclass(frozen=True, slots=True)
 class _Answers:
-    """What a process was told, and how long it took."""
+    """The answers that a process got, and their times."""
 
     first_s: float
     next_s: tuple[float, ...]
@@ -144,7 +143,7 @@ class _Answers:
 
 
 def _ask(cfg: Path, queries: Iterable[Path], settings: Settings) -> _Answers:
-    """Open a map and ask about photos, in a process that does nothing else."""
+    """Open a map and localize photos, in a process that does nothing else."""
     connect(settings)
     begun = time.perf_counter()
     pipeline = open_pipeline(cfg, _OPTIONS, settings=settings, progress=Progress(), fov_deg=None)
@@ -179,7 +178,7 @@ def _measure(places: _Places, *, rounds: int) -> dict[str, list[_Answers]]:
 
 
 def _loaded() -> None:
-    """Load what a server has loaded before the first request, but for the map."""
+    """Load the modules that a server has loaded before the first request."""
     import boto3
 
     boto3.client("s3")

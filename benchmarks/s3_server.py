@@ -1,4 +1,4 @@
-"""An S3 server of `moto` in a process of its own: late, no faster than it may be, or silent for a while."""
+"""An S3 server of `moto` in a separate process, with latency, limited bandwidth, and simulated outages."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _CREDENTIALS = {
 
 
 class ObjectServer:
-    """Serves one bucket from memory while it is entered.
+    """Serves one bucket from memory, until the end of the context.
 
     Parameters
     ----------
     mb_s : float
-        MB/s that it gives to all connections together.
+        Bandwidth of all connections together, MB/s.
     ms : float
-        Milliseconds after which it answers.
+        Latency of each response, milliseconds.
 
     Attributes
     ----------
     environ : dict of str to str
-        What programs need in their environment to reach it.
+        Environment variables with which programs reach it.
     """
 
     def __init__(self, mb_s: float, ms: float) -> None:
@@ -52,14 +52,14 @@ class ObjectServer:
         self._process.wait()
 
     def be_silent(self, seconds: float) -> None:
-        """Answer nothing for a while, without closing a connection."""
+        """Stop responding for a while, without closing connections."""
         self._process.send_signal(signal.SIGSTOP)
         time.sleep(seconds)
         self._process.send_signal(signal.SIGCONT)
 
 
 def serve(mb_s: float, ms: float) -> None:
-    """Serve one bucket, and print the address; never ends."""
+    """Serve one bucket, and print the address; never returns."""
     import boto3
     from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
     from werkzeug.serving import make_server
@@ -81,14 +81,14 @@ def serve(mb_s: float, ms: float) -> None:
 
 
 class _Throttled:
-    """Gives answers of an application late, and no more bytes a second than it may."""
+    """WSGI middleware that adds latency, and limits the bandwidth."""
 
     def __init__(self, application: Any, bytes_per_s: float, wait_s: float) -> None:
         self._application, self._bytes_per_s, self._wait_s = application, bytes_per_s, wait_s
         self._lock, self._free_at = threading.Lock(), 0.0
 
     def __call__(self, environ: dict[str, Any], start: Callable[..., Any]) -> Iterator[bytes]:
-        """Answer as WSGI has it."""
+        """Handle a WSGI request."""
         time.sleep(self._wait_s)
         return self._slowly(self._application(environ, start))
 

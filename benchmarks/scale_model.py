@@ -1,16 +1,16 @@
-"""Measures what a photo and an answer cost on a map, and computes from it what libraries of other sizes need.
+"""Measures the cost per photo and per answer on a map, and extrapolates it to libraries of other sizes.
 
     python -m benchmarks.scale_model MAP.cfg QUERIES.csv [--queries-used N] [--photo-mb MB] [--open-maps 4]
         [--answers 0.1,5,200] [--core 12] [--gb-memory 2] [--tb-disk 80] [--tb-objects 20] [--json OUT]
 
 The index is built from scratch in a temporary folder, once with compressed descriptors and once with
-signatures. Measured are seconds of processor time (of all cores together), so that another load on the
-machine matters little, bytes, and the peak of a process that has the map open.
+signatures. Measures seconds of processor time (of all cores together), which other load on the machine
+affects little, bytes, and the peak memory of a process that has the map open.
 
-The model multiplies, for maps like this one. Its assumptions are the options: megabytes of a photo (those of
-the map where it is not given), maps that a process has open at once, answers a second in the busiest hour for
-each size of library, prices a month. A core is planned to be busy for 60 % of that hour. Not in it: traffic,
-copies for backup, the second look of `auto`.
+The model is linear, for maps like this one. Its assumptions are the options: megabytes per photo (default:
+those of the map), maps that a process has open at once, answers per second in the busiest hour for each size
+of library, prices per month. A core is planned to be busy for 60 % of that hour. Not included: traffic,
+backups, the second look of `auto`.
 """
 
 from __future__ import annotations
@@ -32,31 +32,31 @@ from benchmarks.processes import run
 LIBRARIES = (10_000, 1_000_000, 100_000_000)
 BUSY = 0.6
 BUILD_DAYS = 30
-"""The first indexes may take so long."""
+"""Time allowed for building the first indexes."""
 ALL_MAPS_MB = 256.0
-"""Memory of a process that searches all maps, for a million photos: `python -m benchmarks.library_search`."""
+"""Memory for searching all maps, per million photos, from `python -m benchmarks.library_search`."""
 IN_MEMORY_UP_TO, IN_DATABASE_KB = 100_000, 1.0
-"""Photos up to which that is done in memory; beyond by pgvector, which takes so much a photo (the same
-benchmark prints it) and is planned to be in the database server's memory."""
+"""Number of photos up to which that search is done in memory; beyond, pgvector takes this much per photo (see
+the same benchmark), which should fit into the database server's memory."""
 COMPRESSED_UP_TO = 9_600
-"""Photos of a map that are searched by compressed descriptors; with more, by signatures."""
+"""Number of photos up to which a map is searched by compressed descriptors; beyond, by signatures."""
 TIERS = {"compressed": "500", "signatures": "0"}
-"""Ways of searching, by what EXPMAP_MEMORY_MB is set to."""
+"""Values of EXPMAP_MEMORY_MB that select each search method."""
 PREVIEWS, ROWS = 40, 5000
 
 
 @dataclass(frozen=True, slots=True)
 class Tier:
-    """Cost of a way of searching.
+    """Cost of a search method.
 
     Attributes
     ----------
     build_s : float
-        Processor seconds a photo: keypoints, index, orientations and calibration.
+        Processor seconds per photo: keypoints, index, orientations and calibration.
     index_kb, process_mb : float
-        On the disk, a photo; peak of a process with the map open, 2^20 bytes.
+        Disk space per photo; peak memory of a process with the map open, 2^20 bytes.
     answer_s : float
-        Processor seconds of a query, from its file to the answer.
+        Processor seconds per query, from its file to the answer.
     """
 
     build_s: float
@@ -67,14 +67,14 @@ class Tier:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What was measured on a map."""
+    """Figures measured on a map."""
 
     photos: int
     photo_mb: float
     previews_kb: float
     row_kb: float
     empty_mb: float
-    """Peak of a process that has no map open."""
+    """Peak memory of a process without an open map."""
     compressed: Tier
     signatures: Tier
 
@@ -103,12 +103,12 @@ def main() -> None:
 def plan(
     measured: Measured, *, photos: int, answers_a_second: float, options: argparse.Namespace
 ) -> dict[str, float]:
-    """Compute what a library needs: bytes, cores, memory, and money a month.
+    """Compute the needs of a library: storage, cores, memory, and cost per month.
 
     Parameters
     ----------
     photos : int
-        Of the library, on maps of as many photos as the measured one.
+        Photos in the library, on maps with as many photos as the measured one.
     """
     tier = measured.compressed if measured.photos <= COMPRESSED_UP_TO else measured.signatures
     maps = math.ceil(photos / measured.photos)
@@ -177,7 +177,7 @@ def _photos(cfg: Path) -> list[Path]:
 
 
 def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str) -> Tier:
-    """Build the map and ask about photos, with the commands that people use."""
+    """Build the map and localize photos, by command line."""
     os.environ["EXPMAP_MEMORY_MB"] = memory_mb
     with arguments.queries.open(newline="", encoding="utf-8") as file:
         names = [line["path"] for line in csv.DictReader(file, delimiter=";")]
@@ -186,7 +186,7 @@ def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str)
     expmap, where = [sys.executable, "-m", "webapp"], [str(arguments.map), "--index", str(index), "--json"]
     built = run([*expmap, "build", *where])
     ask = [*expmap, "localize", *where, "--budget", "0"]
-    run([*ask, queries[0]])  # what the first answer finds missing is made then
+    run([*ask, queries[0]])  # the first answer creates files that are missing
     one, every = run([*ask, queries[0]]), run([*ask, *queries])
     count = len(_photos(arguments.map))
     kept = sum(path.stat().st_size for path in index.rglob("*") if path.is_file())
@@ -199,7 +199,7 @@ def _measure_tier(arguments: argparse.Namespace, index: Path, *, memory_mb: str)
 
 
 def _previews_kb(photos: Sequence[Path]) -> float:
-    """Make previews of some photos."""
+    """Measure the size of previews per photo, on some photos."""
     from webapp.files.photos.preview import make_previews
     from webapp.settings import PhotoLimits
 
@@ -209,7 +209,7 @@ def _previews_kb(photos: Sequence[Path]) -> float:
 
 
 def _row_kb() -> float:
-    """Fill a library with the records of photos; what a photo adds to the file of the database."""
+    """Measure the growth of the database file per photo, by filling a library with records."""
     from benchmarks.large_map import fill
     from webapp.store.accounts import accounts
     from webapp.store.library import open_library
@@ -244,7 +244,7 @@ def _print_plans(plans: Sequence[dict[str, float]]) -> None:
 
 
 def shown(value: float) -> str:
-    """Write a number with three digits that count, or more before the point."""
+    """Format a number with three significant digits, or as an integer from 100 on."""
     return f"{value:,.0f}".replace(",", " ") if value >= 100 else f"{value:.3g}"
 
 

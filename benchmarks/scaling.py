@@ -1,8 +1,8 @@
-"""Measures how the cost of a query grows with the map: real photos and generated distractors.
+"""Measures how the cost of a query grows with the map, by adding generated distractors to real photos.
 
-Each distractor has half of the descriptors of each of two of the map's photos, all of them perturbed. They
-are written to a temporary file (128 KB a photo with SIFT; `--folder` says where) and read from there like
-those of a map. The inverted file is made up to `--most-codes` photos: its training grows with the map. The
+Each distractor combines half of the descriptors of each of two of the map's photos, with noise. They are
+written to a temporary file (128 KB per photo with SIFT; in `--folder`) and read from there like those of a
+map. The inverted file is measured up to `--most-codes` photos, since its training grows with the map. The
 map's index must have been built.
 
     python -m benchmarks.scaling MAP.cfg QUERIES.csv [--features sift] [--fov DEG] [--sizes 1000,3000,...]
@@ -47,11 +47,11 @@ from webapp.threads import in_threads
 
 _CHUNK = 1000
 _NOISE = 21
-"""Most that a component, 0 to 255, is changed by: spread about as between two photos of one thing."""
+"""Maximum change of a component, 0 to 255; similar to the differences between two photos of one thing."""
 
 
 class Distractors:
-    """Generated photos; their descriptors are in a file."""
+    """Generated photos, whose descriptors are in a file."""
 
     def __init__(self, real: list[NDArray[np.uint8]], count: int, *, folder: Path) -> None:
         self._real = [r for r in real if len(r) > 1]
@@ -75,23 +75,23 @@ class Distractors:
         return np.clip(rows, 0, 255).astype(np.uint8)
 
     def photo(self, number: int) -> NDArray[np.uint8]:
-        """Read the descriptors of one."""
+        """Read the descriptors of a photo."""
         rows: NDArray[np.uint8] = self.rows[int(self.first[number]) : int(self.first[number + 1])]
         return rows
 
 
 class Zeros:
-    """Keypoints of distractors: they are nowhere and not turned."""
+    """Keypoints of distractors, with position, size and angle 0."""
 
     def __init__(self, rows: int, *wide: int) -> None:
         self.shape = (rows, *wide)
 
     def __len__(self) -> int:
-        """Count the rows."""
+        """Return the number of rows."""
         return self.shape[0]
 
     def __getitem__(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Give as many zeros."""
+        """Return zeros for the given rows."""
         return np.zeros((len(rows), *self.shape[1:]), np.float32)
 
 
@@ -170,7 +170,7 @@ def _descriptors(real: IndexedMap) -> list[NDArray[np.uint8]]:
 def _map(
     real: IndexedMap, others: Distractors, count: int, *, search: InvertedFile | TwoStage, fov: float
 ) -> IndexedMap:
-    """Put some distractors on the map, far from everything: what one of them speaks for is wrong."""
+    """Add distractors to the map, far from all photos, so that votes for them are wrong."""
     there = len(real.ids)
     far = np.random.default_rng(0).random((count, 2)) * 1e3 + 1e5
     known = real.extrinsics
@@ -236,7 +236,7 @@ class _Made(NamedTuple):
 
 
 class _Signed:
-    """Signatures of all photos, made once."""
+    """Signatures of all photos, computed once."""
 
     def __init__(self, real: list[NDArray[np.uint8]], others: Distractors) -> None:
         begun = time.perf_counter()
@@ -251,8 +251,8 @@ class _Signed:
         self._others = np.array(made, np.uint8).reshape(count, self._real.shape[1])
 
     def of(self, real: IndexedMap, count: int) -> _Made:
-        """Search a map with so many distractors."""
-        # The map's own photos are in several segments; each has its part.
+        """Return the search structure of a map with `count` distractors."""
+        # the map's own photos are split into the parts of its segments
         ends = np.cumsum([len(s.content) for s in real.segments])
         parts = [*np.split(self._real, ends[:-1]), *([self._others[:count]] if count else [])]
         segments = [*real.segments]
@@ -297,7 +297,7 @@ _NAMES = {"ivf": "compressed descriptors (ivf)", "vlad": "signatures (vlad)"}
 
 
 def plot(rows: list[dict[str, Any]]) -> str:
-    """Draw the seconds of a query over the photos of the map, both logarithmic, as SVG."""
+    """Plot the seconds of a query against the number of photos, both logarithmic, as SVG."""
     xs = [math.log10(r["photos"]) for r in rows]
     low, high = min(xs) - 0.1, max(xs) + 0.1
     ys = [math.log10(r["p50_seconds"]) for r in rows]

@@ -4,20 +4,21 @@
         [--methods verified] [--limit N] [--foreign FOLDER] [--fov DEGREES] [--built] [--json OUT] [more]
 
 The other program is called as `PROGRAM MAP.cfg QUERIES.csv [--features SIFT|ORB] [--limit N]` and prints one
-JSON object with within_10px ... and match_seconds_p50; the thesis method in plain OpenCV is such a one.
+JSON object with within_10px ... and match_seconds_p50; one example is the thesis method in plain OpenCV.
 
-Each kind of features is built from scratch into a temporary folder first, unless --built says to take the
-index next to the map. Options that are not listed here, such as --map-fov, go to each `expmap` command.
+For each kind of features an index is first built from scratch in a temporary folder, or with --built the
+index next to the map is used. Options that are not listed here, such as --map-fov, go to each `expmap`
+command.
 
-- accuracy: share of all queries whose first hypothesis is so near; median and mean error, map pixels
-- honesty: with 95 % intervals; "foreign placed" are photos of the --foreign folders that got a place with a
-  probability of at least 0.5
-- cost of a query: milliseconds, medians but for p95; "/base" is over the baseline's median query; CPU is of
-  all cores together, and not known of the other program, whose build drowns it;
+- accuracy: share of queries whose first hypothesis is within a distance; median and mean error, map pixels
+- honesty: calibration figures with 95 % intervals; "foreign placed" are photos of the --foreign folders that
+  got a place with a probability of at least 0.5
+- cost of a query: milliseconds, medians except p95; "/base" is relative to the baseline's median query; CPU
+  is of all cores together, and unknown for the other program, whose build dominates it;
   KB/photo = (peak of a localizing process - the same on a map of one photo) / photos
-- build: seconds a photo of keypoints and index, by the clock and of all cores; then orienting and calibrating
+- build: seconds per photo for keypoints and index, wall time and of all cores; then orienting and calibrating
 
-Other work on the machine makes all times worse: "load" is how much there was when the measuring began.
+Other work on the machine makes all times worse: "load" is the load average when the measurement began.
 """
 
 from __future__ import annotations
@@ -97,18 +98,18 @@ BUILD = {
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is measured on.
+    """The test data and options.
 
     Attributes
     ----------
     map, queries, one_photo : Path
-        The map, the list, and the same map with one photo.
+        The map, the list of queries, and the same map with one photo.
     photos : int
-        Of the map.
+        Number of photos of the map.
     asked, foreign : list of str
-        Photos that are localized: queries, and those that were taken elsewhere.
+        Photos that are localized: queries, and photos from elsewhere.
     options : list of str
-        For every `expmap` command.
+        Options for every `expmap` command.
     fov, foreign_fov : list of str
         Options with the field of view of the queries and of photos from elsewhere.
     """
@@ -125,7 +126,7 @@ class Subject:
 
 
 def main() -> None:
-    """Run everything and print the tables."""
+    """Run all measurements and print the tables."""
     arguments = _arguments()
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as scratch:
@@ -192,12 +193,12 @@ def _subject(arguments: argparse.Namespace, scratch: Path, *, limit: int) -> Sub
 
 
 def photos_in(folder: Path) -> Iterator[Path]:
-    """Find the photos of a folder and of those in it, by their endings, in the order of their names."""
+    """Find the photos of a folder and its subfolders by their suffixes, sorted by path."""
     return (path for path in sorted(folder.rglob("*")) if path.suffix.lower() in PHOTOS)
 
 
 def one_photo_map(cfg: Path, folder: Path) -> Path:
-    """Copy a map with the first of its photos only; returns the new map file."""
+    """Copy a map with only its first photo; return the new map file."""
     image, first = cfg.read_text("utf-8-sig").splitlines()[:2]
     for name in (image.split(";")[0].strip(), first.split(";")[1].strip()):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -208,7 +209,7 @@ def one_photo_map(cfg: Path, folder: Path) -> Path:
 
 
 def _baseline(program: Path, subject: Subject, *, features: str, limit: int) -> dict[str, Any]:
-    """Measure the other program: with one query (its build), with all, and on the map of one photo."""
+    """Measure the other program: with one query (for its build), with all, and on a map of one photo."""
     call = [sys.executable, str(program)]
     kind = ["--features", features]
     where = [str(subject.map), str(subject.queries), *kind]
@@ -269,7 +270,7 @@ def _ours(
 
 
 def _asked(subject: Subject, options: list[str], *, limit: int) -> dict[str, Any]:
-    """Ask what the truth is known of."""
+    """Evaluate the queries with known truth."""
     limited = ["--limit", str(limit)] if limit else []
     done = _expmap(
         "evaluate", str(subject.map), str(subject.queries), *limited, *subject.fov, *options, "--json"
@@ -292,7 +293,7 @@ def _cost(subject: Subject, options: list[str], *, one_photo_index: Path) -> dic
     one = _expmap("localize", str(subject.map), subject.asked[0], *asked)
     many = _expmap("localize", str(subject.map), *subject.asked, *asked)
     elsewhere = ["--index", str(one_photo_index)]
-    _expmap("localize", str(subject.one_photo), subject.asked[0], *asked, *elsewhere)  # builds it
+    _expmap("localize", str(subject.one_photo), subject.asked[0], *asked, *elsewhere)  # builds the index
     small = _expmap("localize", str(subject.one_photo), *subject.asked, *asked, *elsewhere)
     return {
         "cpu_seconds_per_query": each(many.cpu_seconds, one.cpu_seconds, more=len(subject.asked) - 1),

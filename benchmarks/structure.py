@@ -1,16 +1,16 @@
-"""Counts what the source is made of: files, lines, folders, imports and docstrings.
+"""Prints statistics of the source: files, lines, folders, imports and docstrings.
 
     python benchmarks/structure.py [CHECKOUT] [--package webapp] [--json OUT]
 
-CHECKOUT is the root of a working copy, by default the one that holds this script, so that two versions can be
-compared. Only the source is read: nothing is imported, and nothing has to be installed.
+CHECKOUT is the root of a working copy, by default that of this script, so that two versions can be compared.
+Only the source is read: nothing is imported, and nothing has to be installed.
 
 - Each line is of one kind: code, import, docstring, comment or blank. A line with code and a comment is code;
   a blank line inside a docstring is a docstring line.
-- "one importer": modules that exactly one other module of the package imports, anywhere in it. Packages
+- "one importer": modules that exactly one other module of the package imports, at any place. Packages
   (`__init__.py`) are not counted, as they are imported with their modules.
-- "folder": Python files that lie directly in one folder.
-- "empty parameters": entries of numpydoc's section Parameters that have no description below them.
+- "folder": Python files directly in one folder.
+- "empty parameters": entries of numpydoc's section Parameters without a description.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Source:
 
     @property
     def name(self) -> str:
-        """The name that it is imported by."""
+        """The module's dotted name."""
         parts = self.path.with_suffix("").parts
         return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -66,19 +66,19 @@ class Structure:
     Attributes
     ----------
     lines : dict of str to int
-        By kind, one of `KINDS`.
+        Number of lines by kind, one of `KINDS`.
     median_lines : float
-        Of all lines of a file.
+        Median length of the files.
     longest : tuple of str and int
-        The longest file and its lines.
+        The longest file and its number of lines.
     one_importer : list of str
         Modules that exactly one other imports.
     most_alone : tuple of str and int
-        The module that is the only importer of most others, such as a table of views, and of how many.
+        The module that is the only importer of most others, such as a table of views, and their number.
     no_importer : list of str
-        Modules that no other imports: entry points, and what is not used.
+        Modules that no other imports: entry points, and unused ones.
     folders : list of tuple of str and int
-        Folders and the Python files directly in them, the largest first.
+        Folders and the number of Python files directly in them, the largest first.
     parameters, empty_parameters : int
         Documented parameters, and those without a description.
     """
@@ -157,7 +157,7 @@ def line_kinds(text: str) -> Counter[str]:
 
 
 def documented_parameters(tree: ast.Module) -> Iterator[str]:
-    """Read the description of each documented parameter, "" where there is none."""
+    """Yield the description of each documented parameter, "" if it has none."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             lines = inspect.cleandoc(ast.get_docstring(node) or "").splitlines()
@@ -165,7 +165,7 @@ def documented_parameters(tree: ast.Module) -> Iterator[str]:
 
 
 def as_text(found: Structure) -> str:
-    """Lay the counts out for people."""
+    """Format the counts as a table."""
     total = sum(found.lines.values())
     parts = ", ".join(f"{found.lines[kind]} {kind}" for kind in KINDS)
     folders = ", ".join(f"{folder} {files}" for folder, files in found.folders[:SHOWN_FOLDERS])
@@ -184,7 +184,7 @@ def as_text(found: Structure) -> str:
 
 
 def as_json(found: Structure) -> dict[str, Any]:
-    """Give the counts as JSON can hold them."""
+    """Convert the counts to JSON types."""
     return {name: getattr(found, name) for name in Structure.__slots__}
 
 
@@ -223,12 +223,12 @@ def _imported(node: ast.AST, source: Source, *, names: set[str]) -> Iterator[str
 
 
 def _base(level: int, source: Source) -> tuple[str, ...]:
-    """Name the package that a relative import starts from: with one dot, the module's own."""
+    """Return the package that a relative import starts from: with one dot, the module's own."""
     return source.path.parts[:-level] if level else ()
 
 
 def _descriptions(lines: list[str]) -> Iterator[str]:
-    """Read the entries of the section Parameters: a name at the margin, its description indented below."""
+    """Yield the descriptions in the section Parameters, which are indented below their names."""
     inside, description = False, None
     for line, following in zip(lines, [*lines, ""][1:], strict=True):
         is_heading = set(following) == {"-"} and not line.startswith(" ")

@@ -1,15 +1,15 @@
-"""Moves a library to PostgreSQL and S3 and back, and compares its files and its answers.
+"""Moves a library to PostgreSQL and S3 and back, and compares its files and answers.
 
     python -m benchmarks.there_and_back MAP.cfg [--queries 20] [--json OUT]
 
-A library is made of a copy of the map, whose index is built by a worker. Then its records go to PostgreSQL
-and its photos and index to S3, and back to SQLite and the folder, by `expmap library move`. Before, between
-and after, `map.cfg`, each photo and the answers to the map's own photos, cut at the edges, are read by new
-processes; in S3 with an empty cache, and when the files have gone from the folder, which workers delete ten
-minutes after they were stored: the benchmark moves the pointers' times back instead of waiting.
+A library is made from a copy of the map, whose index is built by a worker. Then its records are moved to
+PostgreSQL and its photos and index to S3, and back to SQLite and the folder, by `expmap library move`.
+Before, between and after, `map.cfg`, each photo and the answers to the map's own photos, cropped at the
+edges, are read by new processes; in S3 with an empty cache, and after the files were deleted from the folder.
+Workers do that ten minutes after the upload: the benchmark sets the pointers' times back instead of waiting.
 
-Printed are the seconds of each move, and how many files and answers differ. The exit code is 1 where any
-does, or where the folder still had a photo when all of them were to be read from S3.
+Prints the seconds of each move, and the numbers of files and answers that differ. The exit code is 1 if any
+differ, or if the folder still had a photo when all of them should have been read from S3.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _SLUG = "moved"
 
 
 def main() -> int:
-    """Move there and back; 1 where something differs."""
+    """Move the library there and back; return 1 if something differs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cfg", type=Path)
     parser.add_argument("--queries", type=int, default=20)
@@ -69,7 +69,7 @@ def main() -> int:
 
 
 def make_library(cfg: Path, folder: Path) -> Path:
-    """Make a library of a copy of a map, with its index."""
+    """Make a library with a copy of a map, and build its index."""
     shutil.copytree(cfg.parent, folder / _SLUG, ignore=shutil.ignore_patterns("derived"))
     if cfg.name != "map.cfg":
         (folder / _SLUG / cfg.name).rename(folder / _SLUG / "map.cfg")
@@ -83,7 +83,7 @@ def make_library(cfg: Path, folder: Path) -> Path:
 
 
 def move(library: Path, queries: Sequence[Path], *, database: str, cache: Path) -> dict[str, Any]:
-    """Move a library there and back, and read it at each stop."""
+    """Move a library there and back, and read it before, between and after."""
     records = {"EXPMAP_DATABASE": database}
     both = {**records, "EXPMAP_STORAGE": f"s3://{BUCKET}/library", "EXPMAP_CACHE_FOLDER": str(cache)}
     before = read(library, queries, environ={})
@@ -108,7 +108,7 @@ def move(library: Path, queries: Sequence[Path], *, database: str, cache: Path) 
 
 
 def _leave_objects_only(library: Path, environ: Mapping[str, str]) -> None:
-    """Have the index stored, too, and the files deleted that have become objects."""
+    """Store the index in S3, too, and delete the files that have become objects."""
     _expmap(environ, "build", str(library / _SLUG / "map.cfg"), "--method", "verified")
     for pointer in library.rglob(f".*{SUFFIX}"):
         os.utime(pointer, (0, 0))
@@ -117,7 +117,7 @@ def _leave_objects_only(library: Path, environ: Mapping[str, str]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a library holds and answers.
+    """Files and answers of a library.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class State:
     answers : list
         Without times.
     pointers : int
-        Photos of which the folder has only a pointer.
+        Number of photos of which the folder has only a pointer.
     """
 
     files: dict[str, str]
@@ -138,7 +138,7 @@ class State:
         return self.files == other.files and self.answers == other.answers
 
     def differences(self, other: State) -> dict[str, int]:
-        """Count what is other than in another state."""
+        """Count the files and answers that differ from another state."""
         names = self.files.keys() | other.files.keys()
         pairs = zip(self.answers, other.answers, strict=True)
         return {
@@ -148,7 +148,7 @@ class State:
 
 
 def read(library: Path, queries: Sequence[Path], *, environ: Mapping[str, str]) -> State:
-    """Hash the files of the map, and ask it, in a process of its own."""
+    """Hash the files of the map, and localize queries in a separate process."""
     cfg = library / _SLUG / "map.cfg"
     said = _expmap(environ, "localize", str(cfg), *map(str, queries), "--json", "--method", "verified")
     connect(

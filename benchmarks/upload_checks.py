@@ -1,4 +1,4 @@
-"""Whether every photo of a folder is in a map once, whole, and where the folder's own `map.cfg` has it."""
+"""Checks that every photo of a folder is in a map once, undamaged, and at the position of its `.cfg`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from webapp.store.schema import MapRecord, Photo
 
 
 def problems_of(source: Path, there: Path, *, exported: bytes) -> list[str]:
-    """Compare a map of a library with the `.cfg` it was made from.
+    """Compare a map of a library with the `.cfg` that it was made from.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def problems_of(source: Path, there: Path, *, exported: bytes) -> list[str]:
     there : Path
         `map.cfg` in the library.
     exported : bytes
-        The `.cfg` that the page gave.
+        The `.cfg` downloaded from the page.
     """
     wanted = {_sha256(source.parent / e.photo): _xy(e) for e in read_cfg(source).map.experiences}
     placed = {_sha256(there.parent / e.photo): _xy(e) for e in read_cfg(there).map.experiences}
@@ -42,7 +42,7 @@ def problems_of(source: Path, there: Path, *, exported: bytes) -> list[str]:
 
 
 def _rows(cfg: Path) -> list[str]:
-    """Hashes of the photos in the database, whose files must be what their rows say."""
+    """Return the hashes of the photos in the database, after checking their files."""
     library = open_library(cfg.parents[1])
     with library.database.read() as session:
         record = session.scalars(select(MapRecord).where(MapRecord.slug == cfg.parent.name)).one()

@@ -1,12 +1,13 @@
-"""Uploads a folder of hundreds of photos through the page, as a person does, and checks all that comes of it.
+"""Uploads a folder of hundreds of photos through the page, as a user does, and checks the resulting map.
 
     python -m benchmarks.upload_getty MAPFOLDER [--photos 500] [--kill SECONDS] [--queries 300] [--json OUT]
 
 MAPFOLDER holds `map.cfg`, its image and its photos, and `queries.csv` for the evaluation. A new map is made
-in the browser: image, photos in one go, positions by file name from `map.cfg`. Then the index is awaited, the
-`.cfg` is taken away, checked by `expmap map check`, and compared with an index which the command line
-builds of the same photos. With `--kill`, a random process of the server is killed with SIGKILL every few
-seconds until the index is ready: the server recovers, the page continues.
+in the browser: image, photos all at once, positions by file name from `map.cfg`. When the index is built, the
+`.cfg` is downloaded and compared, the map is checked by `expmap map check`, and its accuracy is compared with
+that of an index that the command line builds from the same photos. With `--kill`, a random process of the
+server is killed with SIGKILL every few seconds until the index is ready: the server recovers, the page
+continues.
 """
 
 from __future__ import annotations
@@ -35,18 +36,18 @@ UPLOAD_MS = 1_800_000
 FIGURES = ("median_px", "within_10px", "within_20px", "within_50px", "within_100px")
 COMPARED = ("within_20px", "within_50px", "within_100px")
 POINTS = 0.02
-"""By so much the page's index may be worse or better than the command line's."""
+"""Maximum difference between the page's index and that of the command line."""
 
 LAGS = """
 window.lags = [];
 let before = performance.now();
 setInterval(() => { const now = performance.now(); window.lags.push(now - before - 50); before = now; }, 50);
 """
-"""How late timers are: as late as a click would be answered."""
+"""Records the delay of timers, which equals the delay of responses to clicks."""
 
 
 def main() -> None:
-    """Run it and print one JSON object; exit code 1 when something was wrong."""
+    """Run the upload and print one JSON object; exit with 1 if there were problems."""
     arguments = _arguments()
     with tempfile.TemporaryDirectory() as folder:
         source = _subset(arguments.folder, Path(folder) / "source", count=arguments.photos)
@@ -82,7 +83,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _subset(folder: Path, target: Path, *, count: int) -> Path:
-    """Copy the first photos of a map and the lines about them; gives the new `.cfg`."""
+    """Copy the first photos of a map and their lines; return the new `.cfg`."""
     lines = (folder / "map.cfg").read_text("utf-8").splitlines()[: count + 1]
     for path in _named(lines):
         (target / path).parent.mkdir(parents=True, exist_ok=True)
@@ -92,12 +93,12 @@ def _subset(folder: Path, target: Path, *, count: int) -> Path:
 
 
 def _named(lines: list[str]) -> list[str]:
-    """Paths in the lines of a `.cfg`: of the image, then of the photos."""
+    """Return the paths in the lines of a `.cfg`: of the image, then of the photos."""
     return [lines[0].split(";")[0], *(line.split(";")[1] for line in lines[1:])]
 
 
 def _author(app: App, source: Path, *, kill_s: float) -> tuple[dict[str, Any], str, bytes]:
-    """Make the map in a browser; gives figures, its slug, and the `.cfg` that was taken away."""
+    """Make the map in a browser; return figures, its slug, and the downloaded `.cfg`."""
     browser = find_browser()
     if browser is None:
         raise SystemExit(MISSING)
@@ -130,7 +131,7 @@ def _lines(cfg: Path) -> list[str]:
 
 
 def _new_map(page: Page, app: App, *, image: Path) -> str:
-    """Sign in, and make a map with an image; gives its slug."""
+    """Sign in, and make a map with an image; return its slug."""
     page.goto(app.sign_in)
     page.get_by_test_id("sign-in").click()
     page.get_by_test_id("new-map").click()
@@ -143,7 +144,7 @@ def _new_map(page: Page, app: App, *, image: Path) -> str:
 
 
 def _fill(page: Page, slug: str, *, source: Path) -> dict[str, float]:
-    """Upload, place and wait for the index; gives the seconds of each."""
+    """Upload, place and wait for the index; return the seconds of each."""
     photos = [source.parent / path for path in _named(_lines(source))[1:]]
     times: dict[str, float] = {}
     with _timed(times, "upload"):
@@ -164,7 +165,7 @@ def _timed(times: dict[str, float], name: str) -> Iterator[None]:
 
 
 def _import_positions(page: Page, source: Path, *, count: int) -> None:
-    """Choose the file of positions; a person chooses it again when the server was killed just then."""
+    """Choose the file of positions; choose it again, as a user would, if the server was killed meanwhile."""
     placed = page.get_by_test_id("placed-count")
     while placed.inner_text() != str(count):
         page.locator("#place-menu summary").click()
@@ -178,7 +179,7 @@ def _import_positions(page: Page, source: Path, *, count: int) -> None:
 
 
 def _wait_for_jobs(page: Page, slug: str) -> None:
-    """Wait until the index of the map is ready, with nothing more to do."""
+    """Wait until the index jobs of the map have ended."""
     while True:
         done = [job["state"] for job in _jobs(page, slug) if job["kind"] == "index"]
         if done and not {"queued", "running"} & set(done):
@@ -187,7 +188,7 @@ def _wait_for_jobs(page: Page, slug: str) -> None:
 
 
 def _jobs(page: Page, slug: str) -> list[dict[str, Any]]:
-    """Ask for the jobs of the map; where the server was killed just then, ask again."""
+    """Get the jobs of the map; retry if the server was killed meanwhile."""
     while True:
         with contextlib.suppress(Error):
             answer = page.request.get(f"/api/v1/jobs?map={slug}")
@@ -197,7 +198,7 @@ def _jobs(page: Page, slug: str) -> list[dict[str, Any]]:
 
 
 def _evaluate(arguments: argparse.Namespace, source: Path, *, there: Path) -> dict[str, tuple[float, float]]:
-    """Figures of the same queries on the page's map and on one that the command line builds."""
+    """Evaluate the same queries on the page's map and on one that the command line builds."""
     words = [str(arguments.folder / "queries.csv"), "--json", "--limit", str(arguments.queries)]
     here, own = (
         json.loads(expmap("evaluate", cfg, *words, library=there.parents[1])) for cfg in (there, source)

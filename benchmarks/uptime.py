@@ -1,12 +1,12 @@
-"""Ages a running program in fast motion: very many requests, and what the server holds meanwhile.
+"""Simulates a long uptime by very many requests, and checks that the server's resources do not grow.
 
     python -m benchmarks.uptime [--requests 200000] [--clients 4]
 
-Clients ask for the state of a map, exports and pictures, move photos and undo that, upload photos that the
-map has already, and send what is refused. Printed is a JSON object with samples (memory of all processes of
-the server together, open files, size of the database, files of the library, lines of the log) and with the
-highest figures of the second and of the last quarter of the run. The exit code is 1 where one of them grows
-on, and where a request fails.
+Clients request the state of a map, exports and pictures, move photos and undo that, upload photos that the
+map has already, and send invalid requests. Prints a JSON object with samples (memory of all processes of the
+server together, open files, size of the database, files of the library, lines of the log) and with the maxima
+of the second and of the last quarter of the run. The exit code is 1 if one of them keeps growing, or if a
+request fails.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _SLUG = "aged"
 _PHOTOS = 12
 _SAMPLES = 20
 _GROWTH = {"rss_mb": 60.0, "open_files": 20.0, "database_mb": 2.0, "library_files": 50.0, "log_lines": 50.0}
-"""More than this, besides a tenth, is growth."""
+"""An increase by more than this, and by more than a tenth, counts as growth."""
 
 
 def main() -> None:
-    """Run it and print one JSON object."""
+    """Run the load and print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--requests", type=int, default=200_000)
     parser.add_argument("--clients", type=int, default=4)
@@ -105,7 +105,7 @@ def _prepare(owner: Client) -> list[int]:
 
 
 def _request(client: Client, number: int, *, ids: list[int]) -> int:
-    """Send the request of a number; gives its status."""
+    """Send the request of a number; return its status."""
     photo = ids[number % len(ids)]
     where = f"/maps/{_SLUG}"
     match number % 20:
@@ -151,7 +151,7 @@ def _open_files(process: int) -> int:
 
 
 def _growth(samples: list[dict[str, float]]) -> dict[str, tuple[float, float]]:
-    """Compare the highest of the second quarter of the run with that of the last quarter."""
+    """Return the maxima of the second and of the last quarter of the run."""
     quarter = len(samples) // 4
     early, late = samples[quarter : 2 * quarter], samples[-quarter:]
     return {

@@ -1,8 +1,8 @@
-"""Measures how well photos are placed that are worse than a map's: dim, in fog, blurred, small, turned.
+"""Measures how well degraded photos are localized: dim, in fog, blurred, small, rotated.
 
-Each query is changed in each of these ways and asked again. What a camera would add (motion, lamps, colours
-of the night) is not imitated, so that this is a lower bound of the harm. Changed photos have no EXIF: where
-that states the queries' field of view, give it with --fov.
+Each query is degraded in each of these ways and localized again. Real effects such as motion, lamps, or
+colours at night are not simulated, so this is a lower bound of the loss. Degraded photos have no EXIF: if the
+field of view of the queries is known only from EXIF, give it with --fov.
 
     python -m benchmarks.worse_photos MAP.cfg QUERIES.csv [--features sift,xfeat] [--limit N] [--json OUT]
 
@@ -48,7 +48,7 @@ def _as_bytes(values: NDArray[np.floating[Any]]) -> Photo:
 
 
 def _light(photo: Photo, share: float, noise: float) -> Photo:
-    """Take the photo with that share of its light."""
+    """Simulate the photo with a share of its light, with noise."""
     linear = (photo / 255.0) ** GAMMA * share
     grain = np.random.default_rng(photo.shape[0]).normal(0.0, noise, photo.shape) if noise else 0.0
     return _as_bytes(255.0 * np.clip(linear, 0.0, 1.0) ** (1.0 / GAMMA) + grain)
@@ -65,7 +65,7 @@ def _saved_badly(photo: Photo) -> Photo:
 
 
 def _turned(photo: Photo, degrees: float) -> Photo:
-    """Turn what is in the photo; the frame stays, so that the field of view does."""
+    """Rotate the content of the photo; the frame, and so the field of view, stays the same."""
     height, width = photo.shape[:2]
     turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
     return np.asarray(cv2.warpAffine(photo, turn, (width, height)), np.uint8)
@@ -114,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _changed(queries: Path, change: Callable[[Photo], Photo], *, folder: Path, limit: int | None) -> Path:
-    """Write the changed photos and their list; returns the list."""
+    """Write the degraded photos and their list; return the path of the list."""
     every = queries_csv.read(queries)
     count = min(limit or len(every), len(every))
     lines = [queries_csv.HEADER]

@@ -1,8 +1,8 @@
-"""Builds packages of messages with the wheels of ROS 2, into the environment that this is run in.
+"""Builds message packages with the wheels of ROS 2, and installs them into the running environment.
 
     ros-env/bin/python ros/build_messages.py ros/expmap_msgs
 
-Needs CMake, a C++ compiler and the headers of Python; the extra `ros-build` has the rest.
+Needs CMake, a C++ compiler and the headers of Python; the extra `ros-build` installs the rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ PREFIX = Path(sys.prefix)
 
 
 def main() -> int:
-    """Build the packages that are named; the exit code is that of the first one that fails."""
+    """Build the packages given as arguments; return the exit code, stopping at the first failure."""
     packages = [Path(argument).resolve() for argument in sys.argv[1:]]
     if not packages:
         sys.stderr.write("usage: build_messages.py PACKAGE...\n")
@@ -39,7 +39,7 @@ def main() -> int:
 
 
 def missing_tools() -> list[str]:
-    """Return what of the system's programs is not there."""
+    """Return the required system programs that are missing."""
     compiler = os.environ.get("CXX", "c++")
     return [name for name in ("cmake", compiler) if shutil.which(name) is None]
 
@@ -62,7 +62,7 @@ def _build(package: Path) -> None:
 
 
 def _correct_include_paths() -> None:
-    """Replace the two paths of the machine on which the wheels were built by those of this environment."""
+    """Replace two include paths of the machine that built the wheels by those of this environment."""
     import numpy as np
 
     python, arrays = sysconfig.get_path("include"), np.get_include()

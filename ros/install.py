@@ -1,10 +1,10 @@
-"""Installs the wheels of ROS 2 into `.venv-ros`, and builds the messages of which there is none.
+"""Installs the wheels of ROS 2 into `.venv-ros`, and builds the messages that have no wheels.
 
     python3 ros/install.py .venv
 
-The wheels slow down every start of Python, so they are not in `.venv`. `.venv-ros` has them, and finds all
-other packages in the environment that is named. Only the standard library is used, and nothing of that
-environment: `make test` makes both at once.
+The wheels slow down every start of Python, so they are not in `.venv`. `.venv-ros` has them, and uses the
+other packages of the given environment. This script needs only the standard library and nothing of that
+environment, since `make test` creates both at the same time.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ BUILDER = ROOT / "ros" / "build_messages.py"
 _STAND_INS = ROOT / "ros" / "expmap_ros" / "test" / "interfaces"
 MESSAGES = (ROOT / "ros" / "expmap_msgs", _STAND_INS / "tf2_msgs", _STAND_INS / "vision_msgs")
 PYTHONS = ((3, 11), (3, 12), (3, 13))
-"""That the wheels are made for, on Linux with glibc and x86-64."""
+"""Versions for which there are wheels, on Linux with glibc and x86-64."""
 
 
 def main() -> int:
-    """Install unless `.venv-ros` is as it should be already; without wheels for this machine, say so."""
+    """Install unless `.venv-ros` is up to date; if there are no wheels for this machine, say so."""
     if len(sys.argv) != 2:
         sys.stderr.write("usage: install.py ENVIRONMENT\n")
         return 2
@@ -39,15 +39,15 @@ def main() -> int:
         sys.stdout.write(
             f"\n***** SKIPPED: the ROS 2 nodes are NOT TESTED: no wheels for Python {version} on {here}\n\n"
         )
-        shutil.rmtree(FOLDER, ignore_errors=True)  # of another version
+        shutil.rmtree(FOLDER, ignore_errors=True)  # of another Python version
         return 0
     _install(Path(sys.argv[1]).resolve())
     return 0
 
 
 def _install(environment: Path) -> None:
-    """Make `.venv-ros`, unless it has these packages and this base already."""
-    import tomllib  # older versions of Python have none, and are told so
+    """Create `.venv-ros`, unless it has these packages and this base already."""
+    import tomllib  # here, since older versions of Python lack it: `main` reports those
 
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     optional = declared["optional-dependencies"]

@@ -1,6 +1,6 @@
-"""Runs the tests of the nodes with the wheels of ROS 2, in the environment `.venv-ros` of their own.
+"""Runs the tests of the nodes with the wheels of ROS 2, in the separate environment `.venv-ros`.
 
-`make ros-test` does so. `ros/install.py` makes that environment first, where there are wheels for this
+Called by `make ros-test`, after `ros/install.py`, which creates that environment if there are wheels for this
 machine.
 """
 
@@ -19,16 +19,16 @@ from filelock import FileLock, Timeout
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv-ros" / "bin" / "python"
 PROCESSES = 3
-"""That test at once, each in a domain of its own: most of the time nodes wait for each other."""
+"""Number of parallel test processes, each in its own domain; nodes mostly wait for each other."""
 
 DOMAINS = 33
-"""That runs choose from; further processes of a run have those that are so many higher each."""
+"""Number of domains that runs choose from; each further process of a run adds this to its domain."""
 
 
 def main() -> int:
     """Run pytest with the arguments given, by default all tests; return its exit code."""
     if not PYTHON.exists():
-        return 0  # the installation said why
+        return 0  # the installation has printed why
     tests = sys.argv[1:] or ["ros/expmap_ros/test"]
     with _own_domain() as number:
         paths = {"PYTHONPATH": str(ROOT / "ros" / "expmap_ros"), "ROS_DOMAIN_ID": str(number)}
@@ -39,7 +39,7 @@ def main() -> int:
 
 @contextmanager
 def _own_domain() -> Iterator[int]:
-    """Choose a domain that no other run on this machine has: its nodes would answer."""
+    """Reserve a domain that no other run on this machine uses, since its nodes would interfere."""
     for number in range(1, DOMAINS + 1):
         lock = FileLock(Path(tempfile.gettempdir()) / f"expmap-ros-domain-{number}.lock")
         try:

@@ -1,3 +1,3 @@
-"""Experience Map: where was this photo taken, on a map that people make themselves."""
+"""Experience Map: finds where a photo was taken, on a map that users make themselves."""
 
 __version__ = "0.7.0"

@@ -1,4 +1,4 @@
-"""`python -m webapp` is `expmap`."""
+"""`python -m webapp` runs the command `expmap`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The interface for Python programs: open a map, localize photos, evaluate, make a map of photos.
+"""The public Python API: open a map, localize photos, evaluate, make a map from photos.
 
-What `docs/python.md` describes stays as it is within a major version; everything else in this package may
-change. Importing this module loads no web code. Opening a map starts worker processes, so a script needs the
-guard `if __name__ == "__main__":`.
+The interface that `docs/python.md` describes is stable within a major version; everything else in this
+package may change. Importing this module loads no web code. Opening a map starts worker processes, so a
+script needs the guard `if __name__ == "__main__":`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoMap:
-    """A map with its index, ready for queries; `open_map` makes it."""
+    """A map with its index, ready for queries; made by `open_map`."""
 
     _pipeline: LocalizationPipeline
 
@@ -75,7 +75,7 @@ class PhotoMap:
         top : int
             Maximum number of hypotheses.
         fov_deg : float, optional
-            Horizontal field of view of the upright photo, instead of what `open_map` was given and of EXIF.
+            Horizontal field of view of the upright photo; overrides that given to `open_map` and EXIF.
 
         Returns
         -------
@@ -91,12 +91,12 @@ class PhotoMap:
         return pipeline.localize(Path(photo), top=top)
 
     def start_sequence(self, *, speed_px: float | None = None, fov_deg: float | None = None) -> PhotoSequence:
-        """Begin with photos that were taken one after the other: each is localized by those before it, too.
+        """Start a sequence of consecutive photos: each is localized with the help of the previous ones.
 
         Parameters
         ----------
         speed_px : float, optional
-            Usual way from a photo to the next, map pixels; by default that of most sequences.
+            Typical distance between consecutive photos, map pixels; by default that of most sequences.
         fov_deg : float, optional
             As in `localize`.
         """
@@ -104,7 +104,7 @@ class PhotoMap:
         return PhotoSequence(SequenceFilter(pipeline, speed_px=speed_px))
 
     def as_json(self, answer: Answer, *, query: str, sequence: bool = False) -> dict[str, Any]:
-        """Make the object that `localize --json` prints.
+        """Return the object that `localize --json` prints.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class PhotoMap:
         return map_picture(pipeline.opened.cfg, pipeline.map, answer=answer, limits=limits)
 
     def match_picture(self, photo: str | Path, answer: Answer) -> Image.Image | None:
-        """Draw the photo next to the best one of the map, matches joined; None where nothing matches.
+        """Draw the photo next to the best map photo, with lines between matches; None if nothing matches.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class PhotoMap:
         return match_picture(cfg, the_map, query=Path(photo), answer=answer, limits=limits)
 
     def latlon_of(self, hypothesis: Hypothesis) -> LatLon | None:
-        """Degrees north and east of a hypothesis, WGS 84; None where the map has no georeference."""
+        """Return a hypothesis's latitude and longitude, WGS 84; None if the map has no georeference."""
         return self.georeference.latlon_of(hypothesis.position) if self.georeference else None
 
     def evaluate(
@@ -155,12 +155,12 @@ class PhotoMap:
         queries : str or Path
             Table `path;x;y` with a header; paths are relative to it, positions are map pixels.
         progress : Progress, optional
-            One step a photo.
+            One step per photo.
 
         Returns
         -------
         Evaluation
-            `summary` has the figures, `results` one entry a query.
+            `summary` has the figures, `results` one entry per query.
 
         Raises
         ------
@@ -175,7 +175,7 @@ class PhotoMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoSequence:
-    """Photos that were taken one after the other; `PhotoMap.start_sequence` makes it."""
+    """Consecutive photos; made by `PhotoMap.start_sequence`."""
 
     _filter: SequenceFilter
 
@@ -198,7 +198,7 @@ def open_map(
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> PhotoMap:
-    """Open a map: bring its index up to date, calibrate it where that is due, and load it.
+    """Open a map: bring its index up to date, calibrate it if necessary, and load it.
 
     Parameters
     ----------
@@ -207,11 +207,11 @@ def open_map(
     options : OpenOptions, optional
         Method, features, folder of the index.
     fov_deg : float, optional
-        Horizontal field of view of the queries, instead of what their EXIF says.
+        Horizontal field of view of the queries; overrides their EXIF.
     settings : Settings, optional
         By default what the environment and the configuration file set.
     progress : Progress, optional
-        One step a photo that has to be described.
+        One step per photo whose features have to be extracted.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def open_map(
     NotReady
         Model weights or an optional package are missing.
     StorageError
-        The map lies in a library whose photos are in another object storage than the settings name.
+        The map is in a library whose photos are in another object storage than the settings name.
     """
     chosen = settings_at(Path(cfg), settings or load_settings())
     if chosen.storage is not None:
@@ -244,18 +244,18 @@ def place_photos(
     settings: Settings | None = None,
     progress: Progress | None = None,
 ) -> PlaceReport:
-    """Make a map from the photos of a folder, by their EXIF GPS or a table of positions.
+    """Make a map from the photos of a folder, placed by their EXIF GPS or a table of positions.
 
     Parameters
     ----------
     folder : str or Path
-        Searched with all folders below it.
+        Searched recursively.
     options : PlaceOptions
         The map file to write, and the image with its georeference.
     settings : Settings, optional
         By default what the environment and the configuration file set.
     progress : Progress, optional
-        One step a file.
+        One step per file.
 
     Returns
     -------
@@ -265,7 +265,7 @@ def place_photos(
     Raises
     ------
     UsageError
-        The map exists, or no georeference is known.
+        The map exists already, or no georeference is known.
     GeoreferenceError, TableError, PhotoError
         The georeference, the positions or the image cannot be read.
     """

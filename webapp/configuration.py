@@ -1,8 +1,8 @@
-"""Where settings come from: the environment, a file, or their defaults.
+"""Load settings from the environment, a file, or their defaults.
 
 Each setting of `webapp.settings` has a key such as `extract.max_side_px`, a variable such as
-`EXPMAP_EXTRACT_MAX_SIDE_PX`, and a place in a TOML file. An option of a command goes before the variable, the
-variable before the file, and the file before the default.
+`EXPMAP_EXTRACT_MAX_SIDE_PX`, and a place in a TOML file. A command's option overrides the variable, the
+variable overrides the file, and the file overrides the default.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from webapp.errors import UsageError
 from webapp.settings import AtLeast, Settings
 
 CONFIG = "EXPMAP_CONFIG"
-"""Variable with the path of the file."""
+"""Environment variable with the path of the settings file."""
 
 DRAINING_FD = "EXPMAP_DRAINING_FD"
-"""Variable by which the supervisor of a server names it to its processes: see `webapp.jobs.draining`."""
+"""Environment variable with the file descriptor of a server's drain pipe: see `webapp.jobs.draining`."""
 
 _INFINITE = 1e15
-"""No number of a setting makes sense beyond."""
+"""Upper limit of every numeric setting: no larger number makes sense."""
 
 _SHORT_NAMES = {
     "EXPMAP_TILES": "tile_services",
     "EXPMAP_PROXIES": "web.proxies",
     "EXPMAP_MEMORY_MB": "retrieval.memory_mb",
 }
-"""Further variables of some settings."""
+"""Second variables of some settings, with the settings' keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting that can be chosen.
+    """A setting that users can change.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Setting:
         Section and name, or the name alone.
     kind : {int, float, str, Path}
     minimum : AtLeast or None
-        Least number; None where it only has to be more than 0.
+        Minimum of a number; None if it only has to be more than 0.
     """
 
     key: str
@@ -55,13 +55,13 @@ class Setting:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Environment variables that set it, the first before the others."""
+        """Environment variables that set it; the first has priority."""
         others = [name for name, key in _SHORT_NAMES.items() if key == self.key]
         return (f"EXPMAP_{self.key.replace('.', '_').upper()}", *others)
 
     @property
     def allowed(self) -> str:
-        """Values that it takes, in words."""
+        """Description of the allowed values."""
         if self.kind in (str, Path):
             return "a text" if self.kind is str else "a path"
         number = "a whole number" if self.kind is int else "a number"
@@ -74,7 +74,7 @@ class Setting:
         Raises
         ------
         UsageError
-            The setting does not take it.
+            The value is not allowed.
         """
         if self._takes(value):
             return self.kind(value)
@@ -103,7 +103,7 @@ class Effective:
     Attributes
     ----------
     source : str
-        The variable or the file that it is from, or "default".
+        The variable or file that sets it, or "default".
     """
 
     setting: Setting
@@ -112,7 +112,7 @@ class Effective:
 
 
 def settings_table() -> dict[str, Setting]:
-    """List all settings by their keys."""
+    """Return all settings by their keys."""
     return {setting.key: setting for setting in _settings_of(Settings(), "")}
 
 
@@ -122,7 +122,7 @@ def effective_settings(environ: Mapping[str, str] | None = None) -> list[Effecti
     Parameters
     ----------
     environ : mapping, optional
-        Instead of the process's own environment.
+        Overrides the process's own environment.
 
     Raises
     ------
@@ -159,13 +159,13 @@ def load_settings(environ: Mapping[str, str] | None = None) -> Settings:
 
 
 def draining_fd() -> int | None:
-    """Return the file descriptor by which this process learns that its server is going to stop."""
+    """Return the file descriptor that signals that this process's server is about to stop, if it has one."""
     number = os.environ.get(DRAINING_FD)
     return None if number is None else int(number)
 
 
 def use_config(path: Path) -> None:
-    """Take settings from a file in this process and those that it starts."""
+    """Use a settings file in this process and its child processes."""
     os.environ[CONFIG] = str(path.absolute())
 
 
@@ -184,7 +184,7 @@ def _settings_of(group: object, prefix: str) -> Iterator[Setting]:
 
 
 def _check_variables(env: Mapping[str, str], table: Mapping[str, Setting]) -> None:
-    """Reject a variable that is spelled like a setting of a section but is unknown."""
+    """Reject an unknown variable whose name begins like those of a section."""
     known = {name for setting in table.values() for name in setting.variables}
     sections = {key.partition(".")[0] for key in table if "." in key}
     for name in env:
@@ -232,7 +232,7 @@ def _flattened(
 
 
 def _known(table: Mapping[str, Setting], section: str) -> str:
-    """List the settings of a section, or the sections and settings outside of them."""
+    """List the settings of a section, or else all sections and the settings outside them."""
     if section:
         names = [key.removeprefix(f"{section}.") for key in table if key.startswith(f"{section}.")]
         return f"known in {section}: {', '.join(names)}"

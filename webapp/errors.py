@@ -1,22 +1,22 @@
-"""Every error a request can end with, in one tree.
+"""All errors with which a request can end, as one class hierarchy.
 
 ::
 
-    ExpMapError                  message, where it is, how to fix it
+    ExpMapError                  message, location, how to fix it
     ├── UsageError               the request itself cannot work (bad option, impossible combination)
-    ├── NotFound                 what was asked for does not exist, or is not shared with the caller
-    ├── NotSignedIn              nobody is signed in, or no longer
-    ├── NotAllowed               the caller may see it, but not do this
+    ├── NotFound                 the requested item does not exist, or is not shared with the caller
+    ├── NotSignedIn              the caller is not signed in, or the session has expired
+    ├── NotAllowed               the caller may see the item, but not do this with it
     ├── RetryLater               the same request can succeed later
-    │   ├── TooMany              too often in a short time: wait
-    │   ├── Busy                 others are being served: try again
+    │   ├── TooMany              too many requests in a short time: wait
+    │   ├── Busy                 the server is at its capacity: try again
     │   │   └── BeingOpened      ... another request is opening the map
-    │   ├── ClusterUnavailable   the scheduler of Dask cannot be reached, or is lost
+    │   ├── ClusterUnavailable   the Dask scheduler cannot be reached, or is lost
     │   ├── FolderInUse          another process is writing there (a StorageError too)
     │   ├── DatabaseUnavailable  the database server cannot be reached, or is busy (a StorageError too)
     │   └── StorageUnavailable   the object storage cannot be reached, or refuses (a StorageError too)
-    ├── Conflict                 somebody else has changed it in the meantime
-    ├── NotReady                 it is still being made: later it works
+    ├── Conflict                 another user or process has changed the item in the meantime
+    ├── NotReady                 something that the request needs is still being made or is missing
     ├── MapError                 the map cannot be read as a map
     │   ├── CfgError             ... at this line and column of a .cfg
     │   └── MapJsonError         ... in map.json
@@ -25,30 +25,30 @@
     │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
     │   ├── TableError           a CSV of queries or positions, at this line
     │   └── TrackError           a file with a track
-    ├── StorageError             the disk refused: full, read-only, locked by another writer
+    ├── StorageError             writing failed: disk full, read-only, locked by another writer
     │   ├── DiskFull             ... because there is no space left
-    │   └── ObjectLost           ... because the object storage has lost it
-    ├── IndexDamaged             an index file is not what its name and manifest say
+    │   └── ObjectLost           ... because the object storage has lost an object
+    ├── IndexDamaged             an index file does not match its name or manifest
     ├── ProcessLost              a process that did a part of the work was killed
     ├── MissingPart              an optional part is not installed or not downloaded
-    └── Cancelled                the user stopped it; what was finished is kept
+    └── Cancelled                the user stopped the work; finished parts are kept
 
-No HTTP status and no exit code here: `cli` and `web` each hold one table for that.
-An estimate that fails is not an error but a falsy value with a reason (see `core`).
+HTTP statuses and exit codes are not defined here: `cli` and `web` have a table each.
+A failed estimate is not an error but a falsy value with a reason (see `core`).
 """
 
 from __future__ import annotations
 
 
 class ExpMapError(Exception):
-    """A request that failed for a reason its sender can understand.
+    """A request failed for a reason that the user can understand.
 
     Parameters
     ----------
     message : str
-        What is wrong, in one sentence.
+        The problem, in one sentence.
     where : str, optional
-        File, line, field or option it is about.
+        File, line, field or option concerned.
     hint : str, optional
         How to fix it.
     """
@@ -60,13 +60,13 @@ class ExpMapError(Exception):
         self.hint = hint
 
     def __str__(self) -> str:
-        """One line: where, what, how to fix it."""
+        """Return one line: location, message, how to fix it."""
         place = f"{self.where}: " if self.where else ""
         fix = f" ({self.hint})" if self.hint else ""
         return f"{place}{self.message}{fix}"
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Survive the way back from a worker process, keyword arguments included."""
+        """Make the error picklable with its keyword arguments, so that worker processes can raise it."""
         return _rebuild, (type(self), self.args, self.__dict__)
 
 
@@ -78,19 +78,19 @@ def _rebuild(kind: type[ExpMapError], args: tuple[str], state: dict[str, object]
 
 
 class UsageError(ExpMapError):
-    """The request cannot work as it was asked."""
+    """The request itself cannot work: a bad option or an impossible combination."""
 
 
 class NotFound(ExpMapError):
-    """What was asked for does not exist, or is not shared with the caller."""
+    """The requested item does not exist, or is not shared with the caller."""
 
 
 class NotAllowed(ExpMapError):
-    """The caller may see it, but not do this."""
+    """The caller may see the item, but not do this with it."""
 
 
 class NotSignedIn(ExpMapError):
-    """Nobody is signed in, or no longer; or name or password are wrong."""
+    """The caller is not signed in, the session has expired, or the name or password is wrong."""
 
 
 class RetryLater(ExpMapError):
@@ -99,7 +99,7 @@ class RetryLater(ExpMapError):
     Parameters
     ----------
     wait_s : int
-        Seconds after which to try again.
+        Seconds to wait before trying again.
     """
 
     def __init__(
@@ -110,23 +110,23 @@ class RetryLater(ExpMapError):
 
 
 class TooMany(RetryLater):
-    """It was tried too often in a short time."""
+    """Too many requests in a short time."""
 
 
 class Busy(RetryLater):
-    """As much of this is under way as the machine can do at once."""
+    """The server already processes as many requests of this kind as it can."""
 
 
 class BeingOpened(Busy):
-    """Another request is opening the map, which takes long."""
+    """Another request is still opening the map, which takes a while."""
 
 
 class Conflict(ExpMapError):
-    """Somebody else has changed it in the meantime; nothing was changed."""
+    """Another user or process has changed the item in the meantime; this request changed nothing."""
 
 
 class NotReady(ExpMapError):
-    """What the request needs is still being made; later it works."""
+    """Something that the request needs is still being made or is missing."""
 
 
 class MapError(ExpMapError):
@@ -134,12 +134,12 @@ class MapError(ExpMapError):
 
 
 class CfgError(MapError):
-    """A `.cfg` breaks the format.
+    """A `.cfg` violates the format.
 
     Parameters
     ----------
     line, column : int
-        Both from 1; the column counts characters.
+        Counted from 1; columns are characters.
     where : str, optional
         The file.
     """
@@ -154,7 +154,7 @@ class CfgError(MapError):
 
 
 class MapJsonError(MapError):
-    """`map.json` breaks its schema."""
+    """`map.json` violates its schema."""
 
 
 class InputError(ExpMapError):
@@ -174,48 +174,48 @@ class TableError(InputError):
 
 
 class TrackError(InputError):
-    """A file with a track is damaged, too large, of no known kind, or has nothing that can be used."""
+    """A file with a track is damaged, too large, of an unknown format, or has nothing usable."""
 
 
 class StorageError(ExpMapError):
-    """The disk refused: full, read-only, or another process is writing."""
+    """Writing failed: the disk is full or read-only, or another process is writing."""
 
 
 class DatabaseUnavailable(StorageError, RetryLater):
-    """The database server cannot be reached, or is busy; nothing was changed, or nobody was assured of it."""
+    """The database server cannot be reached, or is busy; no change was reported as successful."""
 
 
 class StorageUnavailable(StorageError, RetryLater):
-    """The object storage cannot be reached, is too slow or refuses; nobody was assured of anything."""
+    """The object storage cannot be reached, is too slow or refuses; no change was reported as successful."""
 
 
 class FolderInUse(StorageError, RetryLater):
-    """Another process is writing in a folder that has one writer at a time."""
+    """Another process is writing in a folder that allows one writer at a time."""
 
 
 class ClusterUnavailable(RetryLater):
-    """The scheduler of Dask cannot be reached, or is lost; what was finished is kept."""
+    """The Dask scheduler cannot be reached, or is lost; finished parts are kept."""
 
 
 class ObjectLost(StorageError):
-    """The object storage does not have what a file of the library stands for."""
+    """The object storage lacks the object that a file of the library refers to."""
 
 
 class DiskFull(StorageError):
-    """There is no space left on the disk; nothing half-written stays."""
+    """There is no space left on the disk; partly written files are removed."""
 
 
 class IndexDamaged(ExpMapError):
-    """An index file is not what its name and manifest say."""
+    """An index file does not match its name or manifest."""
 
 
 class MissingPart(ExpMapError):
-    """An optional part is not installed or not downloaded; the hint says the line that gets it."""
+    """An optional part is not installed or not downloaded; the hint is the command that gets it."""
 
 
 class Cancelled(ExpMapError):
-    """The user stopped the work; what was finished is kept."""
+    """The user stopped the work; finished parts are kept."""
 
 
 class ProcessLost(ExpMapError):
-    """A worker process was killed; what was finished is kept, and a new try continues."""
+    """A worker process was killed; finished parts are kept, and a retry continues from them."""

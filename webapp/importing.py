@@ -1,4 +1,4 @@
-"""Imports by name, for what is loaded when it is needed."""
+"""Lazy imports by name."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 def import_name(reference: str) -> Any:
     """Import an object.
 
-    Modules and classes stay, so the search for garbage pauses: it would go through all of them again and
-    again, a tenth of the time that importing the web application takes.
+    The garbage collector is paused, as modules and classes are never freed: scanning them repeatedly takes a
+    tenth of the time of importing the web application.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The log of all processes, on standard error: lines for people, or one JSON object a line for programs.
+"""The log of all processes, on standard error: lines of text, or one JSON object per line for programs.
 
-Whatever goes there passes through here, so that no token and no link that lets somebody in can be read in it.
-Lines carry the ids of the request or the job that a thread works for, also in processes that compute for it.
+All messages pass through here, so that tokens and secret links are redacted. Lines carry the ids of the
+request or job that a thread works for, also in processes that compute for it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Form = Literal["text", "json"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
 REQUESTS = "webapp.requests"
-"""Logger with a line for each request; people see none of them, as pages ask every second."""
+"""Logger with a line for each request; silent in text logs, because pages send requests every second."""
 
 _SECRETS = (
     (re.compile(r"(/(?:sign-in|shared|s|embed)/)[^/\s?\"']+"), r"\1..."),
@@ -34,12 +34,12 @@ Id = str | int
 
 _at_work: ContextVar[Mapping[str, Id]] = ContextVar("expmap_at_work")
 _form: list[Form] = []
-"""Of this process, where it writes a log."""
+"""Form of this process's log; empty if it writes none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What a process that computes for this one has to know to write the same log."""
+    """The state that a process computing for this one needs to write the same log."""
 
     form: Form | None = None
     at_work: Mapping[str, Id] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class Carried:
 
 @contextmanager
 def at_work(**ids: Id) -> Iterator[None]:
-    """Let lines of the log carry these ids in the block, such as `request` or `job`."""
+    """Add ids such as `request` or `job` to the log lines that are written within the block."""
     before = _at_work.set({**_at_work.get({}), **ids})
     try:
         yield
@@ -56,19 +56,19 @@ def at_work(**ids: Id) -> Iterator[None]:
 
 
 def carried() -> Carried:
-    """Return what another process needs for `take_over`."""
+    """Return the state to pass to `take_over` in another process."""
     return Carried(_form[0] if _form else None, dict(_at_work.get({})))
 
 
 def take_over(carried: Carried) -> None:
-    """Write the log of this process as that which it computes for."""
+    """Log in the form, and with the ids, of the process that this one computes for."""
     if carried.form is not None and not _form:
         log_to_stderr(carried.form)
     _at_work.set(carried.at_work)
 
 
 class _Ids(logging.Filter):
-    """Notes what the thread works for that writes a line; it refuses none."""
+    """Adds the ids that the thread works for to each record; it filters none out."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         trace = trace_id()
@@ -103,7 +103,7 @@ def log_to_stderr(form: Form = "text") -> None:
     Parameters
     ----------
     form : {"text", "json"}
-        JSON has a line for each request and each job, with `time`, `level`, `process` and `message` in all.
+        JSON has a line for each request and each job; each has `time`, `level`, `process` and `message`.
     """
     _form[:] = [form]
     handler = logging.StreamHandler()
@@ -115,7 +115,7 @@ def log_to_stderr(form: Form = "text") -> None:
 
 
 def without_secrets(text: str) -> str:
-    """Blank out tokens, and links that let somebody in."""
+    """Redact tokens and the secret part of links."""
     for pattern, replacement in _SECRETS:
         text = pattern.sub(replacement, text)
     return text

@@ -1,4 +1,4 @@
-"""How long work reports its progress, and how it is stopped."""
+"""Progress and cancellation of long operations."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from webapp.errors import Cancelled
 
 
 class Progress:
-    """A silent progress; a front end derives from it and shows what is reported.
+    """Progress that shows nothing; front ends derive from it.
 
-    Work calls `size` once it knows how many steps there are, `advance` after each finished step, `note`
-    for a word on what is being done, and `check` where it can stop without losing anything.
+    An operation calls `size` once it knows the number of steps, `advance` after each finished step, `note`
+    to describe the current step, and `check` where it can stop without losing anything.
     """
 
     def size(self, total: int) -> None:
-        """Say that the work has `total` steps."""
+        """Report that the operation has `total` steps."""
 
     def advance(self, steps: int = 1) -> None:
-        """Say that `steps` more steps are finished and kept."""
+        """Report that `steps` more steps are finished and saved."""
 
     def note(self, text: str) -> None:
-        """Say in a few words what is being done now."""
+        """Describe the current step in a few words."""
 
     def cancelled(self) -> bool:
-        """Return whether the user wants the work to stop."""
+        """Return whether the user has requested a stop."""
         return False
 
     def check(self) -> None:
-        """Raise `Cancelled` when the user wants the work to stop."""
+        """Raise `Cancelled` if the user has requested a stop."""
         if self.cancelled():
             raise Cancelled("stopped; what was finished is kept")

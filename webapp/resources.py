@@ -1,4 +1,4 @@
-"""Finds the folders `templates`, `static` and `docs`, however the package was installed."""
+"""Find the folders `templates`, `static` and `docs`, however the package was installed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ PACKAGE = Path(__file__).resolve().parent
 def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     """Return a folder with the package's own data.
 
-    A wheel carries the folders inside the package; in a source tree, and so in an editable install, they
-    are next to it.
+    A wheel has the folders inside the package; in a source tree, and thus in an editable install, they are
+    next to it.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     Raises
     ------
     MissingPart
-        Neither place has it.
+        The folder is in neither place.
     """
     for folder in (package / name, package.parent / name):
         if folder.is_dir():

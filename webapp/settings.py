@@ -1,7 +1,7 @@
-"""Every number that can be chosen, with its unit, its default and its purpose.
+"""All settings, with their units, defaults and purposes.
 
 `webapp.configuration` reads them from the environment and from a file. `docs/settings.md` lists all of them;
-a test compares the two.
+a test keeps the two in step.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from typing import Annotated
 
 @dataclass(frozen=True, slots=True)
 class AtLeast:
-    """The least value of a number; without it a number has to be more than 0."""
+    """Minimum of a numeric setting; without it the number has to be more than 0."""
 
     value: float
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoLimits:
-    """What a photo may cost before it is refused."""
+    """Limits of a photo; larger ones are rejected."""
 
     max_mb: float = 64.0
-    """Size of the file, megabytes (10^6 bytes)."""
+    """File size, megabytes (10^6 bytes)."""
 
     max_megapixels: float = 120.0
-    """Pixels of the decoded photo, millions; a third of it for WebP and JPEG 2000."""
+    """Pixels of the decoded photo, millions; for WebP and JPEG 2000 a third of this."""
 
 
 @dataclass(frozen=True, slots=True)
 class UploadLimits:
-    """How files come in through the web."""
+    """Limits of uploads through the web."""
 
     chunk_mb: float = 4.0
     """Largest chunk of a resumable upload, megabytes (10^6 bytes)."""
@@ -43,41 +43,41 @@ class UploadLimits:
     """Photos in one request."""
 
     open_per_account: int = 200
-    """Uploads that an account may have begun and not finished."""
+    """Unfinished uploads per account."""
 
     keep_hours: float = 48.0
-    """How long an unfinished upload waits to be resumed."""
+    """Hours for which an unfinished upload can be resumed."""
 
     reserve_mb: Annotated[float, AtLeast(0)] = 200.0
-    """Disk space that uploads and unpacked maps leave free, megabytes (10^6 bytes)."""
+    """Disk space that uploads and unpacked maps must leave free, megabytes (10^6 bytes)."""
 
     queries_per_map: int = 500
-    """Queries of a map that are kept, with their photos and answers; the oldest are deleted first."""
+    """Stored queries per map, with their photos and answers; the oldest are deleted first."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImportLimits:
-    """What a zip with a map may hold."""
+    """Limits of a zip archive with a map."""
 
     max_mb: float = 20_000.0
-    """Its files together, unpacked, megabytes (10^6 bytes)."""
+    """Total size of the unpacked files, megabytes (10^6 bytes)."""
 
     max_files: int = 50_000
-    """Files and folders; lines of its `.cfg` files."""
+    """Number of files and folders, and of lines in its `.cfg` files."""
 
     max_ratio: float = 200.0
-    """Bytes of a file for each byte that it has in the zip; photos have about one."""
+    """Maximum compression ratio of a file; that of photos is about one."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExtractSettings:
-    """What is computed from each photo. Part of the key of an index."""
+    """Feature extraction; part of the key of an index."""
 
     max_side_px: Annotated[int, AtLeast(64)] = 800
-    """Photos are scaled down until the longer side has this many pixels."""
+    """Photos are scaled down so that the longer side has this many pixels."""
 
     keypoints: Annotated[int, AtLeast(16)] = 1000
-    """Maximum number of keypoints a photo; the strongest are kept."""
+    """Maximum number of keypoints per photo; the strongest are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,59 +85,59 @@ class RetrievalSettings:
     """How a map is searched."""
 
     memory_mb: Annotated[float, AtLeast(0)] = 500.0
-    """What the index of a map may take, megabytes (10^6 bytes): beyond, photos have one signature each."""
+    """Memory limit of a map's index, megabytes (10^6 bytes); above it, photos have one signature each."""
 
     shortlist: int = 12
-    """Photos of the map that geometry verifies for each query: those with the most votes."""
+    """Map photos per query whose geometry is verified: those with the most votes."""
 
     budget_s: Annotated[float, AtLeast(0)] = 5.0
-    """Method `auto` looks a second time where that takes at most so many seconds a photo here; 0: never."""
+    """Time limit of a second look (method `auto`) on this machine, seconds per photo; 0: never."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkSettings:
-    """Landmarks around the place of a query, where the map has none."""
+    """Landmarks reconstructed around the place of a query where the map has none."""
 
     around_s: Annotated[float, AtLeast(0)] = 120.0
     """Seconds that method `landmarks` may take to reconstruct the surroundings of a place; 0: never."""
 
     around_photos: Annotated[int, AtLeast(8)] = 40
-    """Photos that are reconstructed, those nearest to the best one; a panorama counts as six."""
+    """Number of photos in such a reconstruction, those nearest to the best one; a panorama counts as six."""
 
 
 @dataclass(frozen=True, slots=True)
 class WebSettings:
-    """What the pages and the API allow."""
+    """Limits of the pages and the API."""
 
     max_request_mb: float = 2000.0
-    """Largest request, megabytes (10^6 bytes); a satellite image comes in one."""
+    """Largest request, megabytes (10^6 bytes); a satellite image is uploaded in one request."""
 
     requests_per_minute: int = 6000
-    """To the API, of one account or address, in each worker process; in all together, with PostgreSQL."""
+    """API requests per account or IP address, per worker process, or in total with PostgreSQL."""
 
     session_days: int = 14
-    """Days without a visit after which a user must sign in again."""
+    """Days without a visit after which a session expires."""
 
     link_hours: int = 24
-    """How long a sign-in link works."""
+    """Hours for which a sign-in link is valid."""
 
     min_password: int = 10
-    """Characters of a password, at least."""
+    """Minimum length of a password, characters."""
 
     sign_in_failures: int = 10
-    """Failures of one name or from one address after which the next sign-in has to wait."""
+    """Failed sign-ins for one name or from one IP address after which the next one has to wait."""
 
     sign_in_minutes: int = 15
     """Minutes within which those failures count."""
 
     visitor_questions_per_minute: int = 10
-    """Photos a visitor of a shared map may ask about, per worker process, or in total with PostgreSQL."""
+    """Queries per visitor of a shared map, per worker process, or in total with PostgreSQL."""
 
     share_questions_per_minute: int = 60
-    """... and all visitors of a shared map together, counted in the same way."""
+    """Queries of all visitors of a shared map together, counted in the same way."""
 
     proxies: Annotated[int, AtLeast(0)] = 0
-    """Reverse proxies in front of the server: their headers about the client are trusted."""
+    """Number of reverse proxies in front of the server, whose `X-Forwarded-*` headers are trusted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,36 +145,36 @@ class ServeSettings:
     """The processes that answer requests."""
 
     workers: int = 3
-    """Processes; the option `--workers` overrides it."""
+    """Number of processes; the option `--workers` overrides it."""
 
     threads: int = 8
-    """Requests at once in each of them."""
+    """Concurrent requests per process."""
 
     patience_s: float = 15.0
-    """Seconds that a request may keep a thread waiting, and one more for each 2000 bytes that arrive."""
+    """Seconds that a thread waits for a request to arrive, plus one for each 2000 bytes received."""
 
     stop_s: float = 5.0
-    """Seconds that active requests have to end when the server stops."""
+    """Seconds that active requests have to finish when the server stops."""
 
     drain_s: Annotated[float, AtLeast(0)] = 0.0
-    """Seconds for which a server that has to stop says that it is not ready, and still answers."""
+    """Seconds for which a stopping server still answers, but reports that it is not ready."""
 
     job_workers: Annotated[int, AtLeast(0)] = 1
-    """Background workers that the server starts; with 0, others on the same library do its jobs."""
+    """Background workers that the server starts; with 0, separate workers have to run its jobs."""
 
     metrics_token: str | None = None
-    """Whoever sends it gets the figures of `/metrics`; without one there are none."""
+    """Token that `/metrics` requires; none: there is no `/metrics`."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobSettings:
-    """Long work in the background."""
+    """Background jobs."""
 
     lease_s: float = 12.0
     """Seconds without a renewal of its lease after which another worker takes a job over."""
 
     attempts: int = 5
-    """Number of workers that may die on a job in a row, without a step done, before it fails."""
+    """Number of workers in a row that may die on a job, without finishing a step, before it fails."""
 
     stop_s: float = 4.0
     """Seconds that a job has to finish a step when its worker has to stop."""
@@ -185,7 +185,7 @@ class JobSettings:
 
 @dataclass(frozen=True, slots=True)
 class SatelliteLimits:
-    """What a satellite image may cost before it is refused."""
+    """Limits of a satellite image; larger ones are rejected."""
 
     max_mb: float = 1000.0
     """Size of an uploaded file, megabytes (10^6 bytes)."""
@@ -196,19 +196,19 @@ class SatelliteLimits:
 
 @dataclass(frozen=True, slots=True)
 class TileSettings:
-    """How map tiles are fetched from a service, and how many."""
+    """Fetching of map tiles from a service."""
 
     max_tiles: int = 1600
-    """For one satellite image; a service can have a lower limit of its own."""
+    """Tiles per satellite image; a service can have a lower limit of its own."""
 
     parallel: int = 4
-    """Requests at the same time."""
+    """Concurrent requests."""
 
     requests_per_second: float = 10.0
-    """To one host."""
+    """Rate limit per host."""
 
     timeout_s: float = 20.0
-    """Seconds without an answer after which a request is tried again."""
+    """Seconds without a response after which a request is repeated."""
 
     cache_days: float = 30.0
     """Days that tiles stay in the cache."""
@@ -216,19 +216,19 @@ class TileSettings:
 
 @dataclass(frozen=True, slots=True)
 class GeocoderSettings:
-    """How places are searched by their names: by asking another host, or not at all."""
+    """Search for places by name, with an external geocoder."""
 
     address: str | None = None
-    """Of a search that speaks Nominatim's API; none: places are not searched."""
+    """Address of a geocoder with Nominatim's API; none: no search for places."""
 
     attribution: str = "© OpenStreetMap contributors"
-    """Who is named below what was found."""
+    """Attribution shown below the results."""
 
     requests_per_second: float = 1.0
-    """To this host, from all processes together."""
+    """Rate limit of this host, for all processes together."""
 
     timeout_s: float = 10.0
-    """Seconds without an answer after which a search fails."""
+    """Seconds without a response after which a search fails."""
 
     cache_days: float = 30.0
     """Days that results stay in the cache."""
@@ -239,7 +239,7 @@ class StreetSettings:
     """Services that street-level photos are fetched from; without an address or a token, none."""
 
     panoramax: str | None = None
-    """Address of a Panoramax instance, whose STAC API is asked; none: not used."""
+    """Address of a Panoramax instance, whose STAC API is used; none: not used."""
 
     mapillary_token: str | None = None
     """Access token for Mapillary; none: not used."""
@@ -251,42 +251,42 @@ class StreetSettings:
         "panoramax.xyz, panoramax.fr, panoramax.ign.fr, panoramax.openstreetmap.fr, "
         "panoramax-storage-public-fast.s3.gra.perf.cloud.ovh.net, fbcdn.net"
     )
-    """Hosts that photos may come from, and all below them, besides that of the service itself."""
+    """Hosts, including their subdomains, that photos may come from, in addition to the service's own."""
 
     max_photos: int = 2000
-    """Of one area."""
+    """Photos per area."""
 
     parallel: int = 2
-    """Photos fetched at the same time."""
+    """Concurrent downloads of photos."""
 
     requests_per_second: float = 4.0
-    """To a service and the hosts of its photos together."""
+    """Rate limit of a service and the hosts of its photos together."""
 
     timeout_s: float = 30.0
-    """Seconds without an answer after which a request is tried again."""
+    """Seconds without a response after which a request is repeated."""
 
     patience_s: float = 120.0
-    """Seconds that a service may ask to wait; when it wants more, the work stops and is continued later."""
+    """Longest wait that a service may demand, seconds; beyond it the work stops and is continued later."""
 
 
 @dataclass(frozen=True, slots=True)
 class MissionSettings:
-    """What robots send."""
+    """Missions: uploads from robots, event streams, and thinning of old tracks."""
 
     batch_records: int = 5000
-    """Records of one batch."""
+    """Maximum number of records in a batch."""
 
     batch_mb: float = 2.0
-    """Size of one batch, megabytes (10^6 bytes)."""
+    """Maximum size of a batch, megabytes (10^6 bytes)."""
 
     keep_keys_days: float = 30.0
-    """Days that a batch repeated with the same key is recognised."""
+    """Days for which a batch that is repeated with the same key is recognised."""
 
     stream_s: float = 25.0
-    """Seconds after which a stream of events ends; browsers open the next one by themselves."""
+    """Seconds after which an event stream is closed; browsers reconnect automatically."""
 
     look_s: float = 0.3
-    """Seconds between two looks for the next event of a stream."""
+    """Polling interval for the next event of a stream, seconds."""
 
     thin_after_days: Annotated[float, AtLeast(0)] = 0.0
     """Days without a change after which the tracks of a mission are thinned; 0: never."""
@@ -295,7 +295,7 @@ class MissionSettings:
     """Largest error of a thinned track, metres."""
 
     prune_after_days: Annotated[float, AtLeast(0)] = 0.0
-    """Days without a change after which only both ends of its tracks are left; 0: never."""
+    """Days without a change after which only the first and last poses of its tracks are kept; 0: never."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,48 +322,48 @@ class Settings:
     database: str | None = None
     """Address of a PostgreSQL database for the records, instead of a SQLite file in the library's folder."""
     storage: str | None = None
-    """Where photos and indexes are kept, `s3://bucket/prefix`, instead of in the library's folder."""
+    """Object storage for photos and indexes, `s3://bucket/prefix`, instead of the library's folder."""
     orphans_h: Annotated[float, AtLeast(1)] = 24.0
-    """Hours after which objects that nothing names are deleted."""
+    """Hours after which unreferenced objects are deleted."""
     cache_gb: Annotated[float, AtLeast(0.1)] = 20.0
-    """GB of objects kept on the disk of this machine."""
+    """Size of the local cache of objects, GB."""
 
     cache_folder: Path | None = None
-    """Folder for them, instead of one in the user's cache."""
+    """Folder of that cache, instead of one in the user's cache."""
 
     dask: str | None = None
-    """Address of a scheduler of Dask, `tcp://HOST:8786`, whose workers compute, instead of this machine."""
+    """Address of a Dask scheduler, `tcp://HOST:8786`, whose workers compute instead of this machine."""
 
     traces: str | None = None
-    """Address of a collector of OpenTelemetry, `http://HOST:4318`, that spans are sent to."""
+    """Address of an OpenTelemetry collector, `http://HOST:4318`, that spans are sent to."""
 
     models: Path | None = None
     """Folder with the weights of learned features, instead of one in the user's cache."""
 
     token: str | None = None
-    """Of the server that `expmap robot` sends to."""
+    """Token for the server that `expmap robot` sends to."""
 
     tile_services: Path | None = None
-    """File with the map tile services to offer, instead of the usual ones."""
+    """File with the map tile services to offer, instead of the default ones."""
 
 
 def let_threads_sleep() -> None:
-    """Make OpenMP's threads sleep while they wait for each other; it reads this when it is loaded.
+    """Make OpenMP's threads sleep while they wait for each other; to be called before OpenMP is loaded.
 
-    By default they wait in a busy loop: where other programs want the cores too, a search took thirty times
-    as long. Who set `OMP_WAIT_POLICY` is not overruled.
+    By default they wait in a busy loop, which made a search thirty times slower when other programs used the
+    cores as well. An existing `OMP_WAIT_POLICY` is kept.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3)
-_LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20  # bytes of one block, and of all
+_LARGEST_KEPT, _MOST_KEPT = 32 << 20, 512 << 20  # bytes of one block, and in total
 
 
 def keep_freed_memory() -> None:
-    """Make glibc keep what OpenCV and NumPy free, for a process that takes one photo after the other.
+    """Make glibc keep memory that OpenCV and NumPy free, for a process that handles one photo after another.
 
-    Allocating the memory of a photo's scales each time took a sixth of the time of a build, and of a query.
+    Allocating a photo's image pyramid anew each time took a sixth of the time of a build, and of a query.
     """
     if platform.libc_ver()[0] == "glibc":
         libc = ctypes.CDLL(None)
@@ -372,28 +372,28 @@ def keep_freed_memory() -> None:
 
 
 _HEAPS = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "1000000", "MALLOC_TRIM_THRESHOLD_": "4000000"}
-"""For the C library of Linux. By default each thread that localizes keeps a heap of its own of 64 MB, full of
-arrays that are long gone: more than twice the memory of all processes, and not a second saved."""
+"""For glibc. By default each localizing thread keeps its own heap of 64 MB, full of freed arrays: this more
+than doubles the memory of all processes, and saves no time."""
 
 
 def environment_for(native_threads: int | None = None) -> dict[str, str]:
     """Make the environment of a server process: few native threads, and heaps that shrink again.
 
-    What reads these variables does so when it is loaded. What the user has set is not overruled.
+    The libraries read these variables when they are loaded. Variables that the user has set are kept.
 
     Parameters
     ----------
     native_threads : int, optional
-        That OpenMP and OpenBLAS may start; by default as many as they like.
+        Limit of the threads of OpenMP and OpenBLAS; by default none.
     """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if native_threads else ()
     return {name: str(native_threads) for name in names} | _HEAPS | dict(os.environ)
 
 
 METRICS_FOLDER = "PROMETHEUS_MULTIPROC_DIR"
-"""Variable of the Prometheus client: the folder by which the processes of a server share what they count."""
+"""Variable of the Prometheus client: folder through which the processes of a server share their metrics."""
 
 
 def shares_metrics() -> bool:
-    """Return whether this process shares what it counts with others."""
+    """Return whether this process shares its metrics with others."""
     return bool(os.environ.get(METRICS_FOLDER))

@@ -1,6 +1,6 @@
-"""Traces for OpenTelemetry: spans of requests, jobs and the stages of an answer.
+"""OpenTelemetry traces: spans of requests, jobs and the stages of an answer.
 
-Nothing is recorded, and no package is loaded, unless the setting `traces` says where spans are sent.
+Nothing is recorded, and no package is loaded, unless the setting `traces` is given.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _NAME = "experience-map"
 
 @dataclass(frozen=True, slots=True)
 class _Recorder:
-    """What records spans, and functions of OpenTelemetry."""
+    """A tracer, and functions of OpenTelemetry."""
 
     tracer: Any
     extract: Callable[[Mapping[str, str]], Any]
@@ -26,16 +26,16 @@ class _Recorder:
 
 
 _recorders: list[_Recorder] = []
-"""Of this process; one at most."""
+"""The recorder of this process; at most one."""
 
 
 def start(address: str | None) -> None:
-    """Send spans to a collector from now on; call it once a process, after forks.
+    """Start sending spans to a collector; to be called once per process, after forking.
 
     Parameters
     ----------
     address : str or None
-        Where it takes OTLP by HTTP, such as `http://127.0.0.1:4318`; None: nothing is recorded.
+        Its OTLP/HTTP endpoint, such as `http://127.0.0.1:4318`; None: nothing is recorded.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def start(address: str | None) -> None:
 
 
 def use(provider: Any | None) -> None:
-    """Record spans by a `TracerProvider` of OpenTelemetry; None: no more."""
+    """Record spans with an OpenTelemetry `TracerProvider`; None stops recording."""
     _recorders.clear()
     if provider is None:
         return
@@ -68,12 +68,12 @@ def use(provider: Any | None) -> None:
 
 @contextmanager
 def span(name: str, *, headers: Mapping[str, str] | None = None, **attributes: str | int) -> Iterator[Any]:
-    """Record the block as a span; gives that, or None where nothing is recorded.
+    """Record the block as a span; yields the span, or None if nothing is recorded.
 
     Parameters
     ----------
     headers : mapping of str to str, optional
-        Of a request, whose `traceparent` may name the span that this one is part of.
+        Headers of a request, whose `traceparent` may name the parent span.
     """
     if not _recorders:
         yield None
@@ -86,7 +86,7 @@ def span(name: str, *, headers: Mapping[str, str] | None = None, **attributes: s
 
 
 def trace_id() -> str | None:
-    """Return the id of the trace that this thread works for, as logs and tools show it."""
+    """Return the hexadecimal id of this thread's current trace, if there is one."""
     if not _recorders:
         return None
     found = _recorders[0].current().get_span_context()

@@ -1,4 +1,4 @@
-"""Work spread over threads, for libraries that let go of the interpreter, and limits of what runs at once."""
+"""Thread pools, for libraries that release the GIL, and limits of concurrency."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Out = TypeVar("Out")
 
 
 class ContextThreads(ThreadPoolExecutor):
-    """Threads that work for the same request or job as whoever gives them work, for logs and traces."""
+    """Threads that inherit the caller's context (request or job), for logs and traces."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Begin a call in the context of this one."""
+        """Submit a call that runs in a copy of the current context."""
         return super().submit(copy_context().run, function, *args, **kwargs)
 
 
@@ -32,12 +32,12 @@ def cores() -> int:
 
 
 def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
-    """Call a function with each item, as many at once as there are cores.
+    """Call a function with each item, in as many threads as there are cores.
 
     Parameters
     ----------
     function : callable
-        Safe to be called from several threads at once.
+        Has to be thread-safe.
 
     Returns
     -------
@@ -54,12 +54,12 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
 
 @contextmanager
 def permit(semaphore: Semaphore, *, wait_s: float = 20.0) -> Iterator[None]:
-    """Hold a permit for as long as the block lasts.
+    """Hold a permit of a semaphore within the block.
 
     Raises
     ------
     Busy
-        None became free in `wait_s` seconds.
+        No permit became free within `wait_s` seconds.
     """
     if not semaphore.acquire(timeout=wait_s):
         raise Busy("the server is busy", wait_s=10, hint="try again in a moment")

@@ -1,4 +1,4 @@
-"""Makes the package for colcon and for pip."""
+"""Package definition for colcon and pip."""
 
 from pathlib import Path
 

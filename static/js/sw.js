@@ -1,9 +1,9 @@
 /**
- * The service worker: pages open without a network. The server puts `const SHELL = {version, files}` before this.
+ * The service worker, for pages without a network. The server puts `const SHELL = {version, files}` before this.
  *
- * Pages and the state of maps come from the network, and from what was kept where it fails. The files that pages are
- * made of are kept as one version, all of them or none. Pictures never change under their address, so they are kept.
- * What changes something is never touched here: photos that were taken offline wait in the page's own outbox.
+ * Pages and the state of maps come from the network, or from the cache if it fails. Scripts and styles are cached as
+ * one version, all of them or none. Pictures never change under their address, so they are cached. Requests that
+ * change something are not handled here: photos taken offline wait in the outbox of the page.
  */
 
 const FILES = `files-${SHELL.version}`;
@@ -61,7 +61,7 @@ async function activate() {
   await self.clients.claim();
 }
 
-/** Keep the page that was opened before there was a service worker, and those that stand in for others. */
+/** Cache the page that was opened before the service worker ran, and the pages used as fallbacks. */
 async function keepPage(last) {
   const cache = await caches.open(PAGES);
   for (const path of new Set([FIELD, AWAY, last])) {
@@ -71,13 +71,13 @@ async function keepPage(last) {
   }
 }
 
-/** A page was opened by an account; none of it is kept where nobody is signed in. */
+/** Handle that an account opened a page; nothing is cached without an account. */
 async function opened({ account, page: path }) {
   await belongTo(account);
   if (account) await keepPage(path);
 }
 
-/** What one account has seen is not for the next one. */
+/** Delete private caches when the account changes. */
 async function belongTo(account) {
   const cache = await caches.open(WHO);
   const before = await cache.match("/account");
@@ -86,7 +86,7 @@ async function belongTo(account) {
   await cache.put("/account", new Response(account));
 }
 
-/** A page: as the server has it now, or where it does not answer in time, as it was last. */
+/** A page from the server, or from the cache if it does not answer in time. */
 async function page(event, url) {
   const cache = await caches.open(PAGES);
   const last = await cache.match(url.pathname);
@@ -103,19 +103,19 @@ async function page(event, url) {
   }
 }
 
-/** A page that is not kept. */
+/** A page that is not cached. */
 async function otherPage({ request }) {
   return fetch(request).catch(away);
 }
 
-/** What is shown instead of a page that is not kept. */
+/** Fallback for a page that is not cached. */
 async function away(error) {
   const found = await (await caches.open(PAGES)).match(AWAY);
   if (!found) throw error;
   return found;
 }
 
-/** A file of a page: its address has its version, so that what is kept is never an old one. */
+/** A file of a page; its address contains the version, so a cached one is never outdated. */
 async function file({ request }) {
   return (await (await caches.open(FILES)).match(request)) || fetch(request);
 }
@@ -149,7 +149,7 @@ function isKept(response) {
   return response.ok && response.status === 200 && !response.redirected && response.type === "basic";
 }
 
-/** Keep an answer, and not too many of its kind; a full disk only means that less is there without a network. */
+/** Cache a response and limit the number; if the disk is full, less is available offline. */
 function keep(event, cache, { key, response, most }) {
   kept += 1;
   const trim = kept % TRIM_EVERY === 0;

@@ -1,1 +1,1 @@
-"""What puts the program together: pages, commands and kinds of jobs, of missions and the sample too."""
+"""Composition of the program: the pages, commands and kinds of jobs of all subpackages."""

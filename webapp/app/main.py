@@ -1,4 +1,4 @@
-"""The command `expmap`: every subcommand, and what its errors look like."""
+"""The command `expmap`: its subcommands, and the form of its error messages."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COMPOSITION = Composition(
 
 
 class LazyCommand(NamedTuple):
-    """A command that may not have been imported.
+    """A command that is imported on demand.
 
     Attributes
     ----------
@@ -53,32 +53,32 @@ class LazyCommand(NamedTuple):
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are asked for, so that help and errors come at once."""
+    """A group whose commands are imported on demand, so that help and errors appear quickly."""
 
     def __init__(self, *, commands: dict[str, LazyCommand], **options: object) -> None:
         super().__init__(**options)  # type: ignore[arg-type]
         self._lazy = commands
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Name the commands, in the order of the work."""
+        """Return the names of the commands, in the order of a typical workflow."""
         return list(self._lazy)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None when there is none of that name."""
+        """Import a command; returns None if there is none of that name."""
         if cmd_name not in self._lazy:
             return None
         command: click.Command = import_name(self._lazy[cmd_name].where)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands by their summaries, without importing them."""
+        """List the commands with their summaries, without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.summary) for name, command in self._lazy.items()])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that is meant; for a name that is nearly one of them that is suggested."""
+        """Find a command; if the name is misspelled, the error suggests the closest one."""
         near = difflib.get_close_matches(args[0], self._lazy, n=1)
         if near and args[0] not in self._lazy and not ctx.resilient_parsing:
             ctx.fail(f"No such command {args[0]!r}; did you mean {near[0]!r}?")
@@ -353,7 +353,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"expmap: {error}", err=True)
         code = exit_code(error)
     except BrokenPipeError:
-        # The reader of the output has gone; writing on, even at exit, would only repeat the error.
+        # The reader of the output is gone; further writing, even the flush at exit, would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
     sys.exit(code if isinstance(code, int) else 0)
@@ -365,7 +365,7 @@ _PLAIN_WORDS = {
     "is not a valid integer range": "is not a whole number",
     "is not a valid integer": "is not a whole number",
 }
-"""For what click says of a value of the wrong type."""
+"""Replacements for click's messages about values of the wrong type."""
 
 
 def _in_one_line(error: click.ClickException) -> str:

@@ -1,4 +1,4 @@
-"""What the subpackages add to the program: kinds of jobs, sweeps, and parts of a library."""
+"""Contributions of the subpackages: kinds of jobs, sweeps, and parts of a library."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KINDS = {
     thin_tracks.THIN_JOB: "webapp.missions.jobs:thin_old_tracks",
     "sample": "webapp.sample.job:make_sample_map",
 }
-"""Name of each kind of job to "module:function", imported when the first job of its kind comes."""
+"""Name of each kind of job to "module:function", imported for the first job of its kind."""
 
 REGISTRY = JobRegistry(
     kinds=_KINDS,
@@ -41,18 +41,18 @@ class MissionPart:
     folder = missions.FOLDER
 
     def contents(self, database: sqlite3.Connection) -> PartContents:
-        """Read which missions there are, and their photos; a database before 0.5.0 has none."""
+        """Read the ids and photos of all missions; databases from before version 0.5.0 have none."""
         if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'mission_photo'").fetchone() is None:
             return PartContents(frozenset(), frozenset())
         ids = frozenset(id for (id,) in database.execute("SELECT id FROM mission"))
         return PartContents(ids, frozenset(database.execute("SELECT mission_id, path FROM mission_photo")))
 
     def locks(self, library: Library) -> Iterator[tuple[Path, str]]:
-        """Name the lock of the writer of fused tracks."""
+        """Yield the lock that writers of fused tracks hold."""
         yield library.inner / fuse.LOCK, "the fused track of a mission"
 
     def replaced(self, library: Library, id: int) -> Iterator[Path]:
-        """Name the report on the fused track."""
+        """Yield the path of the report on the fused track."""
         yield missions.folder(library, id) / fuse.REPORT
 
 

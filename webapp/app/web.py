@@ -1,4 +1,4 @@
-"""The web application as it is served: maps, missions and all their pages."""
+"""The complete web application, with the blueprints of all subpackages."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def create_app(settings: Settings, *, library: Library | None = None) -> APIFlas
     Parameters
     ----------
     library : Library, optional
-        Opened already; else that of the settings is opened.
+        An open library; by default that of the settings is opened.
 
     Raises
     ------

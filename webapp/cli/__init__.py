@@ -1,4 +1,4 @@
-"""The command line: arguments to tasks to text.
+"""The command line: commands that parse arguments, run tasks and print text.
 
 Results go to standard output, progress and messages to standard error.
 """

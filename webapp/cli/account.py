@@ -1,4 +1,4 @@
-"""`expmap account`: who may sign in, and with what."""
+"""`expmap account`: accounts, sign-in links and tokens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`expmap map blur`: faces and number plates in the photos of a map are found and blurred."""
+"""`expmap map blur`: find and blur faces and number plates in the photos of a map."""
 
 from __future__ import annotations
 

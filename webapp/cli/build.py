@@ -1,4 +1,4 @@
-"""`expmap build`: the index of a map, and what is printed about a build."""
+"""`expmap build`: build the index of a map, and print a summary."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
 
 
 def tell_failed(*reports: BuildReport | None) -> None:
-    """Name the map photos that could not be used, and count why, on standard error; each once."""
+    """Print each map photo that could not be used once, and a count of the reasons, to standard error."""
     failed = dict.fromkeys(photo for report in reports if report for photo in report.failed)
     for number, photo, reason in failed:
         click.echo(f"{photo} (id {number}): {reason}", err=True)
@@ -71,7 +71,7 @@ def tell_failed(*reports: BuildReport | None) -> None:
 
 
 def build_line(report: BuildReport, features: str) -> str:
-    """Sum up a build in a line."""
+    """Summarise a build in one line."""
     return (
         f"{report.folder}: {report.photos} photos with {features}, {report.extracted} computed, "
         f"{report.reused} kept, {report.removed} removed, {len(report.failed)} failed; "

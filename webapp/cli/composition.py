@@ -1,6 +1,6 @@
-"""What the application gives its commands, and the settings they use.
+"""The context object of the commands, and the settings that they use.
 
-It imports neither the database nor the web nor OpenCV: a server forks from the process that has loaded it.
+It must not import the database, the web or OpenCV: servers fork from the process that has loaded it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Composition:
     web_app : str
         "module:function" that makes the web application, in the processes that answer requests.
     registry : callable
-        Gives what a worker does.
+        Returns the kinds of jobs and sweeps of a worker.
     library_parts : callable
-        Gives what a library keeps besides maps.
+        Returns the parts of a library other than maps.
     """
 
     web_app: str
@@ -40,7 +40,7 @@ class Composition:
 
 
 def settings_in_use(cfg: Path) -> Settings:
-    """Load the settings, and read photos from the object storage of the library that a map lies in, if any.
+    """Load the settings, and connect to the object storage of the library that a map is in, if any.
 
     Raises
     ------

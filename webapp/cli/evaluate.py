@@ -1,4 +1,4 @@
-"""`expmap evaluate`: how good the answers are."""
+"""`expmap evaluate`: measure the accuracy of the answers."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 
 
 def summary_table(evaluation: Evaluation) -> str:
-    """Write the figures as a table: what, value, 95 % interval.
+    """Format the figures as a table: name, value, 95 % interval.
 
     Returns
     -------
     str
-        Lines without a line end after the last.
+        Lines, without a trailing newline.
     """
     lines = figures(evaluation)
     words, value = (
@@ -51,7 +51,7 @@ def summary_table(evaluation: Evaluation) -> str:
 
 
 def heading(evaluation: Evaluation) -> str:
-    """Say in a line what was evaluated."""
+    """Return a line that describes the evaluation."""
     subject = evaluation.subject
     asked = {
         "queries": f"{evaluation.summary.queries} queries",

@@ -1,4 +1,4 @@
-"""How a command ends: the only place where an error becomes a number."""
+"""Exit codes of the commands, and their mapping from errors."""
 
 from __future__ import annotations
 
@@ -20,5 +20,5 @@ _TABLE: tuple[tuple[type[ExpMapError], int], ...] = (
 
 
 def exit_code(error: ExpMapError) -> int:
-    """Return the exit code of an error that ended a command; 1 for all that have none of their own."""
+    """Return the exit code for an error that ended a command; 1 for errors without one of their own."""
     return next((code for kind, code in _TABLE if isinstance(error, kind)), SOME_FAILED)

@@ -1,4 +1,4 @@
-"""`expmap find`: on which map of a library photos were taken."""
+"""`expmap find`: find the map of a library on which photos were taken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`expmap map floors`: the floors of a map, listed, added and taken away."""
+"""`expmap map floors`: list, add and remove the floors of a map."""
 
 from __future__ import annotations
 

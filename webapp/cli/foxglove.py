@@ -1,4 +1,4 @@
-"""`expmap foxglove localize`: answers in Foxglove, live or as an MCAP file."""
+"""`expmap foxglove localize`: show answers in Foxglove, live or as an MCAP file."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from webapp.settings import keep_freed_memory
 from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
 
 _LOOK_S = 1.0
-"""Seconds between two looks into a folder."""
+"""Polling interval of folders."""
 
 _SIDE_PX = 1600
 _ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".tif", ".tiff")
 
 
 def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add where Foxglove finds the topics."""
+    """Add the options for the output: an MCAP file, or the address of the server."""
     options = (
         click.option(
             "--out",
@@ -63,14 +63,14 @@ def sink_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def serve_until_interrupted(sink: FoxgloveSink, host: str, *, look: Callable[[], None]) -> None:
-    """Say where the server listens, and look for news until Ctrl-C; a file is finished after one look."""
+    """Print the server's address and call `look` every second until Ctrl-C; call it once for a file."""
     if sink.port is None:
         look()
         return
     stopped = threading.Event()
 
     def stop(*_: object) -> None:
-        stopped.set()  # Python drops the exception where it interrupts a destructor
+        stopped.set()  # needed as Python ignores the exception if it is raised in a destructor
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, stop)
@@ -103,7 +103,7 @@ def localize(
     port: int,
     **chosen: Any,
 ) -> None:
-    """Localize photos one after the other, and show them with matches and hypotheses in Foxglove.
+    """Localize photos one after another, and show them with matches and hypotheses in Foxglove.
 
     All photos in a folder are used; when serving, also those added later.
     """
@@ -132,7 +132,7 @@ def localize(
 
 
 class WatchedPhotos:
-    """Photos, and those that come into folders."""
+    """Given photos, and those that appear in given folders."""
 
     def __init__(self, given: Iterable[Path]) -> None:
         self._given = tuple(given)
@@ -140,13 +140,13 @@ class WatchedPhotos:
         self._taken: set[Path] = set()
 
     def look(self, *, settled: bool) -> Iterator[Path]:
-        """Yield each photo once: if `settled` at once, else when a look finds it unchanged."""
+        """Yield each photo once: immediately if `settled`, else when it is unchanged since the last call."""
         for photo in self._inside():
             if photo in self._taken:
                 continue
             try:
                 state = photo.stat()
-            except FileNotFoundError:  # it had a name for the time of the copying, or was removed
+            except FileNotFoundError:  # a temporary file of a copy in progress, or removed
                 continue
             now = (state.st_size, state.st_mtime_ns)
             if settled or self._seen.get(photo) == now:
@@ -163,7 +163,7 @@ class WatchedPhotos:
 
 
 def _show(sink: FoxgloveSink, photo: Path, *, pipeline: LocalizationPipeline) -> bool:
-    """Send a photo and its answer; return whether it could be used."""
+    """Send a photo and its answer; returns whether the photo could be used."""
     cfg, the_map, limits = pipeline.opened.cfg, pipeline.map, pipeline.settings.photo
     try:
         pixels = read_upright(photo, limits=limits, max_side=_SIDE_PX)

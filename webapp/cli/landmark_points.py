@@ -1,4 +1,4 @@
-"""`expmap landmarks points`: the control points of a map, as a table."""
+"""`expmap landmarks points`: list, import, export and remove the control points of a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`expmap landmarks`: what the photos of a map show together, by structure from motion."""
+"""`expmap landmarks build`: reconstruct the photos of a map by structure from motion."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def build(cfg: Path, out: Path | None, as_json: bool) -> None:
 
 
 def _as_json(submodel: AdjustedSubmodel, found: Reconstruction) -> dict[str, object]:
-    """Give what came of a submodel, with its known positions, the farthest off first."""
+    """Return the result of a submodel's adjustment; its known positions are sorted by falling residual."""
     anchors = [
         {"id": found.photos[n].id, "photo": found.photos[n].photo, "residual_px": round(residual, 2)}
         for n, residual in sorted(submodel.residual_px.items(), key=lambda pair: -pair[1])
@@ -73,7 +73,7 @@ def _as_json(submodel: AdjustedSubmodel, found: Reconstruction) -> dict[str, obj
 
 
 def _outcomes(adjusted: Iterable[AdjustedSubmodel]) -> Counter[str]:
-    """Count the photos that were adjusted, and those that were not by the reason."""
+    """Count the adjusted photos, and the others by reason."""
     counted: Counter[str] = Counter()
     for submodel in adjusted:
         outcome = f"as they were: {submodel.problem}" if submodel.problem else "on the map"

@@ -1,4 +1,4 @@
-"""What commands on a library share: the option that chooses it, and how it is opened."""
+"""Helpers of commands on a library: the option `--library`, and opening the library."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Command = TypeVar("Command", bound=Callable[..., object])
 
 
 def library_option(command: Command) -> Command:
-    """Add the folder of the maps."""
+    """Add the option `--library`."""
     return click.option(
         "--library", type=click.Path(path_type=Path), metavar="FOLDER",
         help="Folder of the maps.  [default: EXPMAP_LIBRARY, or maps]",
@@ -28,14 +28,14 @@ def library_option(command: Command) -> Command:
 
 
 def library_settings(folder: Path | None) -> Settings:
-    """Load the settings, with the library that was chosen."""
+    """Load the settings; the given folder overrides the library."""
     settings = load_settings()
     return settings if folder is None else replace(settings, library=folder)
 
 
 @contextmanager
 def opened_library(settings: Settings) -> Iterator[Library]:
-    """Open the library of a command, with the object storage that it has.
+    """Open the library of a command, with its object storage.
 
     Raises
     ------
@@ -52,12 +52,12 @@ def opened_library(settings: Settings) -> Iterator[Library]:
 
 @contextmanager
 def existing_library(settings: Settings) -> Iterator[Library]:
-    """Open the library of a command that has no use for a new one.
+    """Open the library of a command that does not create one.
 
     Raises
     ------
     NotFound
-        There is none in the folder.
+        There is no library in the folder.
     StorageError
         As for `opened_library`.
     """

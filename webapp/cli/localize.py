@@ -1,4 +1,4 @@
-"""`expmap localize`: where photos were taken."""
+"""`expmap localize`: find out where photos were taken."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ _HEAD = (
 def answer_text(
     answer: Answer, *, query: str, georeference: Georeference | None, floors: Sequence[Floor] = ()
 ) -> str:
-    """Lay out the hypotheses as a table, with "not on this map" as a line of its own.
+    """Format the hypotheses as a table, with "not on this map" as a separate line.
 
     Parameters
     ----------
     query : str
-        The photo, as it was named.
+        The photo, as it was given.
     georeference : Georeference or None
-        Of the map; gives latitude, longitude and metres.
+        Georeference of the map; adds latitude, longitude and metres.
     floors : sequence of Floor
-        Of the map.
+        Floors of the map.
     """
     if answer.no_pose is not None:
         return f"{query}: not on this map ({answer.no_pose.reason})"
@@ -75,7 +75,7 @@ def answer_text(
 
 
 def _verdict(answer: Answer) -> str:
-    """The sentence as it continues "PHOTO: "."""
+    """Return the verdict in the form that follows "PHOTO: "."""
     sentence = sentence_of(answer).removesuffix(".")
     return sentence[0].lower() + sentence[1:]
 
@@ -108,7 +108,7 @@ def _row(
 
 
 def percent(probability: float) -> str:
-    """Write a probability; only what is exactly that is 0 or 100 %."""
+    """Format a probability; only exact values are shown as 0 or 100 %."""
     if 0.0 < probability < 0.01:
         return " <1 %"
     if 0.99 < probability < 1.0:
@@ -202,7 +202,7 @@ def localize(
             output.show(photo, answer, last=number == len(photos))
         try:
             output.draw(photo, answer, number)
-        except (PhotoError, MapError) as error:  # of the satellite image or a map photo: the answer stands
+        except (PhotoError, MapError) as error:  # satellite image or map photo: the answer is still valid
             failed = True
             click.echo(f"expmap: {error}", err=True)
     if as_json:
@@ -215,7 +215,7 @@ def localize(
 
 
 def _refuse_unwritable(path: Path | None, option: str) -> None:
-    """Find out before the work, and not after it, that a picture cannot be written there."""
+    """Fail early if a picture cannot be written to a path."""
     if path is None:
         return
     if path.suffix.lower() not in _FORMATS:
@@ -226,7 +226,7 @@ def _refuse_unwritable(path: Path | None, option: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Output:
-    """Where the answers of one run go."""
+    """Prints and draws the answers of a run."""
 
     pipeline: LocalizationPipeline
     cfg: Path

@@ -1,4 +1,4 @@
-"""`expmap map`: check a map, make one from photos, copy its photos with their positions in EXIF."""
+"""`expmap map`: check a map, make one from photos, write positions into the EXIF of its photos."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from webapp.tasks.maps.place_photos import FileResult, FileState
 from webapp.tasks.satellite.georeference import GeoSource
 
 _SHOWN = {"error": 20, "warning": 5}
-"""Findings of one kind in one file that are printed; --json has all."""
+"""Maximum number of findings of one kind that are printed per file; --json has all."""
 
 _FILE = click.Path(path_type=Path)
 _ELEVATION = click.FloatRange(0.0, 90.0)
@@ -60,7 +60,7 @@ def check(ctx: click.Context, cfg: Path, as_json: bool) -> None:
 
 
 def _print(report: check_map.CheckReport) -> None:
-    """Print the findings; of one kind in one file, only the first."""
+    """Print the findings, but only the first ones of each kind per file."""
     seen: Counter[tuple[str, str]] = Counter()
     most: dict[tuple[str, str], int] = {}
     for finding in report.findings:
@@ -269,7 +269,7 @@ def from_photos(
 
 
 def _show_warnings(report: map_from_photos.PlaceReport) -> None:
-    """Print on standard error what is not a result: residuals, warnings, that nothing was written."""
+    """Print residuals and warnings, and whether no map was written, to standard error."""
     if report.residuals_m:
         metres = " ".join(f"{residual:.3g}" for residual in report.residuals_m)
         click.echo(f"residuals of the control points, metres: {metres}", err=True)

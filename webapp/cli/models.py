@@ -1,4 +1,4 @@
-"""`expmap models`: the weights that learned features need."""
+"""`expmap models`: list and fetch the weights of learned features."""
 
 from __future__ import annotations
 

@@ -22,11 +22,11 @@ Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
 
 MAP_FILE = click.Path(path_type=Path)
-"""Not looked for here: a map that is missing is a bad map, and not a wrong option."""
+"""Existence is not checked here: a missing map is a map error, not a usage error."""
 
 
 def area_option(name: str, *, sides: str, text: str) -> Decorator:
-    """Make an option that takes the sides of an area as four numbers with commas."""
+    """Make an option that takes the sides of an area as four comma-separated numbers."""
     return click.option(name, callback=_four_numbers, metavar=sides, help=text)
 
 
@@ -43,21 +43,21 @@ def _four_numbers(_ctx: click.Context, option: click.Parameter, text: str | None
 
 
 def index_options(command: Command) -> Command:
-    """Add what decides which index is used, and how it is built."""
+    """Add the options that choose the index, and how it is built."""
     for option in reversed(_INDEX_OPTIONS):
         command = option(command)
     return command
 
 
 def map_options(command: Command) -> Command:
-    """Add what is not known of a map: the field of view of its photos, and how near is right."""
+    """Add options about a map: its photos' field of view and kind of positions, the tolerance of answers."""
     for option in reversed(_MAP_OPTIONS):
         command = option(command)
     return command
 
 
 def fov_option(command: Command) -> Command:
-    """Add the field of view of what is asked."""
+    """Add the option for the field of view of the queries."""
     return click.option(
         "--fov",
         type=_ANGLE,
@@ -67,7 +67,7 @@ def fov_option(command: Command) -> Command:
 
 
 def _limited(option: str, key: str, *, metavar: str, text: str) -> Decorator:
-    """Make an option that goes before a setting."""
+    """Make an option that overrides a setting."""
     setting = settings_table()[key]
     least = int(setting.minimum.value) if setting.minimum else 1
     help_text = f"{text}  [default: {setting.variables[0]}, or {setting.default}]"
@@ -161,14 +161,14 @@ _MAP_OPTIONS = [
 
 
 def sequence_options(command: Command) -> Command:
-    """Add what makes a sequence of photos."""
+    """Add the options for sequences of photos."""
     for option in reversed(_SEQUENCE_OPTIONS):
         command = option(command)
     return command
 
 
 def check_sequence(sequence: bool, needing: dict[str, bool]) -> None:
-    """Refuse options that were given and mean nothing without --sequence.
+    """Reject given options that need --sequence if it is missing.
 
     Raises
     ------
@@ -194,7 +194,7 @@ _SEQUENCE_OPTIONS = [
 
 
 def chosen_settings(cfg: Path, chosen: dict[str, Any]) -> Settings:
-    """Read the settings for a map, with those that the shared options of a command line choose."""
+    """Load the settings for a map, overridden by the shared options of a command line."""
     settings = settings_in_use(cfg)
     given = {name: chosen[option] for option, name in _EXTRACT.items() if chosen[option] is not None}
     retrieval = settings.retrieval
@@ -208,11 +208,11 @@ def chosen_settings(cfg: Path, chosen: dict[str, Any]) -> Settings:
 
 
 _EXTRACT = {"max_side": "max_side_px", "keypoints": "keypoints"}
-"""Options and the settings of extraction that they choose."""
+"""Options, and the settings of feature extraction that they override."""
 
 
 def open_options(chosen: dict[str, Any]) -> OpenOptions:
-    """Gather the shared options of a command line."""
+    """Convert the shared options of a command line to `OpenOptions`."""
     return OpenOptions(
         method=chosen["method"],
         features=chosen["features"],

@@ -1,4 +1,4 @@
-"""`expmap map cut-panoramas` and `join-panoramas`: panoramas become photos, and photos panoramas."""
+"""`expmap map cut-panoramas` and `join-panoramas`: cut panoramas into views, and join photos to panoramas."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def cut_panoramas(
 ) -> None:
     """Cut the panoramas of a folder into level perspective views of 91 degrees.
 
-    A view has the panorama's position, accuracy and time, its own heading where the panorama says where it
-    looks, and a focal length: it is a photo like any other. Panoramas are equirectangular, as cameras and
-    street-level services make them. Exit code 1 when a photo could not be cut.
+    A view has the panorama's position, accuracy and time, its own heading if that of the panorama is known,
+    and a focal length: it is a photo like any other. Panoramas are equirectangular, as made by cameras and
+    street-level services. Exit code 1 when a photo could not be cut.
     """
     options = CutOptions(views, lowest_deg=lowest, highest_deg=highest, assume=assume)
     with terminal_progress("photos") as progress:

@@ -1,4 +1,4 @@
-"""`expmap map place-rest`: photos without a place are placed by those that have one."""
+"""`expmap map place-rest`: place the photos in the tray by means of the placed ones."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def place_rest(
 ) -> None:
     """Suggest where the photos in the tray of a map were taken, using the photos already placed.
 
-    All photos are joined by structure from motion and fitted to the map by the placed ones; a dozen of those
-    are often enough. Photos that cannot be joined stay in the tray, with the reason. Nothing is changed
+    All photos are joined by structure from motion and aligned with the map by the placed ones; a dozen of
+    those are often enough. Photos that cannot be joined stay in the tray, with the reason. Nothing is changed
     without --accept or --correct. It can be interrupted at any time; the next run computes only new photos.
-    Photos placed by their GPS are joined, too, which gives better positions: --correct moves them there.
+    Joining improves the positions of photos placed by their GPS, too: --correct moves these photos there.
     With --check the placed photos are listed instead, starting with those that contradict the others.
     """
     if check and (accept or correct):
@@ -102,7 +102,7 @@ def _table(report: RestReport, accepted: set[int]) -> str:
 
 
 def _check_table(report: RestReport) -> str:
-    """List the placed photos that are joined with others: contradictions first, then the farthest off."""
+    """List the placed photos that are joined with others: contradictions first, then by falling residual."""
     known = [one for one in report.checked if one.others_have is not None]
     known.sort(key=lambda one: (not one.contradicts, -(one.residual_px or 0.0)))
     width = max((len(one.photo) for one in known), default=0)
@@ -117,7 +117,7 @@ def _check_table(report: RestReport) -> str:
 
 
 def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
-    """Print on standard error what is not a result: contradictions, counts, which photos to place next."""
+    """Print contradictions, counts, and the photos to place next to standard error."""
     for one in report.checked:
         if one.contradicts:
             metres = "" if one.residual_m is None else f" ({one.residual_m:.0f} m)"
@@ -134,7 +134,7 @@ def _print_notes(cfg: Path, report: RestReport, accepted: set[int]) -> None:
 
 
 def _print_corrections(report: RestReport, *, are_moved: bool) -> None:
-    """Print on standard error how far photos with GPS are from where all have them."""
+    """Print to standard error how far photos placed by GPS are from their reconstructed positions."""
     metres = fmean(one.moved_m for one in report.corrected)
     farthest = max(report.corrected, key=lambda one: one.moved_m)
     done = "were moved" if are_moved else "would be moved by --correct"

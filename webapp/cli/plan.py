@@ -1,4 +1,4 @@
-"""`expmap map plan`: where the next photos of a map are to be taken."""
+"""`expmap map plan`: plan where to take the next photos of a map."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def plan(
 ) -> None:
     """Plan the spots and directions in which the next photos of a map help most, as a short walk.
 
-    How well each place is recognised in each direction is estimated from the map's own photos, which an
-    evaluation has hidden and looked for; without one, from where photos are and where they look. Spots are
-    near photos, or in the area that is given.
+    The probability of recognising each place in each direction is estimated from an evaluation of the map on
+    its own photos; without one, from their positions and headings. Spots are near photos, or in the given
+    area.
     """
     map_ = read_map(cfg)
     trials = planning.trials_of(map_, cfg) if evaluation is None else _trials(map_, evaluation)

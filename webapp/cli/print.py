@@ -1,4 +1,4 @@
-"""`expmap map print`: a map on paper."""
+"""`expmap map print`: print a map as PDF or PNG."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def print_command(
 ) -> None:
     """Print a map on one sheet of paper: its image with the photos on it, legend, scale, north and date.
 
-    Of a map with several floors, one is printed, or all, each on its own page.
+    If a map has several floors, one is printed, or all of them, each on its own page.
 
     The scale and north are those of the map's georeference; without one the sheet says so. In a PDF
     text and marks are sharp at any size.

@@ -1,4 +1,4 @@
-"""Progress in the terminal: a bar with the time left, on standard error."""
+"""Progress in the terminal: a bar with the remaining time, on standard error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from webapp.progress import Progress
 
 
 class TerminalProgress(Progress):
-    """Shows a bar where standard error is a terminal, else one line a stage.
+    """Shows a bar if standard error is a terminal, else one line per stage.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class TerminalProgress(Progress):
             self._bar.update(steps)
 
     def note(self, text: str) -> None:
-        """Name the stage."""
+        """Show the name of the stage."""
         self._what = text
         if self._bar is not None:
             self._bar.set_description(text)
@@ -54,7 +54,7 @@ class TerminalProgress(Progress):
         return self.stopped
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
@@ -62,12 +62,12 @@ class TerminalProgress(Progress):
 
 @contextmanager
 def terminal_progress(what: str) -> Iterator[TerminalProgress]:
-    """Show progress, and turn the first Ctrl-C into a stop that loses nothing; a second one is immediate."""
+    """Show progress; the first Ctrl-C stops without losing results, the second one exits at once."""
     progress = TerminalProgress(what)
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
         if progress.stopped:
-            # What is finished is on the disk; an exception here could leave processes waiting for each other.
+            # Finished parts are saved; an exception here could leave processes in a deadlock.
             print("interrupted", file=sys.stderr, flush=True)  # noqa: T201
             os._exit(INTERRUPTED)
         progress.stopped = True

@@ -1,4 +1,4 @@
-"""`expmap serve` and `expmap worker`: the web application, and what does its long work."""
+"""`expmap serve` and `expmap worker`: run the web application, and a worker for background jobs."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from webapp.store.library import open_library
 from webapp.tasks.operate.open_storage import open_storage
 
 _POLITENESS = 5
-"""A page that somebody waits for goes before work in the background."""
+"""Niceness of a background worker: the pages have priority."""
 
 
 def log_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the form of the log."""
+    """Add the option `--log`."""
     return click.option(
         "--log", type=click.Choice(FORMS), default="text", show_default=True,
         help="Format of the log on standard error.",

@@ -1,4 +1,4 @@
-"""`expmap settings`: the value of each setting and where it comes from."""
+"""`expmap settings`: print the value of each setting and where it comes from."""
 
 from __future__ import annotations
 

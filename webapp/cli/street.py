@@ -1,4 +1,4 @@
-"""`expmap map street-photos`: street-level photos come from a service into a map."""
+"""`expmap map street-photos`: add street-level photos from a service to a map."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _first(settings: StreetSettings) -> SourceKey:
 
 
 def _say(survey: StreetSurvey) -> None:
-    """Say on standard error what would be downloaded."""
+    """Print a summary of the download to standard error."""
     megabytes = survey.size_bytes / 1e6
     licences = ", ".join(f"{licence}: {count}" for licence, count in survey.licences.items())
     parts = [f"{survey.service}: {len(survey.wanted)} photos to download, about {megabytes:.1f} MB"]

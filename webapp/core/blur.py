@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CELLS = 6
-"""Mean colours along the longer side of a box; a blur with a kernel could be computed back."""
+"""Mean colours along the longer side of a box; a blur with a kernel could be inverted."""
 
 _ROUNDING = 1e-6
-"""Shares that were computed may be so much too large."""
+"""Tolerance for rounding errors of computed shares."""
 
 
 class BlurBox(NamedTuple):
@@ -40,7 +40,7 @@ def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint
     ----------
     pixels : (h, w, 3) uint8
     boxes : iterable of BlurBox
-        What lies outside the picture is left out.
+        Parts outside the picture are ignored.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint
 
 
 def boxes_key(boxes: Iterable[BlurBox]) -> str:
-    """Return what sets these boxes apart from others."""
+    """Return a short hash that identifies these boxes."""
     return hashlib.sha256(repr([tuple(box) for box in boxes]).encode()).hexdigest()[:12]
 
 
@@ -80,7 +80,7 @@ def outside(boxes: Iterable[BlurBox], *, width: int, height: int) -> NDArray[np.
 
 
 def _span(start: float, length: float, size: int) -> tuple[int, int]:
-    """Pixels that a share of a side touches."""
+    """Return first and end of the pixels that a share of a side touches."""
     first = int(np.clip(np.floor(start * size), 0, size))
     last = int(np.clip(np.ceil((start + length) * size), 0, size))
     return first, last

@@ -1,7 +1,7 @@
-"""Which column of a table holds what: given by the user, or guessed from its header.
+"""Meaning of a table's columns: given by the user, or guessed from its header.
 
 Written as `time=stamp:ms, lat=Latitude, lon=Longitude, heading=yaw:rad`: a field, the column by its header or
-by its number from 1, and a unit where it is not the usual one.
+by its number from 1, and a unit if it is not the default.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from webapp.errors import TrackError, UsageError
 
 _DEG = math.degrees(1.0)
 EXCEL_DAYS = 86400.0
-"""Of a time that counts days since 1899-12-30, as spreadsheets do."""
+"""Scale of a time in days since 1899-12-30, as in spreadsheets."""
 
 DATE_ORDERS = {"ymd": 1.0, "dmy": 2.0, "mdy": 3.0}
-"""What comes first in a date: the unit of its column, and the scale that stands for it."""
+"""Orders of year, month and day in a date: units of its column, and the scales that encode them."""
 
 _ANGLE = {"deg": 1.0, "rad": _DEG, "e7": 1e-7, "e6": 1e-6}
 _UNITS: dict[str, dict[str, float]] = {
@@ -49,10 +49,10 @@ _UNITS: dict[str, dict[str, float]] = {
     "track": {"": 1.0},
     "source": {"": 1.0},
 }
-"""Fields and the units that they may have, the usual one first; texts have none. A time may also be of ISO
-8601. `heading` is clockwise from north, `yaw` against the clock from x; `accuracy` is one standard deviation
-in each direction. `lat_ref` and `lon_ref` hold N or S and E or W where the numbers have no sign; `qx` to `qw`
-is the orientation of the body."""
+"""Fields and their permitted units, the default first; text fields have none. A time may also be in ISO 8601.
+`heading` is clockwise from north, `yaw` counter-clockwise from x; `accuracy` is one standard deviation in
+each direction. `lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign; `qx` to `qw`
+are the orientation of the body."""
 
 _NAMES: dict[str, Sequence[str]] = {
     "time": (
@@ -117,7 +117,7 @@ _PHOTO_UNITS: dict[str, dict[str, float]] = {
     "y": {"px": 1.0},
     "heading": _UNITS["heading"],
 }
-"""`lat_ref` and `lon_ref` hold N or S and E or W where the numbers have no sign."""
+"""`lat_ref` and `lon_ref` contain N or S and E or W if the numbers have no sign."""
 
 _PHOTO_NAMES: dict[str, Sequence[str]] = {
     "name": (
@@ -148,7 +148,7 @@ _PHOTO_NAMES: dict[str, Sequence[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnFields:
-    """The fields that a kind of table has.
+    """The fields of a kind of table.
 
     Attributes
     ----------
@@ -157,9 +157,9 @@ class ColumnFields:
     names : mapping
         Headers by which each field is recognised: lower case, words joined by `_`.
     needed : tuple of str
-        Fields without which it cannot be read, besides a position.
+        Fields that are required in addition to a position.
     example : str
-        How columns are written.
+        Example of how columns are written.
     """
 
     units: Mapping[str, Mapping[str, float]]
@@ -203,7 +203,7 @@ class Column:
     index : int
         From 0.
     scale : float
-        What its numbers are multiplied with to be in the field's usual unit.
+        Factor that converts its numbers to the field's default unit.
     """
 
     index: int
@@ -214,16 +214,16 @@ Columns = Mapping[str, Column]
 
 
 def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
-    """Read which column holds what.
+    """Parse the user's assignment of columns to fields.
 
     Parameters
     ----------
     text : str
-        Fields separated by commas, as above.
+        Fields separated by commas, as described above.
     header : sequence of str
         The table's first line; names are compared without regard to case.
     fields : ColumnFields
-        That the table can have.
+        Fields that the table can have.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
             )
         name, unit = written[2], written[3]
         index = _place(name, names)
-        if index is None and unit is not None:  # a header with a colon of its own
+        if index is None and unit is not None:  # the header itself contains the colon
             index, unit = _place(f"{name}:{unit}", names), None
         if index is None:
             hint = f"its columns are {', '.join(header)[:200]}; numbers count from 1"
@@ -257,12 +257,12 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
 
 
 def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
-    """Guess from the header which column holds what: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
+    """Guess the columns' fields from the header: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
 
     Raises
     ------
     TrackError
-        No columns for a position, or another needed field, are recognized.
+        No columns for a position or another required field are recognised.
     """
     found: dict[str, Column] = {}
     for index, name in enumerate(header):

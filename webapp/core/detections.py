@@ -1,8 +1,8 @@
-"""What networks find in photos that may have to be blurred: faces and number plates, also small ones.
+"""Detection of faces and number plates, also small ones, which may have to be blurred in photos.
 
-A network takes images of one size. A photo is cut into overlapping windows of that size, first as it is,
-then halved again and again until one window holds all of it: so what is small is seen at full size, and
-what is large is found in a halved photo.
+A network takes images of one size. A photo is cut into overlapping windows of that size, first at full size,
+then halved repeatedly until one window contains all of it (an image pyramid): small objects are found at full
+size, and large ones in a halved photo.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from webapp.core.blur import BlurBox
 Kind = Literal["face", "plate"]
 
 _SAME = 0.6
-"""Two boxes of one kind are about the same thing where they share so much of the smaller one."""
+"""Two boxes of one kind show the same object if they share more than this part of the smaller one."""
 
 _HIDDEN = 0.6
-"""Something is hidden where so much of it is blurred."""
+"""An object is hidden if at least this share of its box is blurred."""
 
 _STEPS = (np.arange(12) + 0.5) / 12
-"""Where a box is looked at, along each side."""
+"""Positions, along each side of a box, at which it is sampled."""
 
 _MARGIN: dict[Kind, float] = {"face": 0.2, "plate": 0.1}
-"""Of its size on each side: hair and chin identify a face, too."""
+"""Margin on each side, as a share of a box's size: hair and chin identify a face, too."""
 
 
 class Detection(NamedTuple):
@@ -37,9 +37,9 @@ class Detection(NamedTuple):
     Attributes
     ----------
     box : BlurBox
-        Tight.
+        Without margin.
     score : float
-        How sure the network is, from 0 to 1; it is not calibrated.
+        Confidence of the network, 0 to 1; not calibrated.
     """
 
     kind: Kind
@@ -48,21 +48,21 @@ class Detection(NamedTuple):
 
 
 def never() -> None:
-    """Do not stop."""
+    """Do nothing, so that a detection is never stopped."""
 
 
 class ObjectDetector(Protocol):
-    """Finds things of one kind."""
+    """Finds objects of one kind."""
 
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
-        """Find them in a photo of (h, w, 3) uint8, blue, green, red; the surest first.
+        """Find them in a photo of (h, w, 3) uint8, blue, green, red; the highest score first.
 
         `check` is called between windows, and raises to stop.
         """
 
 
 class Window(NamedTuple):
-    """A part of a photo, at the level `level`: halved so often. Pixels of that level."""
+    """A window in a photo that was halved `level` times; its corner in pixels of that level."""
 
     level: int
     left: int
@@ -77,7 +77,7 @@ class Spotted(NamedTuple):
 
 
 def spans(length: int, *, size: int, overlap: int) -> list[int]:
-    """Return where windows begin that cover a side, evenly spread; those next to each other overlap."""
+    """Return the starts of evenly spread, overlapping windows that cover a side."""
     if length <= size:
         return [0]
     count = 1 + -(-(length - size) // (size - overlap))
@@ -113,7 +113,7 @@ def detect_in_windows(
     overlap: int,
     check: Callable[[], None] = never,
 ) -> list[Detection]:
-    """Find things in a photo of any size by a network for images of one size.
+    """Find objects in a photo of any size with a network for images of one size.
 
     Parameters
     ----------
@@ -121,14 +121,14 @@ def detect_in_windows(
     look : callable
         Runs the network on a window.
     overlap : int
-        Pixels; what is at most so large is whole in one of the windows of its level.
+        Pixels; an object that is not larger is completely inside one of the windows of a level.
     check : callable, optional
         Called before each window; raises to stop.
 
     Returns
     -------
     list of Detection
-        Each thing once, the surest first.
+        Each object once, the highest score first.
     """
     height, width = pixels.shape[:2]
     whole = np.array([width, height, width, height], np.float64)
@@ -145,7 +145,7 @@ def detect_in_windows(
 
 
 def join_same(found: Iterable[Detection]) -> list[Detection]:
-    """Join what several windows have found of the same thing: a box around all, the highest score."""
+    """Join detections of the same object by several windows: a box around all, with the highest score."""
     joined: list[Detection] = []
     for one in sorted(found, key=lambda one: -one.score):
         n = next((n for n, known in enumerate(joined) if _is_same(known, one)), None)
@@ -157,7 +157,7 @@ def join_same(found: Iterable[Detection]) -> list[Detection]:
 
 
 def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overlap: float) -> list[int]:
-    """Choose boxes as detectors do: the best, then those that overlap none of the chosen by more.
+    """Select boxes by non-maximum suppression, so that no two overlap by more than `overlap`.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overl
     Returns
     -------
     list of int
-        The surest first.
+        Numbers of the boxes, the highest score first.
     """
     left = np.argsort(-scores, kind="stable")
     areas = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
@@ -186,7 +186,7 @@ def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overl
 
 
 def to_blur(found: Iterable[Detection], *, blurred: Iterable[BlurBox]) -> list[Detection]:
-    """Widen boxes until they hide what was found; what is blurred already is left out."""
+    """Add a margin to the boxes of detections, and leave out what is already blurred."""
     there = list(blurred)
     wide = ((one, one._replace(box=_with_margin(one))) for one in found)
     return [wider for one, wider in wide if wider.box.inside and not is_hidden(one.box, there)]
@@ -200,7 +200,7 @@ def _with_margin(one: Detection) -> BlurBox:
 
 
 def is_hidden(box: BlurBox, blurred: Sequence[BlurBox]) -> bool:
-    """Return whether most of a box is blurred already, by one other box or by several."""
+    """Return whether most of a box is blurred already, by one or more boxes."""
     if not blurred:
         return False
     x, y = box.x + box.width * _STEPS, box.y + box.height * _STEPS[:, None]

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from webapp.core.detections import Detection, Spotted, detect_in_windows, never
 
 _SIZE = (640, 640)
-"""That of the published file. Faces of about 10 to 300 pixels are found in it."""
+"""Input size of the published model; it finds faces of about 10 to 300 pixels."""
 
 _OVERLAP_PX = 128
 _LEAST_SCORE = 0.6
 _OVERLAP = 0.3
-"""Of two faces that overlap by more, the better one counts."""
+"""Of two faces that overlap by more, only the better one is kept."""
 
 _MOST = 200
 
@@ -38,7 +38,7 @@ class YuNet:
 
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
         """Find faces."""
-        # a network of OpenCV serves one thread at a time, and this one is read in milliseconds
+        # not shared: a network of OpenCV serves one thread at a time; this one loads in milliseconds
         network = cv2.FaceDetectorYN.create(
             "onnx", self._model, np.zeros(0, np.uint8), _SIZE, _LEAST_SCORE, _OVERLAP, _MOST
         )

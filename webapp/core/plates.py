@@ -21,26 +21,26 @@ _LAYERS = ((8, (10, 16, 24)), (16, (32, 48)), (32, (64, 96)), (64, (128, 192, 25
 """Stride of each layer, and the sizes of its priors, in pixels."""
 
 _VARIANCE = 0.1
-"""Corners are given in so much of a prior's size; the other one, 0.2, is of widths, which are not used."""
+"""Unit of corner offsets, over a prior's size; the other variance, 0.2, is of widths, which are not used."""
 
 _CORNERS = (4, 6, 10, 12)
-"""Columns of x of the corners; 0 to 3 are a box and 8, 9 the middle."""
+"""Columns of the corners' x; 0 to 3 are a box, and 8 and 9 its centre."""
 
 _OUTPUTS = ("loc", "conf", "iou")
 _LEAST_SCORE = 0.6
 _OVERLAP = 0.3
-"""Of two plates that overlap by more, the better one counts."""
+"""Of two plates that overlap by more, only the better one is kept."""
 
 _OVERLAP_PX = 96
 
 
 def priors(width: int, height: int) -> NDArray[np.float64]:
-    """List the boxes that a network for images of this size refines.
+    """List the prior boxes that a network for images of this size refines.
 
     Returns
     -------
     (n, 3) float64
-        Middle and side in pixels; layer by layer, row by row, the sizes of each place together.
+        Centre and side in pixels; by layer, row, column and size.
     """
     shape = np.array([(height + 1) // 2 // 2, (width + 1) // 2 // 2])
     found = []
@@ -53,19 +53,19 @@ def priors(width: int, height: int) -> NDArray[np.float64]:
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> Spotted:
-    """Turn what the network gives into boxes around the corners of plates.
+    """Convert the network's outputs to boxes around the corners of plates.
 
     Parameters
     ----------
     outputs : sequence of (n, 14), (n, 2) and (n, 1) float32
-        `loc`, `conf`, `iou`: of each prior, where the plate is, whether there is one, how good its box is.
+        `loc`, `conf`, `iou`: for each prior, position of the plate, score of there being one and of its box.
     at : (n, 3) float64
-        `priors`.
+        As from `priors`.
 
     Returns
     -------
     Spotted
-        Those that are sure enough, each plate once, the surest first.
+        Those above the minimum score, each plate once, the best first.
     """
     loc, conf, iou = outputs
     scores = np.sqrt(conf[:, 1].astype(np.float64) * np.clip(iou[:, 0].astype(np.float64), 0, 1))
@@ -94,7 +94,7 @@ class LpdYuNet:
 
     def detect(self, pixels: NDArray[np.uint8], *, check: Callable[[], None] = never) -> list[Detection]:
         """Find number plates."""
-        network = cv2.dnn.readNetFromONNX(self._model)  # of one thread, as that of faces
+        network = cv2.dnn.readNetFromONNX(self._model)  # not shared between threads, as for faces
 
         def look(part: NDArray[np.uint8]) -> Spotted:
             network.setInput(cv2.dnn.blobFromImage(part))

@@ -1,7 +1,7 @@
-"""The numbers that steer localization, in one frozen value that is passed in from the top.
+"""Parameters of localization, in one frozen value that is passed down from the top.
 
-All but the length of the shortlist are no settings: nobody has to choose them, and changing one calls for a
-new calibration. They are here to be read together, and to be varied (`benchmarks/ablation.py`). Lengths that
+Except for the length of the shortlist they are not user settings, and changing one requires a new
+calibration. They are collected here for an overview and to be varied (`benchmarks/ablation.py`). Lengths that
 scale with the map are in place radii, the distance within which an answer counts as right.
 """
 
@@ -26,18 +26,18 @@ class RetrievalTuning:
     """Photos with most votes that are verified geometrically."""
 
     second_look_photos: int = 5
-    """Photos with most votes that a network matches first in the second look of method `auto`."""
+    """Photos with most votes that a network matches first, in the second look of method `auto`."""
 
     certain_inliers: int = 40
-    """Inliers from which on one of these certainly shows the same as the query. With fewer, the network
+    """Inliers from which on one of these certainly shows the same scene as the query. With fewer, the network
     matches the rest of the shortlist, too."""
 
     voters: int = 30
-    """Photos with most votes whose votes count for the places around them."""
+    """Photos with most votes, whose votes support the places around them."""
 
     similar: int = 4
-    """Photos of the shortlist that are there for being the most similar by their global descriptors, where
-    there are such: at most half of it."""
+    """Photos of the shortlist that are chosen by similarity of global descriptors, if there are any: at most
+    half of it."""
 
     rotation_tolerance_deg: float = 20.0
     """Largest deviation of a match from the dominant rotation between query and map, degrees."""
@@ -54,18 +54,18 @@ class PoseTuning:
     """Refinement of the query's pose by all matches."""
 
     keypoint_sigma_px: float = 2.4
-    """Standard deviation of a right match, pixels of the photo as extracted. It stands for the keypoint and
-    for the error of the map photo's rotation."""
+    """Standard deviation of a right match, pixels of the photo as extracted. It covers the noise of the
+    keypoint and the error of the map photo's rotation."""
 
     min_depth: float = 0.05
-    """Nearest point that a match can show, place radii. A short baseline then explains small angles between
-    rays only: without it, at baseline zero, every match agrees with every pose."""
+    """Minimum depth of a matched point, place radii. A short baseline then explains only small angles between
+    rays; without this limit every match would agree with a pose at baseline zero."""
 
     start_distances: tuple[float, ...] = (0.15, 0.5, 1.0, 2.0)
     """Starting points on the line through a photo, place radii from it."""
 
     min_trust: float = 0.15
-    """Trust in a relative pose from which on it gives starting points, 0 to 1."""
+    """Minimum trust in a relative pose that gives starting points, 0 to 1."""
 
     starts: int = 4
     """Best starting points that are refined."""
@@ -74,16 +74,16 @@ class PoseTuning:
     """Starting points nearer to each other than this, place radii, are one."""
 
     inlier_sigmas: float = 1.25
-    """Residual at which a match stops counting as an inlier, sigmas."""
+    """Residual from which on a match is not an inlier, sigmas."""
 
     start_inlier_sigmas: float = 3.75
     """The same for starting points, whose poses are still rough."""
 
     reach: float = 3.0
-    """How fast a photo's weight decays with its distance, place radii."""
+    """Scale of the decay of a photo's weight with its distance, place radii."""
 
     chance_inliers: float = 2.0
-    """Inliers of a photo that any pose has."""
+    """Inliers of a photo that any pose has by chance."""
 
     inlier_scale: float = 20.0
     """Inliers beyond chance at which a photo's agreement reaches 63 %."""
@@ -92,13 +92,13 @@ class PoseTuning:
     """Roll at which the score of a pose is halved, degrees."""
 
     annealing: Annealing = Annealing(rounds=10, start=15.0, decay=0.65)
-    """Starting poses are off by a good part of a place radius: wide at first, and shrinking fast."""
+    """Wide at first and shrinking fast: starting poses are off by a large part of a place radius."""
 
     level: LevelPrior = LevelPrior(roll_sigma=0.035, pitch_sigma=0.35)
-    """Queries are levelled by their keypoints, whatever their roll was; they may look up and down."""
+    """Wide in pitch: queries may look up or down, but their roll is corrected beforehand by keypoints."""
 
     height_sigma: float = 0.3
-    """Of the query's height about that of the map's cameras, place radii."""
+    """Standard deviation of the query's height about that of the map's cameras, place radii."""
 
     max_rotation_step: float = 0.2
     """Longest step of an iteration, radians."""
@@ -109,42 +109,42 @@ class PoseTuning:
 
 @dataclass(frozen=True, slots=True)
 class PlacesTuning:
-    """From poses and votes to places with an uncertainty."""
+    """Places with uncertainties from poses and votes."""
 
     most: int = 8
-    """Places, or half of the shortlist where that is more."""
+    """Maximum number of places, or half of the shortlist if that is more."""
 
     min_weight: float = 0.02
-    """Trust in a relative pose from which on its bearing is used, 0 to 1."""
+    """Minimum trust in a relative pose whose bearing is used, 0 to 1."""
 
     support_reaches: tuple[float, float] = (0.5, 2.0)
-    """Standard deviations of the windows in which votes count for a place: close to it, and its surroundings,
+    """Standard deviations of the windows in which votes support a place, close to it and in its surroundings;
     place radii."""
     apart: float = 1.0
-    """Places nearer to each other than this, place radii, are one: the better one stands for both."""
+    """Places nearer to each other than this, place radii, are one: only the better one is kept."""
     anchor_reach: float = 3.0
-    """Photos farther from a computed position than this, place radii, do not say where it is."""
+    """Photos farther from a computed position than this, place radii, are not combined with it."""
     min_agreement: float = 0.25
-    """Agreement from which on a photo supports a place, 0 to 1."""
+    """Minimum agreement of a photo that supports a place, 0 to 1."""
 
     score_sigma: float = 0.3
-    """Uncertainty by a score of zero is this over `score_offset`, place radii."""
+    """Uncertainty at a score of zero, times `score_offset`, place radii."""
 
     score_offset: float = 0.3
-    """Added to the score, which counts photos, under that uncertainty."""
+    """Added to the score, which counts photos, in the denominator of that uncertainty."""
 
     correlation: float = 6.0
-    """Factor on the standard deviation by the matches, because their errors are correlated."""
+    """Factor on the standard deviation from the matches, because their errors are correlated."""
 
     floor_sigma: float = 0.27
-    """Uncertainty of the best position, place radii: the map's own positions are not better."""
+    """Minimum uncertainty of a position, place radii: the map's own positions are not better."""
 
     photo_place_sigma: float = 0.6
-    """Uncertainty of a place that is a photo's own, place radii: two of three right ones are so near."""
+    """Uncertainty of a photo's position as the answer, place radii: two of three right ones are that near."""
 
     max_sigma: float = 1.0
-    """Uncertainty by the matches above which there is no position, place radii: one photo whose depths are
-    not known leaves a line."""
+    """Uncertainty from the matches above which no position is given, place radii: a single photo without
+    depths fixes only a line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,39 +155,39 @@ class ExtrinsicsTuning:
     """Standard deviation of a keypoint, pixels of the photo as extracted."""
 
     matches_per_pair: int = 40
-    """Matches of a pair, evenly chosen, that correct rotations: more say the same again. Depths use all."""
+    """Matches of a pair, evenly chosen, that refine rotations: more are redundant. Depths use all."""
 
     depth_inlier_sigmas: float = 2.0
-    """Rays that are farther from meeting than this, sigmas of a keypoint, give no depth."""
+    """Sampson error, sigmas, from which on a match gives no depth: its rays do not meet."""
 
     min_angle_deg: float = 1.0
-    """Least angle between two rays that give a depth, degrees."""
+    """Minimum angle between two rays that give a depth, degrees."""
 
     certain_inliers: int = 40
-    """Inliers from which on two photos certainly show the same."""
+    """Inliers from which on two photos certainly show the same scene."""
 
     position_sigma: float = 0.1
-    """Of a photo on the map, place radii: all depths of a pair err by it over the baseline."""
+    """Sigma of a photo's position on the map, place radii: relative to the baseline, the error of depths."""
 
     averaging: Annealing = Annealing(rounds=60, start=4.0, decay=0.9)
-    """Rotation averaging: the start is a vote that can be wrong by anything, many slow rounds."""
+    """Rotation averaging: many slow rounds, because headings from votes can be arbitrarily wrong."""
 
     averaging_level: LevelPrior = LevelPrior(roll_sigma=0.04, pitch_sigma=0.2, weight=0.3)
-    """Directions say little of pitch: it is held closer here than when all matches count."""
+    """Directions hardly constrain pitch: the prior is tighter here than in the refinement."""
 
     refinement: Annealing = Annealing(rounds=30, start=8.0, decay=0.85)
-    """Refinement by all matches: the start is good to some degrees."""
+    """Refinement by all matches: it starts within a few degrees."""
 
     refinement_level: LevelPrior = LevelPrior(roll_sigma=0.03, pitch_sigma=0.3)
-    """All matches measure pitch well, so that the prior may be wide."""
+    """All matches together determine pitch well, so that the prior may be wide."""
 
     height_sigma: float = 0.2
-    """Of the cameras' heights, place radii."""
+    """Standard deviation of the cameras' heights, place radii."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Everything that steers localization, by stage."""
+    """All parameters of localization, by stage."""
 
     retrieval: RetrievalTuning = field(default_factory=RetrievalTuning)
     pose: PoseTuning = field(default_factory=PoseTuning)
@@ -208,14 +208,14 @@ def with_field(tuning: _Value, name: str, *, text: str) -> _Value:
     tuning : Tuning
         Or a part of it.
     name : str
-        Dotted, as `pose.level.roll_sigma`.
+        Dotted, e.g. `pose.level.roll_sigma`.
     text : str
         The number; it is converted to the type of the field.
 
     Raises
     ------
     KeyError
-        A field is unknown, or its value is not a number; the known fields are listed.
+        A field is unknown or not numeric; the known fields are listed.
     ValueError
         The text is not a number of the field's type.
     """

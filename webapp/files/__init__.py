@@ -1,1 +1,1 @@
-"""One file format a module: a strict reader, a writer, and what one gives the other takes."""
+"""One module per file format: a strict reader, and a writer whose output it accepts."""

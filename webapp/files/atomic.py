@@ -1,4 +1,4 @@
-"""Reads whole files, and writes them whole or not at all, also when the machine stops in between."""
+"""Reads whole files, and writes them atomically, even if the machine crashes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, where they are missing.
+    """Create a folder and its missing parents.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     StorageError
-        It cannot be read.
+        The file cannot be read.
     """
     try:
         return path.read_bytes()
@@ -54,30 +54,30 @@ def read_bytes(path: Path) -> bytes:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text as `write_bytes` does; line ends stay as they are in `text`."""
+    """Write UTF-8 text like `write_bytes`; line ends are not converted."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: Path, *parts: bytes | memoryview) -> None:
-    """Replace a file by new content, in parts where to join them would cost memory; as `write_pieces`."""
+    """Replace a file like `write_pieces`, by parts that need not be joined in memory."""
     write_pieces(path, parts)
 
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
-    """Replace a file by new content: afterwards it holds all of the old or all of the new.
+    """Replace a file atomically: afterwards it holds all of the old content or all of the new.
 
-    The data goes to a temporary file in the same folder, to the disk, and then under the name. A file
-    that was there keeps its permissions; a link is replaced, not followed.
+    The data is written to a temporary file in the same folder and synced, and the file is renamed. The
+    permissions of an existing file are kept; a symbolic link is replaced, not followed.
 
     Parameters
     ----------
     pieces : iterable of bytes or memoryview
-        The content, which may be made while it is written.
+        The content, which may be generated while it is written.
 
     Raises
     ------
     StorageError
-        The disk refused; the old file is as it was.
+        Writing failed; the old file is unchanged.
     """
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:
@@ -94,18 +94,18 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
 
 
 def remove_unfinished(path: Path) -> None:
-    """Remove what killed writers of a file have left; for whoever holds the lock of its writers."""
+    """Remove temporary files of killed writers; the caller must hold the lock of the file's writers."""
     for temporary in path.parent.glob(f".{path.name[:80]}.*.tmp"):
         temporary.unlink(missing_ok=True)
 
 
 def is_full(error: OSError) -> bool:
-    """Return whether the disk, or the share of it that one may use, is full."""
+    """Return whether the disk, or the user's quota, is full."""
     return error.errno in _FULL
 
 
 def storage_error(error: OSError, *, where: str) -> StorageError:
-    """Turn what the system says about a file that it did not write into an error of ours."""
+    """Convert an OSError from writing a file to a `StorageError`, which is returned, not raised."""
     kind = DiskFull if is_full(error) else StorageError
     reason = error.strerror or str(error)
     return kind(f"the file cannot be written: {reason}", where=where, hint=_HINTS.get(error.errno or 0))
@@ -119,7 +119,7 @@ def _write_through(path: Path, parts: Iterable[bytes | memoryview]) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the new name last; Windows cannot do it, some network file systems refuse it."""
+    """Sync a folder, so that a new name in it is durable; not on Windows and some network file systems."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)

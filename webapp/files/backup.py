@@ -1,6 +1,6 @@
-"""A backup: a zip of files as they are, and a manifest with their hashes, without which it is not a backup.
+"""A backup: a zip of uncompressed files, and a manifest with their hashes, which is required.
 
-It is written under another name and gets its own when it is complete and was read again.
+It is written under a temporary name, and renamed after it has been read back and checked.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class BackupFile:
 
 
 Files = dict[str, BackupFile]
-"""By name, with forward slashes."""
+"""Files of a backup by name, with forward slashes."""
 
 
 class Archive:
@@ -56,7 +56,7 @@ class Archive:
     Attributes
     ----------
     scratch : Path
-        For a file of the writer's own, which nobody else may read, and which is gone with the end.
+        A private temporary file for the writer, deleted at the end.
     """
 
     def __init__(self, file: zipfile.ZipFile, scratch: Path) -> None:
@@ -65,12 +65,12 @@ class Archive:
         self.scratch = scratch
 
     def add(self, name: str, source: Path) -> None:
-        """Put a file in, once: files of the same name never differ.
+        """Add a file, unless its name was added before: files of the same name never differ.
 
         Raises
         ------
         FileNotFoundError
-            It is not there (any more); nothing was put in.
+            The file does not exist, or was deleted; nothing was added.
         OSError
         """
         if name in self.files:
@@ -81,7 +81,7 @@ class Archive:
                 self.files[name] = _copy(opened, target.write)
 
     def add_bytes(self, name: str, data: bytes) -> None:
-        """Put a small file in.
+        """Add a small file.
 
         Raises
         ------
@@ -91,31 +91,31 @@ class Archive:
         self.files[name] = BackupFile(len(data), hashlib.sha256(data).hexdigest())
 
     def keep(self, wanted: Callable[[str], bool]) -> None:
-        """Leave out files that turned out not to be wanted; their bytes stay, but are never unpacked."""
+        """Keep only wanted files in the manifest; the bytes of others stay, but are never unpacked."""
         self.files = {name: kept for name, kept in self.files.items() if wanted(name)}
 
 
 @contextmanager
 def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) -> Iterator[Archive]:
-    """Write a backup; it stands under its name when the block has ended without an error.
+    """Write a backup; it gets its name when the block has ended without an error.
 
     Parameters
     ----------
     target : Path
-        One that is there is replaced by the complete new one.
+        An existing backup is replaced once the new one is complete.
     about : mapping
-        Plain values for the manifest.
+        JSON values for the manifest.
     progress : Progress
-        One step for each file that is read again.
+        One step for each file that is read back.
 
     Raises
     ------
     StorageError, DiskFull
-        The disk refused; nothing of it is left.
+        Writing failed; no partial file remains.
     Conflict
-        Another process writes the same backup.
+        Another process is writing the same backup.
     InputError
-        What was written is not what is read again: the disk is damaged.
+        The data read back differ from those written: the disk is damaged.
     """
     part, scratch, lock = (target.with_name(f".{target.name}.{kind}") for kind in ("part", "db", "lock"))
     try:
@@ -137,8 +137,8 @@ def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) ->
 
 
 def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Archive]:
-    """Write a zip that nobody else may read: it holds all that accounts are made of."""
-    for path in (part, scratch):  # of one that was killed
+    """Write a zip that only the user may read, as it contains the accounts."""
+    for path in (part, scratch):  # left by a killed process
         path.unlink(missing_ok=True)
         path.touch(mode=0o600, exist_ok=False)
     with part.open("r+b") as file:
@@ -155,41 +155,41 @@ def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Ar
 
 
 def check(path: Path, *, progress: Progress) -> Files:
-    """Read a backup through, and compare all of it with its manifest.
+    """Read a backup and compare all files with its manifest.
 
     Parameters
     ----------
     progress : Progress
-        One step a file.
+        One step per file.
 
     Raises
     ------
     InputError
-        It is not a backup, or is damaged.
+        The file is not a backup, or is damaged.
     StorageError
-        It cannot be read.
+        The file cannot be read.
     """
     return _read(path, progress, lambda _name: _nowhere())
 
 
 def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: Progress) -> Files:
-    """Unpack a backup, comparing all of it with its manifest.
+    """Unpack a backup, comparing all files with its manifest.
 
     Parameters
     ----------
     folder : Path
-        Where `place` puts everything below.
+        Contains all paths that `place` returns.
     place : callable
-        From name to path; the folders are made.
+        Maps a file's name to its path; missing folders are created.
     progress : Progress
-        One step a file.
+        One step per file.
 
     Raises
     ------
     InputError
-        It is not a backup, or is damaged: what was unpacked is worth nothing.
+        The file is not a backup, or is damaged: discard the files unpacked so far.
     StorageError, DiskFull
-        The disk refused.
+        Reading or writing failed.
     Cancelled
     """
 
@@ -208,12 +208,12 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read what a backup says about itself.
+    """Read the manifest of a backup.
 
     Raises
     ------
     InputError
-        It is not a backup.
+        The file is not a backup.
     StorageError
     """
     with _zip_errors(path), zipfile.ZipFile(path) as opened:

@@ -1,4 +1,4 @@
-"""Opens image files of known formats within limits: size, a check of completeness, 8-bit pixels."""
+"""Opens image files of known formats: limits of size, a check of completeness, 8-bit pixels."""
 
 from __future__ import annotations
 
@@ -22,41 +22,41 @@ from webapp.errors import PhotoError
 from webapp.settings import PhotoLimits
 
 FORMATS = ("JPEG", "PNG", "HEIF", "AVIF", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF")
-"""Formats that are opened, by content; the name's ending plays no part."""
+"""Accepted formats, recognised by content and not by the file's suffix."""
 
 DAMAGED = (SyntaxError, ValueError, TypeError, KeyError, IndexError, EOFError, RuntimeError, struct.error)
-"""What Pillow raises for damaged files and metadata, besides OSError; fuzzing found no other."""
+"""Exceptions of Pillow for damaged files and metadata, besides OSError; fuzzing found no others."""
 
 Pixels = NDArray[np.uint8]
 
 PHOTO_SUFFIXES = frozenset(
     {".jpg", ".jpeg", ".jpe", ".png", ".heic", ".heif", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".jp2"}
 )
-"""Endings, in small letters, by which a file in a folder is taken for a photo."""
+"""Suffixes, in lower case, of the files in a folder that count as photos."""
 
 _ANY_SIZE = PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)
 _SMALL = (64, 64)
 _MAX_SIDE = 65_535
-"""As in JPEG and WebP. Longer ones are not photos, and scaling takes memory by the square of a side."""
+"""Pixels, the limit of JPEG: longer images are not photos, and scaling them takes too much memory."""
 
 _COSTLY_FORMATS, _COSTLY = frozenset({"WEBP", "JPEG2000"}), 3
-"""Their decoders take 14 and 17 bytes of memory a pixel, others 5: so many times fewer pixels are allowed."""
+"""Their decoders take 14 and 17 bytes of memory per pixel, others 5: they may have 3 times fewer pixels."""
 
 _MAX_SCANS = 32
-"""Of a JPEG: each may pass over the whole photo in a few bytes. Cameras write 1, usual programs 10 to 12."""
+"""Of a JPEG: a few bytes can be a scan of the whole photo. Cameras write 1, usual programs 10 to 12."""
 
 _START_OF_SCAN, _END_OF_IMAGE = b"\xda", b"\xd9"
 _MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])", re.DOTALL)
-"""Within compressed data, 0xff is followed by 0x00 or by a restart marker."""
+"""Any marker but those within compressed data, where 0xff is followed by 0x00 or a restart marker's code."""
 
 _ROWS = 256
 
 
 @contextmanager
 def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image]:
-    """Open an image, its header read and nothing decoded yet.
+    """Open an image: its header is read, but nothing is decoded yet.
 
-    Whatever damage shows while it is open, also in the caller's block, becomes a `PhotoError`.
+    Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
     Parameters
     ----------
@@ -68,17 +68,17 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
     Yields
     ------
     PIL.Image.Image
-        Its first frame.
+        The first frame.
 
     Raises
     ------
     PhotoError
-        Missing, no image of a known format, damaged, cut off, or larger than the limits.
+        The file is missing, not an image of a known format, damaged, truncated, or exceeds the limits.
     """
     pillow_heif.register_heif_opener()
     where = str(source) if isinstance(source, Path) else None
     with warnings.catch_warnings():
-        # our own limits decide on size, and odd metadata makes no photo unreadable
+        # ignored: warnings about size, which `limits` replaces, and about odd metadata
         warnings.simplefilter("ignore")
         try:
             check_bytes(source, limits)
@@ -102,9 +102,9 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
 
 
 def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
-    """Decode an opened image to 8 bits a channel, as stored (not turned).
+    """Decode an opened image to 8 bits per channel, as stored (EXIF orientation not applied).
 
-    Sixteen bits are cut to the upper eight, floats are scaled from their own range, transparency is dropped.
+    Of 16 bits the upper eight are kept, floats are scaled by their range of values, alpha is dropped.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     (h, w) or (h, w, 3) uint8
     """
     if mode == "L" and image.format in ("JPEG", "MPO") and image.mode == "RGB":
-        # the stored luma itself, not a grey computed from colours computed from it
+        # decode the stored luma itself rather than convert it to colours and back to grey
         image.draft("L", image.size)
     image.load()
     if image.mode.startswith("I;16") or image.mode in ("I", "F"):
@@ -124,7 +124,7 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
 
 
 def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
-    """Convert an image, a few rows at a time: Pillow would make two more copies of it on the way."""
+    """Convert an image, a few rows at a time: for a whole image Pillow would make two more copies."""
     size = (image.height, image.width)
     pixels = np.empty(size if mode == "L" else (*size, 3), dtype=np.uint8)
     for top in range(0, image.height, _ROWS):
@@ -134,7 +134,7 @@ def _converted(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
 
 
 def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
-    """Scale (h, w) values to 8 bits, a few rows at a time: large ones take no multiple of their memory."""
+    """Scale (h, w) values to 8 bits, a few rows at a time, to save memory."""
     strips = [values[top : top + _ROWS] for top in range(0, len(values), _ROWS)]
     if sixteen and values.max(initial=0) < 65536 and values.min(initial=0) >= 0:
         return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
@@ -149,7 +149,7 @@ def _finite(values: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
-    """Reject what is not a file, empty or too large, without reading it.
+    """Reject a missing, empty or too large file (or content) without reading it.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def _check_side(image: Image.Image) -> None:
 
 
 def check_scans(source: Path | bytes) -> None:
-    """Refuse a JPEG of a few hundred kilobytes that would take minutes to decode.
+    """Reject a JPEG with very many scans: a few hundred kilobytes could take minutes to decode.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
     Parameters
     ----------
     data : bytes or mmap
-        The file; what follows the end of its first image plays no part.
+        The file; bytes after the end of its first image are ignored.
     """
     scans, place = 0, 0
     while found := _MARKER.search(data, place):
@@ -229,19 +229,19 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises
     ------
     PhotoError
-        The file is missing or no image.
+        The file is missing or not an image.
     """
     with open_image(path, limits=_ANY_SIZE) as image:
         return image.size
 
 
 def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
-    """Decode a photo, as small as its format allows, to see whether it is complete.
+    """Check that a photo is complete, by decoding it at the smallest size that its format allows.
 
     Raises
     ------
     PhotoError
-        It is missing, no image, cut off, damaged, or larger than the limits.
+        The file is missing, not an image, truncated, damaged, or exceeds the limits.
     """
     with open_image(path, limits=limits) as image:
         image.draft("L", _SMALL)

@@ -1,4 +1,4 @@
-"""A field of a JSON file together with its path, so that every error says where it is."""
+"""A field of a JSON file with its path, so that errors state its location."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class JsonField:
         return self.value is None
 
     def error(self, message: str, *, hint: str | None = None) -> MapJsonError:
-        """Make (not raise) the error that this field `message`."""
+        """Return (do not raise) an error that says: this field `message`."""
         return MapJsonError(f"{self.path} {message}", where=self.where, hint=hint)
 
     def record(self, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, JsonField]:
@@ -48,7 +48,7 @@ class JsonField:
         Raises
         ------
         MapJsonError
-            It is not an object, a required field is missing, or a field is unknown.
+            The value is not an object, a required field is missing, or a field is unknown.
         """
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
@@ -63,12 +63,12 @@ class JsonField:
         return fields
 
     def items(self) -> list[JsonField]:
-        """Return the items of a list; of a missing one, none.
+        """Return the items of a list; none if it is missing.
 
         Raises
         ------
         MapJsonError
-            It is not a list.
+            The value is not a list.
         """
         if self.missing:
             return []
@@ -77,7 +77,7 @@ class JsonField:
         return [self._child(item, f"[{i}]") for i, item in enumerate(self.value)]
 
     def integer(self, *, largest: int, smallest: int = 0, default: int | None = None) -> int:
-        """Return a whole number within limits; of a missing field, the default.
+        """Return a whole number within limits, or the default if the field is missing.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class JsonField:
         return self.value
 
     def number(self, meaning: str, *, valid: Callable[[float], bool]) -> float:
-        """Return a finite number for which `valid` holds; `meaning` says which ones these are.
+        """Return a finite number for which `valid` holds; `meaning` describes valid numbers in the error.
 
         Raises
         ------
@@ -150,7 +150,7 @@ def finite(value: float) -> bool:
 
 
 def parse_json(data: bytes, *, where: str) -> JsonField:
-    """Read JSON in UTF-8 (a byte order mark is fine) without its loopholes: no NaN, no field twice.
+    """Parse JSON in UTF-8, with or without a byte order mark; NaN and duplicate fields are errors.
 
     Parameters
     ----------
@@ -160,12 +160,12 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
     Returns
     -------
     JsonField
-        The top, with the path `$`.
+        The root, with the path `$`.
 
     Raises
     ------
     MapJsonError
-        With line and column where it is no JSON.
+        The JSON is invalid; syntax errors have line and column.
     """
 
     def refuse_constant(name: str) -> object:
@@ -194,12 +194,12 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
 
 
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
-    """Parse the items of a list and give them by their ids.
+    """Parse the items of a list, and return them by id.
 
     Raises
     ------
     MapJsonError
-        An id stands twice, or what `parse` raises.
+        An id is repeated, or `parse` raises it.
     """
     found: dict[int, T] = {}
     for item in field.items():

@@ -1,4 +1,4 @@
-"""What photos a folder holds, and whether a name in a map is the one on the disk."""
+"""Lists the files of a folder, and finds files whose names in a map are misspelt."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DIGITS = re.compile(r"([0-9]+)")
 Key = tuple[tuple[tuple[int, int, str], ...], ...]
 
 _MOST_COMPARISONS = 20_000
-"""Pairs of names compared letter by letter; where more are missing, it is not for typing errors."""
+"""Limit of pairs of names compared by similarity; beyond it, typing errors are not the cause."""
 
 DERIVED = "derived"
 """Folder next to a map for what is computed from it."""
@@ -40,17 +40,17 @@ def list_photos(folder: Path) -> list[str]:
 
 
 def _shown(name: str) -> str:
-    """Return the name of the file that a pointer to an object stands for; else the same name."""
+    """Return the name of the file that a pointer to an object replaces; other names unchanged."""
     return pointed_path(Path(name)).name if name.startswith(".") and name.endswith(SUFFIX) else name
 
 
 def normal_name(name: str) -> str:
-    """Leave out of a relative path what changes nothing: `./` and doubled slashes."""
+    """Normalise a relative path: drop `./` and doubled slashes."""
     return PurePosixPath(name).as_posix()
 
 
 class Spelling:
-    """Finds the files whose names differ from a given one in letter case, accents' coding, folder or typing.
+    """Finds files whose names differ from a given one in letter case, Unicode form, folder or a typing error.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ class Spelling:
             self._numbers.setdefault(_numbers(name), []).append(name)
 
     def same(self, name: str) -> str | None:
-        """Find the file whose name looks the same but is coded differently."""
+        """Find the file whose name differs only in letter case or Unicode form."""
         return None if name in self._names else self._folded.get(folded(name))
 
     def similar(self, name: str) -> str | None:
-        """Find the file that was probably meant: the same name in another folder, or nearly the same here."""
+        """Find the file probably meant: the same name in another folder, or a similar one in this folder."""
         elsewhere = self._last.get(_last(name), [])
         if len(elsewhere) == 1:
             return elsewhere[0]
@@ -87,7 +87,7 @@ class Spelling:
 
 
 def folded(name: str) -> str:
-    """Return one form of names that are equal on disks without letter case or with one coding of accents."""
+    """Return a name in NFC and case-folded, to compare names that some file systems take as equal."""
     return unicodedata.normalize("NFC", name).casefold()
 
 

@@ -1,4 +1,4 @@
-"""File locks between processes: one writer at a time for a map, and whether workers are alive."""
+"""File locks between processes: one writer at a time for a map, and a check that workers are alive."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from filelock import FileLock, Timeout
 from webapp.errors import Busy, FolderInUse, StorageError
 
 _AGAIN_S = 10
-"""Of a machine that was lost, a server for files frees the locks only after a minute or two."""
+"""Seconds until a retry: a file server frees the locks of a lost machine only after a minute or two."""
 
 
 def allow_open_files(count: int) -> None:
-    """Raise this process's limit of open files, as far as the system allows: a lock that is held is one."""
+    """Raise the process's limit of open files as far as the system allows: each held lock is an open file."""
     if sys.platform == "win32":
         return
     import resource
@@ -26,7 +26,7 @@ def allow_open_files(count: int) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = count if hard == resource.RLIM_INFINITY else min(count, hard)
     if resource.RLIM_INFINITY != soft < wanted:
-        with suppress(ValueError, OSError):  # some systems allow less than they say
+        with suppress(ValueError, OSError):  # some systems allow less than the limit they report
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
@@ -37,7 +37,7 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
     Parameters
     ----------
     folder : Path
-        Is made when missing.
+        Created if missing.
     wait_s : float
         Seconds to wait for another writer.
 
@@ -73,19 +73,19 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
 
 @contextmanager
 def exclusive(path: Path, *, doing: str) -> Iterator[None]:
-    """Do something in one process at a time; nobody waits.
+    """Run the block in one process at a time; fail at once if another holds the lock.
 
     Parameters
     ----------
     path : Path
-        Of the lock; its folder is made when missing.
+        The lock file; its folder is created if missing.
     doing : str
-        What another one is doing, for people.
+        Message of `Busy`: what the other process is doing.
 
     Raises
     ------
     Busy
-        Another process, or thread, is at it.
+        Another process, or thread, holds the lock.
     StorageError
         The folder cannot be written.
     """
@@ -107,21 +107,21 @@ def exclusive(path: Path, *, doing: str) -> Iterator[None]:
 
 @contextmanager
 def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
-    """Do something in one process at a time, and not too often.
+    """Run the block in one process at a time, with a minimum gap between runs.
 
     Parameters
     ----------
     path : Path
-        Of the lock; its folder is made when missing.
+        The lock file; its folder is created if missing.
     gap_s : float
-        Seconds from the end of one turn to the next.
+        Minimum seconds from the end of one run to the start of the next.
     wait_s : float
-        Seconds to wait for others.
+        Seconds to wait for the lock.
 
     Raises
     ------
     Busy
-        Others had their turns for so long.
+        The lock was not free within `wait_s`.
     StorageError
         The folder cannot be written.
     """
@@ -141,7 +141,7 @@ def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
     try:
         since_s = time.time() - ended.stat().st_mtime if ended.exists() else gap_s
         if since_s < gap_s:
-            time.sleep(min(gap_s - since_s, gap_s))  # a clock that was set back does not stop it
+            time.sleep(min(gap_s - since_s, gap_s))  # at most the gap, even if the clock was set back
         yield
     finally:
         ended.touch()
@@ -151,12 +151,12 @@ def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
 def any_alive(folder: Path) -> bool:
     """Return whether a process has locked one of the files in a folder.
 
-    On a disk that machines share, with its locks, that may be a process of any of them.
+    If several machines share the disk and its locks, the process may be on any of them.
 
     Parameters
     ----------
     folder : Path
-        Of `*.lock` files; may be missing.
+        Contains `*.lock` files; may be missing.
     """
     return any(_is_held(path) for path in folder.glob("*.lock"))
 

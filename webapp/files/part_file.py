@@ -1,4 +1,4 @@
-"""The bytes of an upload, chunk by chunk, and the finished file on its way to its place."""
+"""The part file of an upload: chunks are appended, and the complete file is moved to its place."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _WAIT_S = 30
 
 
 class WrongOffset(Conflict):
-    """A chunk that does not fit to what has arrived.
+    """A chunk does not begin where the bytes received so far end.
 
     Attributes
     ----------
     offset : int
-        Bytes that have arrived: where to resume.
+        Bytes received so far: where to resume.
     """
 
     def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
@@ -35,14 +35,14 @@ class WrongOffset(Conflict):
 
 @contextmanager
 def one_at_a_time(part: Path) -> Iterator[None]:
-    """Let one process or thread at a time work on the bytes of an upload.
+    """Lock an upload, so that one process or thread at a time works on its bytes.
 
-    Uploads share a few locks by the beginning of their names: a lock that nobody deletes cannot be missed.
+    Uploads whose names begin alike share a lock file; these are few and never deleted, which avoids races.
 
     Raises
     ------
     Conflict
-        Another process has held it too long.
+        Another process has held the lock for too long.
     """
     try:
         with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):
@@ -60,30 +60,30 @@ def arrived(part: Path) -> int:
 
 
 def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
-    """Add a chunk; when this returns, it is on the disk.
+    """Append a chunk; on return, it is on the disk.
 
     Parameters
     ----------
     part : Path
-        Is made with the first chunk.
+        Created with the first chunk.
     offset : int
-        Where the sender believes the chunk belongs.
+        Position of the chunk in the file, according to the sender.
     size : int
         Bytes of the whole file.
 
     Returns
     -------
     int
-        Bytes that have arrived now.
+        Bytes received so far.
 
     Raises
     ------
     WrongOffset
-        Another number of bytes has arrived; nothing was changed.
+        The bytes received so far do not end at `offset`; nothing was changed.
     InputError
-        The chunk is larger than what is missing.
+        The chunk exceeds the size of the file.
     DiskFull, StorageError
-        The chunk was not kept.
+        Writing failed; the chunk was not kept.
     """
     there = arrived(part)
     if offset != there:
@@ -106,24 +106,24 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
 
 
 def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
-    """Write a stream to a new file; when this returns, it is on the disk.
+    """Write a stream to a new file; on return, it is on the disk.
 
     Parameters
     ----------
     part : Path
-        New.
+        Must not exist.
 
     Returns
     -------
     int
-        Bytes.
+        Bytes written.
 
     Raises
     ------
     InputError
-        There are more of them; nothing was kept.
+        There are more than `max_bytes`; nothing was kept.
     DiskFull, StorageError
-        Nothing was kept.
+        Writing failed; nothing was kept.
     """
     written = 0
     try:
@@ -142,14 +142,14 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
 
 
 def move_in(source: Path, target: Path) -> None:
-    """Move a complete file to its place, so that it survives a power cut.
+    """Move a complete file to its place, durably even in a power cut.
 
     Parameters
     ----------
     source : Path
         On the same disk.
     target : Path
-        Its folder is made when missing.
+        Its folder is created if missing.
 
     Raises
     ------
@@ -167,12 +167,12 @@ def move_in(source: Path, target: Path) -> None:
 
 
 def discard(part: Path) -> None:
-    """Delete what has arrived of an upload."""
+    """Delete a part file, or any other file, if it exists."""
     part.unlink(missing_ok=True)
 
 
 def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
-    """Refuse what the disk has no room for.
+    """Check that the disk has space for `size` bytes and the reserve.
 
     Raises
     ------
@@ -189,12 +189,12 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
 
 @contextmanager
 def show_file_as(name: str, path: Path | None = None) -> Iterator[None]:
-    """Show a file in errors by its sender's name for it, not by its path on the server.
+    """Replace a file's path on the server in errors by the name that its sender gave it.
 
     Parameters
     ----------
     path : Path, optional
-        On the server; None for bytes without a file.
+        Path on the server; None for bytes without a file.
     """
     try:
         yield
@@ -214,6 +214,6 @@ def _on_disk(path: Path) -> Iterator[None]:
 
 
 def sha256_of(path: Path) -> str:
-    """Hash a file."""
+    """Return the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Text files: lines with numbers; small files and semicolon tables, and one error for all that goes wrong."""
+"""Reads text files: numbered lines, small files, and tables; escapes cells of CSV."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_LINE = 65_536
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 MAX_BYTES = 50_000_000
-"""A larger file is not what it was taken for."""
+"""Larger files are refused: they must be something else."""
 
 _DELIMITERS = (";", "\t", ",", "|", " ")
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
@@ -33,7 +33,7 @@ class TextRow:
     Attributes
     ----------
     fields : tuple of str
-        As many as the header has.
+        As many as in the header.
     where : str
         File and line.
     """
@@ -47,7 +47,7 @@ class TextRow:
         Raises
         ------
         TableError
-            It is not valid.
+            It is not a finite number.
         """
         text = self.fields[column].strip()
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
@@ -65,7 +65,7 @@ def read_bytes(path: Path, *, error: type[InputError]) -> bytes:
     Parameters
     ----------
     error : type
-        Raised when there is none, it may not be read, or it is larger than `MAX_BYTES`.
+        Raised if the file is missing, unreadable, or larger than `MAX_BYTES`.
     """
     try:
         with path.open("rb") as file:
@@ -81,7 +81,7 @@ def read_bytes(path: Path, *, error: type[InputError]) -> bytes:
 
 
 def read_text(path: Path, *, error: type[InputError]) -> str:
-    """Read a small file of UTF-8 text, with or without a byte order mark; errors as `read_bytes`."""
+    """Read a small UTF-8 file, with or without a byte order mark; errors as for `read_bytes`."""
     try:
         return read_bytes(path, error=error).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
@@ -96,12 +96,12 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
     Parameters
     ----------
     headers : sequence of str
-        The headers that are understood, such as `x;y;lat;lon`.
+        The accepted headers, such as `x;y;lat;lon`.
 
     Returns
     -------
     header : str
-        The one it has.
+        The one found.
 
     Raises
     ------
@@ -126,14 +126,14 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 
 
 def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
-    """Return the lines of a file with their numbers from 1, without the ends of lines.
+    """Yield the lines of a file with their numbers from 1, without line ends.
 
-    Text is UTF-8, with or without a byte order mark; bytes that are not are read as Latin-1, line by line.
+    Text is UTF-8, with or without a byte order mark; lines that are not UTF-8 are read as Latin-1.
 
     Raises
     ------
     TrackError
-        A line is longer than any in a text of positions, or the file is UTF-16.
+        A line is longer than `MAX_LINE`, or the file is UTF-16.
     """
     number = 0
     while line := file.readline(MAX_LINE + 1):
@@ -155,23 +155,23 @@ def _decoded(line: bytes) -> str:
 
 
 def delimiter_of(line: str) -> str | None:
-    """Guess what separates the fields of a line; None where nothing does."""
+    """Guess the delimiter of a line's fields; None if it has none."""
     return next((one for one in _DELIMITERS if one in line.strip()), None)
 
 
 def split_row(line: str, delimiter: str) -> list[str]:
-    """Split a line of a table into its fields, some of them perhaps quoted."""
+    """Split a line of a table into its fields, which may be quoted."""
     if delimiter == " ":
         return line.split()
-    line = line.replace("\r", " ")  # for the reader, the end of a line: it refuses one in the middle
+    line = line.replace("\r", " ")  # the csv reader refuses one inside a line
     return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
 
 
 def plain_cell(value: object) -> object:
-    """Return a value for a CSV that no spreadsheet takes for a formula.
+    """Escape a value for a CSV, so that no spreadsheet takes it for a formula.
 
-    A text like `=HYPERLINK(...)` gets an apostrophe in front, with which spreadsheets show it as a text;
-    `cell_text` takes it away again. Numbers stay.
+    A text like `=HYPERLINK(...)` gets a leading apostrophe, so that spreadsheets show it as text; `cell_text`
+    removes it. Numbers are not changed.
     """
     if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value):
         return value
@@ -179,5 +179,5 @@ def plain_cell(value: object) -> object:
 
 
 def cell_text(cell: str) -> str:
-    """Return the text that `plain_cell` was given."""
+    """Undo `plain_cell`."""
     return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell

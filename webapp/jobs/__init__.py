@@ -1,1 +1,1 @@
-"""Long work outside a request: the table of its kinds, the worker that does it, and who keeps all running."""
+"""Background jobs: the table of their kinds, the worker that runs them, and the processes' supervisor."""

@@ -1,4 +1,4 @@
-"""What a job works with, and how it reports its progress."""
+"""The context of a job: its inputs, its lease and its progress."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from webapp.store.schema import MapRecord
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What a job works with.
+    """The inputs of a job, its lease and its progress.
 
     Attributes
     ----------
     progress : JobProgress
-        Work that takes long calls its `check`.
+        Long-running work has to call its `check` regularly.
     map_id, account_id : int or None
-        Whose map it is about, and who wants it.
+        The map concerned, and the account that requested the job.
     arguments : mapping
         As they were queued.
     """
@@ -44,12 +44,12 @@ class Context:
 
     @contextmanager
     def write(self) -> Iterator[Session]:
-        """Return a session that writes, and is kept only if the job's lease has not been lost.
+        """Open a write transaction, provided that the job still holds its lease.
 
         Raises
         ------
         Conflict
-            It has.
+            The lease is lost.
         """
         with self.library.database.write() as session:
             jobs.guard(session, self.lease)
@@ -57,12 +57,12 @@ class Context:
 
     @contextmanager
     def changing(self, map_id: int) -> Iterator[MapChange]:
-        """Change a map as `Library.changing` does, if the job's lease has not been lost.
+        """Change a map as `Library.changing` does, provided that the job still holds its lease.
 
         Raises
         ------
         Conflict
-            It has.
+            The lease is lost.
         """
         with self.write() as session, change_map(session, map_id) as change:
             yield change
@@ -73,7 +73,7 @@ class Context:
         Raises
         ------
         NotFound
-            It has been deleted in the meantime.
+            The map has been deleted in the meantime.
         """
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)
@@ -83,10 +83,10 @@ class Context:
 
 
 class JobProgress(Progress):
-    """Adds up the steps of all stages, so that a bar fills once.
+    """Adds up the steps of all stages, so that a progress bar fills only once.
 
-    Work that announces a stage of 300 steps and then one of 200 is at 300 of 500 in between, where `plan` has
-    shown both; without it the second stage comes as a surprise.
+    Between a stage of 300 steps and one of 200, the progress is 300 of 500 if `plan` has announced both;
+    otherwise it is 300 of 300, and the total grows when the second stage begins.
     """
 
     def __init__(self) -> None:
@@ -98,29 +98,29 @@ class JobProgress(Progress):
         self._stop = threading.Event()
 
     def plan(self, *sizes: int) -> None:
-        """Say roughly how many steps the stages will have; `size` then says it exactly for each."""
+        """Announce the approximate steps of all stages; `size` replaces the value of each when it begins."""
         with self._lock:
             self._sizes = list(sizes)
 
     def size(self, total: int) -> None:
-        """Begin the next stage."""
+        """Begin the next stage, of `total` steps."""
         with self._lock:
             self._stage += 1
             self._done = 0
             self._sizes[self._stage : self._stage + 1] = [total]
 
     def advance(self, steps: int = 1) -> None:
-        """Count steps that are finished."""
+        """Count finished steps."""
         with self._lock:
             self._done += steps
 
     def note(self, text: str) -> None:
-        """Remember what is being done now."""
+        """Set the description of the current step."""
         with self._lock:
             self._note = text
 
     def cancelled(self) -> bool:
-        """Return whether the work has to stop, whatever the reason."""
+        """Return whether the work has to stop, for whatever reason."""
         return self._stop.is_set()
 
     def stop(self) -> None:
@@ -128,7 +128,7 @@ class JobProgress(Progress):
         self._stop.set()
 
     def state(self) -> tuple[int, int, str]:
-        """Return steps done, steps in all, and what is being done."""
+        """Return the finished steps, the total, and the description of the current step."""
         with self._lock:
             before = sum(self._sizes[: max(self._stage, 0)])
             own = self._sizes[self._stage] if self._stage >= 0 else 0

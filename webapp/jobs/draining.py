@@ -1,7 +1,7 @@
-"""How the processes of a server learn that it is going to stop, before they are asked to: by a pipe.
+"""A pipe that signals to the processes of a server that it is about to stop, before they get SIGTERM.
 
-The supervisor holds its writing end. Once that is closed, also because the supervisor was killed, all that
-have inherited the reading end see it, however often they were started again in between.
+The supervisor holds the write end. When it is closed, also by the supervisor's death, all processes that
+inherited the read end notice it, even those that were restarted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from webapp.configuration import DRAINING_FD, draining_fd
 
 
 class Drain:
-    """The supervisor's side; a context that closes the pipe."""
+    """The supervisor's side; a context manager that closes the pipe."""
 
     def __init__(self) -> None:
         self.reading_end, self._writing_end = os.pipe()
@@ -23,11 +23,11 @@ class Drain:
 
     @property
     def environment(self) -> dict[str, str]:
-        """For processes that inherit the reading end."""
+        """Environment for processes that inherit the read end."""
         return {DRAINING_FD: str(self.reading_end)}
 
     def begin(self) -> None:
-        """Let all know."""
+        """Signal the drain to all processes."""
         if not self._begun:
             self._begun = True
             os.close(self._writing_end)
@@ -43,7 +43,7 @@ class Drain:
 
 
 def is_draining() -> bool:
-    """Return whether the server of this process is going to stop; False where it has no supervisor."""
+    """Return whether the server of this process is about to stop; False if it has no supervisor."""
     number = draining_fd()
     if number is None:
         return False

@@ -1,7 +1,7 @@
-"""Kinds of jobs: each has a name and a function, which is imported when the first job of its kind comes.
+"""Kinds of jobs: each has a name and a function, which is imported for the first job of its kind.
 
-A new kind is a function that takes a `Context`, and a line in `KINDS`, here or in a wing of its own. It may
-be killed at any moment and is then called again: each step must be repeatable, and what is finished stays.
+To add a kind, write a function of a `Context`, and add it to `KINDS` or to the table of a subpackage. It may
+be killed at any moment and is then called again: each step must be repeatable, and its result saved.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 
 Function = Callable[[Context], Mapping[str, Any] | None]
-"""Does a job and returns its result, plain values."""
+"""Does a job and returns its result, as JSON values."""
 
 Sweep = Callable[[Library, Settings], object]
-"""Tidies up: deletes what interrupted work has left behind, or queues what is due."""
+"""Deletes leftovers of interrupted work, or queues jobs that are due."""
 
 KINDS: dict[str, str] = {
     "blur": "webapp.jobs.map_jobs:suggest_blurring",
@@ -41,21 +41,21 @@ KINDS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class JobRegistry:
-    """The kinds of jobs and the sweeps of a worker (`webapp.app.registry` has all of them).
+    """The kinds of jobs and the sweeps of a worker (all are in `webapp.app.registry`).
 
     Attributes
     ----------
     kinds : mapping of str to str
         Name of each kind of job to "module:function".
     sweeps : tuple of callable
-        Done now and then, besides those of maps.
+        Run periodically, in addition to those of maps.
     """
 
     kinds: Mapping[str, str]
     sweeps: tuple[Sweep, ...] = ()
 
     def function(self, kind: str) -> Function:
-        """Find what does a kind of job.
+        """Import the function that does a kind of job.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The jobs of maps; `kinds.py` names them."""
+"""The jobs of maps, listed in `kinds.py`."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ _NAMED = 100
 
 
 def build_map_index(context: Context) -> dict[str, Any]:
-    """Build a map's index and calibration, as `expmap build` does; interrupted, finished parts stay.
+    """Build a map's index and calibration, as `expmap build` does; after an interruption it continues.
 
-    The arguments `features` and `method` name others than the library's own.
+    The arguments `features` and `method` override the defaults of the library.
     """
     usual = MethodChoice()
     way = MethodChoice(
@@ -91,9 +91,9 @@ def build_map_index(context: Context) -> dict[str, Any]:
 
 
 def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[int]:
-    """List the steps of each stage of a build: describing photos, comparing them, calibrating.
+    """List the steps of each stage of a build: extracting features, comparing photos, calibrating.
 
-    Where there is a global descriptor photos are described as a whole, too, for all looks at once.
+    Global descriptors, if installed, are an additional stage of the first look, shared by all looks.
     """
     whole = [] if usable_global_descriptor(settings.models) is None else [placed]
     trials = min(placed, MOST_PHOTOS)
@@ -106,7 +106,7 @@ def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[in
 
 
 def describe_all_maps(context: Context) -> dict[str, Any]:
-    """Describe the photos of all maps anew, so that a search on all of them begins with the likeliest."""
+    """Renew the photo vectors of all maps if due; a search over all maps ranks them by these vectors."""
     photos = describe_library.renew_basis(
         context.library, settings=context.settings, writes=context.write, progress=context.progress
     )
@@ -114,9 +114,9 @@ def describe_all_maps(context: Context) -> dict[str, Any]:
 
 
 def evaluate_map(context: Context) -> dict[str, Any]:
-    """Localize each of a map's own photos as if it were not on the map, and keep the report.
+    """Localize each of a map's own photos as if it were not on the map, and store the report.
 
-    The argument `limit` is the number of photos taken, evenly spread over the map.
+    The argument `limit` is the maximum number of photos, evenly spread over the map.
     """
     library, record = context.library, context.map()
     export.export_map(library, record.id)
@@ -138,7 +138,7 @@ def evaluate_map(context: Context) -> dict[str, Any]:
 
 
 def find_weak_photos(context: Context) -> dict[str, Any]:
-    """Find photos that look alike, stand alone or show one side only; store them next to the index."""
+    """Find weak photos (too similar, isolated, or with one viewing direction only); store the report."""
     library, record = context.library, context.map()
     export.export_map(library, record.id)
     with library.database.read() as session:
@@ -151,7 +151,7 @@ def find_weak_photos(context: Context) -> dict[str, Any]:
 
 
 def suggest_places(context: Context) -> dict[str, Any]:
-    """Suggest places for the photos in a map's tray; store them next to the index."""
+    """Suggest positions for the photos in a map's tray, and store them next to the index."""
     library, record = context.library, context.map()
     export.export_map(library, record.id)
     cfg = library.cfg(record.slug)
@@ -162,10 +162,10 @@ def suggest_places(context: Context) -> dict[str, Any]:
 
 
 def suggest_blurring(context: Context) -> dict[str, Any]:
-    """Find faces and number plates in a map's photos; with the argument `accept` blur them.
+    """Find faces and number plates in a map's photos, and with the argument `accept` blur them.
 
-    With `least_score` only what a network is at least so sure of is blurred. What was found is kept, so that
-    a job that is done again goes on where it stopped.
+    With `least_score`, only detections with at least this score are blurred. Detections are stored, so that
+    a repeated job continues where it stopped.
     """
     library, record, settings = context.library, context.map(), context.settings
     with library.database.read() as session:  # the map may have no image yet, and so no .cfg
@@ -206,10 +206,10 @@ def suggest_blurring(context: Context) -> dict[str, Any]:
 
 
 def build_landmarks(context: Context) -> dict[str, Any]:
-    """Join a map's photos by structure from motion, as `expmap landmarks build` does, and lay them on it.
+    """Build a map's landmarks by structure from motion, as `expmap landmarks build` does, and align them.
 
-    With the argument `only_lay` they are only laid on it, as it is now. With `photos`, ids, only these
-    are joined, for queries among them.
+    With the argument `only_lay`, existing landmarks are only aligned with the current map. With `photos`
+    (ids), only these photos are reconstructed, for queries among them.
     """
     library, record = context.library, context.map()
     export.export_map(library, record.id)
@@ -234,9 +234,9 @@ def build_landmarks(context: Context) -> dict[str, Any]:
 
 
 def import_map_zip(context: Context) -> dict[str, Any]:
-    """Import an uploaded zip into a map that is still empty.
+    """Import an uploaded zip archive into an empty map.
 
-    The argument `token` names the zip. It is deleted once the map is there.
+    The argument `token` identifies the archive, which is deleted after the import.
     """
     record = context.map()
     archive = archive_path(context.library, context.arguments["token"])
@@ -256,7 +256,7 @@ def import_map_zip(context: Context) -> dict[str, Any]:
 
 
 def export_map_file(context: Context) -> dict[str, Any]:
-    """Export a map to a file, which is kept to be fetched; the argument `format` says of which kind."""
+    """Export a map to a file for download; the argument `format` is its format."""
     record = context.map()
     download = export_file.export_map_file(
         context.library,
@@ -270,7 +270,7 @@ def export_map_file(context: Context) -> dict[str, Any]:
 
 
 def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
-    """Set a map's image from a tile service; tiles that are there already are not fetched again."""
+    """Set a map's image from a tile service; cached tiles are not fetched again."""
     record = context.map()
     asked = context.arguments
     box = GeoBox(**{name: float(asked[name]) for name in GeoBox._fields})
@@ -298,7 +298,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
 
 
 def fetch_street_photos(context: Context) -> dict[str, Any]:
-    """Add street-level photos from a service; those that the map has are not downloaded again."""
+    """Add street-level photos from a service; photos that the map already has are not downloaded again."""
     asked, settings = context.arguments, context.settings
     area = None if asked["area"] is None else PixelBox(*asked["area"])
     request = StreetRequest(asked["source"], area, asked["panoramas"])
@@ -317,7 +317,7 @@ def fetch_street_photos(context: Context) -> dict[str, Any]:
 
 
 def make_satellite_tiles(context: Context) -> dict[str, Any]:
-    """Make tiles for display of a map's large image, where it has none yet."""
+    """Make display tiles for a map's large image if it has none yet."""
     made = display.make_tiles(
         context.library, context.map().id, settings=context.settings, progress=context.progress
     )

@@ -1,4 +1,4 @@
-"""All processes of the server: the web server and a background worker, over one library, kept running."""
+"""The supervisor of a server: keeps the web server and background workers of a library running."""
 
 from __future__ import annotations
 
@@ -36,31 +36,31 @@ from webapp.tasks.operate.open_storage import open_storage
 _TICK_S = 0.1
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 5.0
 _WELL_S = 5.0
-"""A process that has lived so long counts as well started."""
+"""A process that has run for this time counts as successfully started."""
 
 _STDERR = 2
 
 _log = logging.getLogger(__name__)
 _FREE_WITHIN_S = 4.0
-"""A server that was killed frees its port so soon."""
+"""Time within which the port of a killed server becomes free."""
 
 _MOST_FAILURES = 3
 _BACKLOG = 512
 _SPARE_S = 3.0
 _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
-"""Where a server that listens everywhere is reached from its own machine."""
+"""Loopback addresses of a server that listens on all interfaces."""
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What is served, and where.
+    """The application to serve, its address and its number of processes.
 
     Attributes
     ----------
     app : str
         "module:function" that makes the application.
     port : int
-        0 for any that is free.
+        0 for any free port.
     workers : int
         Processes that answer requests.
     log : {"text", "json"}
@@ -119,7 +119,7 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
 
 @contextmanager
 def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
-    """Make the folder by which web processes share what they count; gives the environment that names it."""
+    """Make the folder through which web processes share metrics; yields the environment that names it."""
     if settings.serve.metrics_token is None:
         yield {}
         return
@@ -129,12 +129,12 @@ def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Listen, and wait a little where an earlier server has not ended completely.
+    """Open a listening socket; wait a little if an earlier server has not yet freed the port.
 
     Raises
     ------
     UsageError
-        Another program uses the port, or the address is not of this machine.
+        Another program uses the port, or the address is not one of this machine.
     """
     until = time.monotonic() + _FREE_WITHIN_S
     while True:
@@ -159,7 +159,7 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def _web(site: Site, library: Library, *, fds: tuple[int, int], more: Mapping[str, str]) -> Child:
-    """Make the web server, which inherits the socket that listens and the end of the drain's pipe."""
+    """Make the web server, which inherits the listening socket and the read end of the drain pipe."""
     numbers = {"--fd": fds[0], "--workers": site.workers, "--parent": os.getpid()}
     return Child(
         "the web server",
@@ -183,7 +183,7 @@ def _worker(site: Site, library: Library) -> Child:
 
 
 class _Start:
-    """The first start's sample map, a link to sign in, and the two lines printed when all is ready."""
+    """The sample map of a first start, a sign-in link, and the two lines printed when all is ready."""
 
     def __init__(self, library: Library, listener: socket.socket, *, settings: Settings) -> None:
         self._library = library
@@ -197,7 +197,7 @@ class _Start:
             if session.scalars(select(MapRecord.id).limit(1)).first() is None:
                 _log.info("getting the sample map ready, which can take half a minute")
                 sample = jobs.newest(session, None, kind="sample", key="")
-                if sample is None or sample.state in ENDED:  # else another machine makes it
+                if sample is None or sample.state in ENDED:  # otherwise it is already being made
                     sample = jobs.enqueue(session, "sample", account_id=owner.id)
                 self._sample = sample.id
 
@@ -207,7 +207,7 @@ class _Start:
         Raises
         ------
         ExpMapError
-            It ends again and again instead.
+            It keeps exiting instead.
         """
         if self._announced:
             return
@@ -227,7 +227,7 @@ class _Start:
             return jobs.find(session, self._sample).state in ENDED
 
     def _answers(self) -> bool:
-        """Return whether somebody answers; what is not well is for those who watch the server."""
+        """Return whether the server answers; a 503 counts, too, as only the start is checked, not health."""
         connection = http.client.HTTPConnection(*self._address, timeout=1.0)
         try:
             connection.request("GET", "/healthz")
@@ -242,14 +242,14 @@ class _Start:
 
 
 class Child:
-    """A process that is meant to run all the time.
+    """A process that is restarted whenever it exits.
 
     Parameters
     ----------
     name : str
         For the log.
     environment : mapping or None
-        Of the process; None for that of this one.
+        Environment of the process; None: that of this process.
     fds : sequence of int
         File descriptors it inherits.
     """
@@ -271,13 +271,13 @@ class Child:
         self._started_at = self._start_at = 0.0
 
     def tend(self) -> None:
-        """Start the process if it does not run, after a pause that grows while it dies again and again."""
+        """Start the process if it is not running, after a pause that grows with repeated failures."""
         now = time.monotonic()
         if self._process is not None:
             code = self._process.poll()
             if code is None:
                 return
-            self._signal_all(self._process, signal.SIGTERM)  # requests under way may end in peace
+            self._signal_all(self._process, signal.SIGTERM)  # its own children may finish their requests
             self._process = None
             self.failures = 1 if now - self._started_at > _WELL_S else self.failures + 1
             pause = min(_FIRST_PAUSE_S * 2 ** (self.failures - 1), _LONGEST_PAUSE_S)
@@ -287,8 +287,8 @@ class Child:
             self._start()
 
     def _start(self) -> None:
-        # In a session of its own: Ctrl-C in the terminal reaches the supervisor alone, which stops all in
-        # turn. Standard output is left to the supervisor.
+        # A new session: Ctrl-C in the terminal reaches only the supervisor, which then stops all processes.
+        # Standard output is reserved for the supervisor.
         self._process = subprocess.Popen(
             self._command,
             stdin=subprocess.DEVNULL,
@@ -305,7 +305,7 @@ class Child:
             self._process.terminate()
 
     def wait(self, until: float) -> None:
-        """Wait until the process has ended, and kill it when the time (monotonic, seconds) has come."""
+        """Wait for the process to exit, and kill it at the given time (monotonic, seconds)."""
         if self._process is None:
             return
         try:
@@ -317,7 +317,7 @@ class Child:
 
     @staticmethod
     def _signal_all(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-        """Send a signal to what is left of the process and of those it has started."""
+        """Send a signal to the process group: the process, if still running, and its children."""
         with suppress(ProcessLookupError):
             os.killpg(process.pid, number)
 
@@ -335,11 +335,11 @@ def keep_running(
     Parameters
     ----------
     each_tick : callable
-        Called ten times a second; an error from it ends all.
+        Called ten times a second; an error in it stops all processes.
     drain : Drain
-        Is begun by the signal.
+        Begun by the signal.
     drain_s : float
-        Seconds from then until the processes are asked to stop; a second signal ends the wait.
+        Seconds from then until the processes get SIGTERM; a second signal ends the wait.
     stop_s : float
         Seconds that the processes have to stop before they are killed.
     """

@@ -1,6 +1,6 @@
-"""Threads of the web server that no slow client can keep: a request has to arrive, and an answer to be taken.
+"""Timeouts that keep slow clients from blocking the threads of the web server.
 
-Gunicorn's threads read requests themselves, and would wait without end for one that stops half-way.
+Gunicorn's threads read requests themselves, and would wait forever for one that stops half-way.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ LEAST_BYTES_PER_S = 2000
 
 _ANSWER_S = 60.0
 _SILENT = 4
-"""Times the patience: how long a connection may stay silent, which keeps no thread.
+"""How long a connection may stay silent, in multiples of the patience; it occupies no thread meanwhile.
 
-A network that loses packets, or a busy machine, can hold back for a while what a client has sent.
+Packet loss or a busy machine can delay for a while what a client has sent.
 """
 
 _CROWDED = 0.5
-"""Share of the connections of a process from which silent ones are closed after the patience alone."""
+"""Fraction of a process's connections above which silent ones are closed after the plain patience."""
 _LINGER_S = 0.1
-"""How long a connection that is being closed is listened to, by the one thread that accepts all others."""
+"""How long a closing connection is still read, short because this blocks the thread that accepts others."""
 
 
 class ClientSocket(socket.socket):
     """A connection on which a request has to arrive in time.
 
-    All its reads together may wait for `patience_s` seconds, and a second more for each `LEAST_BYTES_PER_S`
-    bytes that came; a write may wait for a minute. What takes longer counts as a connection that broke.
+    All reads of a request together may wait for `patience_s` seconds, plus one for each `LEAST_BYTES_PER_S`
+    bytes received; a write may wait for a minute. Slower connections count as broken.
     """
 
     patience_s = 15.0
@@ -43,11 +43,11 @@ class ClientSocket(socket.socket):
     _received = 0
 
     def begin_request(self) -> None:
-        """Start counting anew."""
+        """Reset the counters for a new request."""
         self._waited_s, self._received = 0.0, 0
 
     def setblocking(self, flag: bool) -> None:
-        """Let reads and writes return at once, or wait for as long as they may."""
+        """Make reads and writes non-blocking, or blocking with a timeout."""
         self.settimeout(_ANSWER_S if flag else 0.0)
 
     def recv(self, size: int, flags: int = 0) -> bytes:
@@ -77,7 +77,7 @@ class ClientSocket(socket.socket):
         Raises
         ------
         ConnectionResetError
-            The client does not take them.
+            The client does not receive them in time.
         """
         try:
             super().sendall(data, flags)
@@ -85,7 +85,7 @@ class ClientSocket(socket.socket):
             raise _broken() from error
 
     def sendfile(self, *args: Any, **options: Any) -> int:
-        """Send a file, as `sendall` sends bytes."""
+        """Send a file; errors as `sendall`."""
         try:
             return super().sendfile(*args, **options)
         except TimeoutError as error:
@@ -93,13 +93,13 @@ class ClientSocket(socket.socket):
 
 
 class Connection(TConn):  # type: ignore[misc]
-    """A connection that is closed without waiting long for the client to notice."""
+    """A connection that is closed without waiting long for the client."""
 
     patient_until = 0.0
-    """When it counts as silent where others need its room, by the monotonic clock."""
+    """Monotonic time from which it counts as silent when many connections are open."""
 
     def close(self, graceful: bool = False) -> None:
-        """Close it; gracefully, so that the end of the answer is not lost."""
+        """Close it; gracefully means that the end of the response is not lost."""
         if graceful:
             util.close_graceful(self.sock, timeout=_LINGER_S)
         else:
@@ -107,10 +107,10 @@ class Connection(TConn):  # type: ignore[misc]
 
 
 class PatientWorker(ThreadWorker):  # type: ignore[misc]
-    """Gunicorn's worker, with connections that get a thread once a request begins to arrive."""
+    """Gunicorn's threaded worker, whose connections get a thread only once a request begins to arrive."""
 
     def accept(self, listener: socket.socket) -> None:
-        """Accept a connection, and wait for its first bytes without a thread."""
+        """Accept a connection, and poll for its first bytes without occupying a thread."""
         try:
             accepted, address = listener.accept()
         except OSError as error:
@@ -129,7 +129,7 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         )
 
     def murder_pending(self) -> None:
-        """Close connections that were silent for long; sooner where many are open or the server stops."""
+        """Close connections that have been silent too long; earlier if many are open or the server stops."""
         if not self.alive or self.nr_conns > _CROWDED * self.worker_connections:
             for connection in self.pending_conns:
                 connection.timeout = connection.patient_until

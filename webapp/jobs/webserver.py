@@ -1,7 +1,7 @@
-"""The process that answers requests: gunicorn, with everything said here and no file of settings.
+"""The web server: gunicorn, configured here and by no configuration file of its own.
 
-It is started by the supervisor as `python -m webapp.jobs.webserver`, and gets the application as a name:
-gunicorn's master must not import it, because a process that has loaded OpenCV or faiss cannot be forked
+The supervisor starts it as `python -m webapp.jobs.webserver` with the name of the application: gunicorn's
+master must not import the application, because a process that has loaded OpenCV or faiss cannot be forked
 safely.
 """
 
@@ -27,7 +27,7 @@ from webapp.settings import Settings, let_threads_sleep
 from webapp.threads import cores
 
 _CONNECTIONS = 800
-"""Open at once in each process; those without a request under way cost a file handle each."""
+"""Maximum number of open connections per process; an idle one costs only a file descriptor."""
 
 
 class Server(BaseApplication):  # type: ignore[misc]
@@ -38,9 +38,9 @@ class Server(BaseApplication):  # type: ignore[misc]
     app : str
         "module:function", called with the settings in each worker process.
     options : mapping
-        Gunicorn's own.
+        Gunicorn's options.
     parent : int
-        Id of the process that must live as long as this one.
+        Id of the supervisor's process; the server stops when it is gone.
     """
 
     def __init__(self, app: str, *, settings: Settings, options: dict[str, Any], parent: int) -> None:
@@ -51,12 +51,12 @@ class Server(BaseApplication):  # type: ignore[misc]
         super().__init__()
 
     def load_config(self) -> None:
-        """Give gunicorn its options; it looks nowhere else for them."""
+        """Set gunicorn's options; it reads no others."""
         for name, value in self._options.items():
             self.cfg.set(name, value)
 
     def load(self) -> Any:
-        """Make the application, in a worker process that leaves the other ones their cores."""
+        """Make the application in a worker process, which limits its native threads to its share of cores."""
         import cv2  # not before the fork
 
         ClientSocket.patience_s = self._settings.serve.patience_s
@@ -72,14 +72,14 @@ class Server(BaseApplication):  # type: ignore[misc]
 
 
 class _Master(Arbiter):  # type: ignore[misc]
-    """Ends with its parent, so that the port is free again."""
+    """Stops when its parent is gone, so that the port becomes free."""
 
     def __init__(self, app: Server, parent: int) -> None:
         self._parent = parent
         super().__init__(app)
 
     def murder_workers(self) -> None:
-        """Look after the workers, as gunicorn does every second."""
+        """Check the parent and the workers; gunicorn calls it every second."""
         if os.getppid() != self._parent:
             self.log.warning("the supervisor is gone: stopping")
             self.handle_quit()
@@ -87,10 +87,10 @@ class _Master(Arbiter):  # type: ignore[misc]
 
 
 class Log(Logger):  # type: ignore[misc]
-    """Leaves gunicorn's messages to the log of the program."""
+    """Routes gunicorn's messages to the program's log."""
 
     def setup(self, cfg: Any) -> None:
-        """Take gunicorn's own handlers away."""
+        """Remove gunicorn's own handlers."""
         super().setup(cfg)
         self.error_log.handlers.clear()
         self.error_log.propagate = True
@@ -107,9 +107,9 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
     Parameters
     ----------
     fd : int
-        File descriptor of a socket that listens already: requests wait there while gunicorn starts again.
+        File descriptor of a listening socket: requests wait there while gunicorn restarts.
     workers : int
-        Processes.
+        Number of processes.
     """
     return {
         "bind": f"fd://{fd}",
@@ -128,7 +128,7 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Serve, as the supervisor asks for it."""
+    """Serve, with the arguments that the supervisor passes."""
     let_threads_sleep()
     parser = argparse.ArgumentParser()
     parser.add_argument("app")

@@ -1,7 +1,7 @@
-"""The background worker: takes jobs from the queue, one after the other, and does them.
+"""The background worker: takes jobs from the queue and runs them, one after the other.
 
-The work is done in a thread of its own, so that the main thread can renew the lease and handle signals also
-while a library computes for seconds.
+Each job runs in a separate thread, so that the main thread can renew the lease and handle signals even while
+a native library computes for seconds.
 """
 
 from __future__ import annotations
@@ -52,31 +52,31 @@ from webapp.threads import ContextThreads
 
 _log = logging.getLogger(__name__)
 _TICK_S = 0.25
-"""Progress is written down so often."""
+"""Interval at which changed progress is recorded."""
 
 _IDLE_S = 0.5
 _CLEAN_S = 3600.0
 _DATABASE_PAUSE_S = 1.0
 _EXPORT_PAUSE_S = 5.0
-"""After a disk has refused a map's files, they are tried again so much later."""
+"""Pause before map files whose export failed are tried again."""
 
 _ELSEWHERE = (StorageUnavailable, ClusterUnavailable)
 _PASSING = (*_ELSEWHERE, FolderInUse, DatabaseUnavailable)
-"""Errors with which a job waits: it is tried again after a pause, which doubles."""
+"""Temporary errors: the job goes back to the queue, with a pause that doubles each time."""
 
 _MOST_WAITS = 20
-"""So often, in an hour or two, a job waits for a lock, or for the database, which may always be too slow."""
+"""Limit, reached in an hour or two, of a job's retries for a lock or a database that may stay too slow."""
 
 Work = Future[Mapping[str, Any] | None]
 
 
 class Worker:
-    """Does the jobs of a library.
+    """Runs the jobs of a library.
 
     Parameters
     ----------
     parent : int or None
-        Id of the process that started this one, and without which it must stop.
+        Id of the process that started this one; the worker stops when it is gone.
     """
 
     def __init__(
@@ -93,12 +93,12 @@ class Worker:
         self._ended = threading.Event()
 
     def run(self, *, once: bool = False) -> None:
-        """Work until stopped.
+        """Run jobs until stopped.
 
         Parameters
         ----------
         once : bool
-            End when there is nothing left to do.
+            Return when the queue is empty.
         """
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
         if not once:
@@ -125,12 +125,12 @@ class Worker:
             self._lock.release()
 
     def _turn(self, *, once: bool) -> bool:
-        """Do what is due and the next job; returns whether there was one.
+        """Run due sweeps and the next job; returns whether there was one.
 
         Raises
         ------
         StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable
-            With `once`: the job, which waits in the queue again, needs what is away.
+            With `once`: the job failed temporarily, and is back in the queue.
         """
         self._clean()
         if once:
@@ -138,21 +138,21 @@ class Worker:
         job = self._next(early=once)
         error = None if job is None else self._do(job)
         if once and isinstance(error, _PASSING):
-            raise error  # else it would be tried again without end
+            raise error  # otherwise it would be retried forever
         return job is not None
 
     def _wait_for_database(self, error: DatabaseUnavailable) -> bool:
-        """Wait a little; returns whether to stop."""
+        """Log the error and pause; returns whether to stop."""
         _log.warning("%s", error)
         return self._stopping.wait(_DATABASE_PAUSE_S)
 
     def stop_on_signals(self) -> None:
-        """On Ctrl-C and SIGTERM, return the current job to the queue and end the worker."""
+        """Install handlers: SIGINT and SIGTERM return the current job to the queue and stop the worker."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: self.stop())
 
     def stop(self) -> None:
-        """End soon: what the current job has finished is kept, and it is done to its end another time."""
+        """Stop soon; the current job goes back to the queue, and its finished steps are kept."""
         if not self._stopping.is_set():
             self._stopping.set()
             self._stop_by = time.monotonic() + self._settings.jobs.stop_s
@@ -163,7 +163,7 @@ class Worker:
         return self._stopping.is_set()
 
     def _export(self) -> None:
-        """Keep the maps' files current while jobs are done, also long ones; a full disk gets a pause."""
+        """Keep the maps' files up to date even during long jobs, with a longer pause after a failure."""
         written = True
         while not self._ended.wait(self._settings.jobs.export_s if written else _EXPORT_PAUSE_S):
             try:
@@ -176,14 +176,14 @@ class Worker:
                 written = False
 
     def _store(self) -> None:
-        """Keep the object storage in order while jobs are done; a worker that stops does not wait for it."""
+        """Maintain the object storage in the background; a stopping worker does not wait for it."""
         while True:
             self._tidy_storage()
             if self._ended.wait(_CLEAN_S):
                 return
 
     def _tidy_storage(self) -> None:
-        """Move photos into the object storage, and delete objects that nothing names."""
+        """Move photos into the object storage, and delete unreferenced objects."""
         stops = self._stopping.is_set
         try:
             maintain_objects.move_photos(self._library, stops=stops)
@@ -194,7 +194,7 @@ class Worker:
             _log.exception("the object storage could not be kept in order")
 
     def _clean(self) -> None:
-        """Delete every now and then what interrupted work has left behind."""
+        """Run the sweeps every hour."""
         if time.monotonic() >= self._clean_at:
             delete_leftovers(self._library, self._settings, more=self._registry.sweeps)
             self._clean_at = time.monotonic() + _CLEAN_S
@@ -209,7 +209,7 @@ class Worker:
             return jobs.lease(session, who, limits=limits, is_gone=is_gone, early=early)
 
     def _do(self, job: Job) -> BaseException | None:
-        """Do a job in a thread, and say every now and then that it is being done; returns its error."""
+        """Run a job in a thread while renewing its lease; returns its error."""
         _log.info("job %d (%s), attempt %d", job.id, job.kind, job.attempts)
         begun = time.monotonic()
         context = Context(
@@ -243,7 +243,7 @@ class Worker:
             return self._registry.function(job.kind)(context)
 
     def _leave(self, lease: Lease) -> None:
-        """End in the middle of a long step; the next worker does it again."""
+        """Exit the process in the middle of a long step, which the next worker repeats."""
         _log.warning("job %d does not stop in time, and is left as it is", lease.job_id)
         try:
             with self._library.database.write() as session:
@@ -253,7 +253,7 @@ class Worker:
         os._exit(0)
 
     def _end(self, job: Job, context: Context, work: Work) -> str:
-        """Record how a job ended, however long the database is away; returns the outcome in a word."""
+        """Record how a job ended, retrying while the database is unavailable; returns the outcome."""
         while True:
             try:
                 return self._record(job, context, work)
@@ -262,7 +262,7 @@ class Worker:
                     raise
 
     def _record(self, job: Job, context: Context, work: Work) -> str:
-        """Record how a job ended, unless its lease is lost; returns the outcome in a word."""
+        """Record how a job ended, unless its lease is lost; returns the outcome."""
         error, lease = work.exception(), context.lease
         with self._library.database.write() as session:
             if error is None:
@@ -298,7 +298,7 @@ class Worker:
 
 
 class _Heartbeat:
-    """Renews a lease, writes the progress down, and brings back what was wished in the meantime."""
+    """Renews a lease, records the progress, and passes on requests to cancel the job."""
 
     def __init__(self, context: Context, seconds: float) -> None:
         self._context = context
@@ -307,7 +307,7 @@ class _Heartbeat:
         self._beat_at = 0.0
 
     def beat(self, *, always: bool = False) -> None:
-        """Write at once what has changed, and else once a second, which is when a request to stop is seen."""
+        """Renew the lease if the progress has changed or a second has passed; notice requests to cancel."""
         progress = self._context.progress.state()
         if not always and progress == self._written and time.monotonic() < self._beat_at:
             return
@@ -315,7 +315,7 @@ class _Heartbeat:
             with self._context.library.database.write(locks_rows=True) as session:
                 job = jobs.beat(session, self._context.lease, seconds=self._seconds, progress=progress)
         except StorageError as error:
-            # Work continues: either the next beat comes in time, or the lease is lost and nothing is written.
+            # The job continues: either the next beat is in time, or the lease is lost and it cannot write.
             _log.warning("the lease of job %d was not renewed: %s", self._context.lease.job_id, error)
             return
         if job is None or job.cancel_wanted:
@@ -324,7 +324,7 @@ class _Heartbeat:
 
 
 def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:
-    """Say why a job failed, in words for people."""
+    """Return the error of a failed job in a form for users, and log it."""
     if isinstance(error, OSError) and is_full(error):
         error = storage_error(error, where=Path(error.filename or "").name)
     if isinstance(error, ExpMapError):
@@ -339,7 +339,7 @@ def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:
 
 
 def delete_leftovers(library: Library, settings: Settings, *, more: Sequence[Sweep] = ()) -> None:
-    """Delete what interrupted uploads and deletions have left behind, and queue what is due."""
+    """Delete leftovers of interrupted uploads and deletions, and queue jobs that are due."""
     with library.database.read() as session:
         ids = session.scalars(select(MapRecord.id)).all()
     sweeps: list[Callable[[], object]] = [partial(sweep, library, settings) for sweep in more]
@@ -359,14 +359,14 @@ def _sweep(sweeps: Sequence[Callable[[], object]]) -> None:
 
 
 class ProcessLock:
-    """A worker's name, with a locked file of that name as long as its process lives.
+    """A worker's unique name, and a file of that name that stays locked while its process lives.
 
-    The system frees the lock however the process ends; unlike a process id, a name never comes back.
+    The system frees the lock however the process ends; unlike process ids, names are never reused.
 
     Parameters
     ----------
     folder : Path
-        Where the workers of a library have their files.
+        Folder with the lock files of a library's workers.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -378,7 +378,7 @@ class ProcessLock:
         self._lock.acquire()
 
     def is_gone(self, name: str) -> bool:
-        """Check whether a worker of this machine has ended; False for other machines, which is unknown."""
+        """Check whether a worker of this machine has ended; False for other machines, where it is unknown."""
         if name == self.name or not name.startswith(self._host):
             return False
         path = self._path(name)
@@ -392,7 +392,7 @@ class ProcessLock:
         return True
 
     def release(self) -> None:
-        """Free the lock and delete its file."""
+        """Release the lock and delete its file."""
         self._lock.release()
         self._path(self.name).unlink(missing_ok=True)
 

@@ -1,1 +1,1 @@
-"""Missions: where robots and people were, and what they saw. Nothing else in the program imports this."""
+"""Missions: tracks of robots and people, and detected objects. No other part of the program imports this."""

@@ -1,4 +1,4 @@
-"""The jobs of missions; `webapp.app.registry` names them."""
+"""The jobs of missions; `webapp.app.registry` registers them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LISTED = 100
 def import_mission_file(context: Context) -> Mapping[str, Any]:
     """Import an uploaded file into a mission.
 
-    The argument `token` names the file. It is deleted once all of it is there.
+    The argument `token` identifies the file, which is deleted once it is imported or refused.
     """
     arguments = context.arguments
     path = waiting_path(context.library, arguments["token"])
@@ -48,14 +48,14 @@ def import_mission_file(context: Context) -> Mapping[str, Any]:
             writes=context.write,
         )
     except (InputError, UsageError):
-        path.unlink(missing_ok=True)  # it is refused the next time too
+        path.unlink(missing_ok=True)  # a retry would fail too
         raise
     path.unlink(missing_ok=True)
     return asdict(done)
 
 
 def _destination(context: Context) -> int | MissionToMake:
-    """Return the mission that a file goes into: one that is known, or a new one, which is then known."""
+    """Return the target of an import: an existing mission, or a new one, whose id the job then stores."""
     arguments = context.arguments
     if arguments["mission"] is not None:
         return int(arguments["mission"])
@@ -70,7 +70,7 @@ def _destination(context: Context) -> int | MissionToMake:
 
 
 def inspect_mission_file(context: Context) -> dict[str, Any]:
-    """Say what is in the staged file that the argument `file` names."""
+    """Report the content of the staged file that the argument `file` names."""
     arguments = context.arguments
     if context.account_id is None:
         raise NotFound("who uploaded this file no longer exists")
@@ -79,7 +79,7 @@ def inspect_mission_file(context: Context) -> dict[str, Any]:
 
 
 def localize_mission_photos(context: Context) -> dict[str, Any]:
-    """Localize what waits on the mission that the argument `mission` names; what is done stays so."""
+    """Localize the waiting photos of the mission with the id `mission`; if killed, finished ones are kept."""
     try:
         return _localize(context)
     except (NotReady, IndexDamaged):
@@ -100,7 +100,7 @@ def _localize(context: Context) -> dict[str, Any]:
 
 
 def fuse_mission(context: Context) -> dict[str, Any]:
-    """Fuse the mission that the argument `mission` names; killed, the former fused track stays."""
+    """Fuse the mission with the id `mission`; if killed, the previous fused track is kept."""
     report = fuse.fuse_mission(
         context.library, int(context.arguments["mission"]), write=context.write, progress=context.progress
     )
@@ -108,7 +108,7 @@ def fuse_mission(context: Context) -> dict[str, Any]:
 
 
 def build_track_pieces(context: Context) -> dict[str, Any]:
-    """Prepare what is new of the mission that the argument `mission` names; what is finished stays so."""
+    """Build display pieces for new poses of the mission with the id `mission`; if killed, pieces are kept."""
     mission_id = int(context.arguments["mission"])
     built = track_display.build_pieces(
         context.library, mission_id, write=context.write, progress=context.progress
@@ -117,9 +117,9 @@ def build_track_pieces(context: Context) -> dict[str, Any]:
 
 
 def thin_old_tracks(context: Context) -> dict[str, Any]:
-    """Thin what is due by the settings; killed, what is thinned stays so, and the rest is done later.
+    """Thin the tracks that are due by the settings; if killed, finished tracks are kept.
 
-    A mission that changes meanwhile is left to the next time.
+    A mission that changes meanwhile is left for the next run.
     """
     thinned = removed = 0
     for rule in thin_tracks.rules(context.settings.missions):
@@ -139,6 +139,6 @@ def thin_old_tracks(context: Context) -> dict[str, Any]:
 
 
 def delete_mission(context: Context) -> None:
-    """Delete the mission that the argument `mission` names; what is deleted stays so."""
+    """Delete the mission with the id `mission`; if killed, a later run continues."""
     mission_id = int(context.arguments["mission"])
     delete.delete_mission(context.library, mission_id, write=context.write, progress=context.progress)

@@ -1,1 +1,1 @@
-"""Everything that is fetched from public services: map tiles, places, street-level photos, model weights."""
+"""Clients of public services: map tiles, place search, street-level photos, model weights."""

@@ -20,14 +20,14 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
     Parameters
     ----------
     size : int
-        Bytes it has; no more are read.
+        Expected size in bytes; reading stops beyond it.
     progress : Progress
-        One step for each 2^16 bytes.
+        One step per 2^16 bytes.
 
     Returns
     -------
     bytes
-        Whether they are the right ones is for the caller to check.
+        Of the right size; the caller has to check the content.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
     progress.size(-(-size // _CHUNK))
     data = bytearray()
     try:
-        # a redirect could lead to a host that nobody has agreed to
+        # no redirects: they could lead to a host that the user has not agreed to
         with requests.get(
             address,
             headers={"User-Agent": _USER_AGENT},

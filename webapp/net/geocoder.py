@@ -1,4 +1,4 @@
-"""Asks a host for places by their names: Nominatim, or what speaks its API."""
+"""Client of a place search by name: Nominatim, or a server with its API."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _WHERE = "place search"
 
 @dataclass(frozen=True, slots=True)
 class FoundPlace:
-    """A place that a name may mean.
+    """A result of the search.
 
     Attributes
     ----------
     name : str
-        With what it is a part of, for people.
+        Display name, with the regions that the place is in.
     box : GeoBox
         Its extent.
     """
@@ -40,22 +40,22 @@ class FoundPlace:
 
 
 def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[FoundPlace, ...]:
-    """Ask the host once.
+    """Send one request to the host.
 
     Parameters
     ----------
     language : str
-        That names should be in, such as `cs`.
+        Preferred language of the names, such as `cs`.
 
     Returns
     -------
     tuple of FoundPlace
-        The likeliest first; empty where nothing has this name.
+        The best match first; empty if there is none.
 
     Raises
     ------
     InputError
-        The host does not answer, refuses, or answers something else.
+        The host does not answer, refuses, or sends an invalid answer.
     """
     wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
     try:
@@ -72,7 +72,7 @@ def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
     data = bytearray()
     headers = {"User-Agent": _USER_AGENT, "Accept": "application/json"}
     try:
-        # a redirect could lead to a host that nobody has configured
+        # no redirects: they could lead to a host that is not configured
         with requests.get(
             address, params=wish, headers=headers, timeout=timeout_s, stream=True, allow_redirects=False
         ) as answer:
@@ -90,7 +90,7 @@ def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
 
 
 def _place(item: object) -> FoundPlace | None:
-    """Read one place; None for one that is not on the Earth, or has no name."""
+    """Parse a place; None if its coordinates are not valid, or it has no name."""
     try:
         fields: dict[str, object] = dict(item)  # type: ignore[call-overload]
         south, north, west, east = (float(str(side)) for side in fields["boundingbox"])  # type: ignore[attr-defined]

@@ -32,7 +32,7 @@ _FIELDS = (
 
 
 class Mapillary:
-    """The service; answers about an area name no next part, so that full ones are asked in quarters."""
+    """The service; lists of an area have no next page, so that a full one is queried again in quarters."""
 
     name = "Mapillary"
     key = "mapillary"
@@ -50,11 +50,11 @@ class Mapillary:
         return f"{self.base}/images?{urlencode(wish, safe=',')}"
 
     def page(self, content: Any) -> ListedPage:
-        """Read a part of a list."""
+        """Parse a page of a list."""
         return ListedPage(content["data"], (content.get("paging") or {}).get("next"))
 
     def photo(self, item: Any) -> StreetPhoto:
-        """Read a photo: where structure from motion has put it, else where its GPS has."""
+        """Parse a photo; its position is that by structure from motion, else by GPS."""
         is_panorama = bool(item.get("is_pano")) or item.get("camera_type") in _PANORAMAS
         width, height = number(item.get("width")), number(item.get("height"))
         id = plain_id(item["id"])
@@ -76,7 +76,7 @@ class Mapillary:
 
 
 def _fov_deg(item: Any, width: float | None, height: float | None) -> float | None:
-    """Compute the horizontal field of view; the focal length is in shares of the longer side."""
+    """Compute the horizontal field of view; the focal length is in units of the longer side."""
     parameters = item.get("camera_parameters") or [None]
     focal = number(parameters[0]) if item.get("camera_type") == "perspective" else None
     if not focal or not width or not height or min(focal, width, height) <= 0:

@@ -1,6 +1,6 @@
 """Panoramax: an open federation of street-level photos, through the STAC API of one of its instances.
 
-`requests` asks it: pystac-client would bring its own retries and its own idea of hosts and redirects.
+Uses `requests`: pystac-client has its own retries, and its own handling of hosts and redirects.
 https://docs.panoramax.fr/api/
 """
 
@@ -26,7 +26,7 @@ from webapp.net.street import (
 
 _MOST_ACCURACY_M = 10_000.0
 _MOST_BYTES = 1e9
-"""What is more is a mistake."""
+"""Larger values are taken for errors."""
 
 
 class Panoramax:
@@ -48,18 +48,18 @@ class Panoramax:
         self.headers: Mapping[str, str] = {}
 
     def address(self, box: GeoBox) -> str:
-        """Return the address of the first part of the list of an area."""
+        """Return the address of the first page of the list of an area."""
         sides = ",".join(f"{side:.7f}" for side in (box.west, box.south, box.east, box.north))
         return f"{self.base}/api/search?{urlencode({'bbox': sides, 'limit': self.page_size}, safe=',')}"
 
     def page(self, content: Any) -> ListedPage:
-        """Read a part of a list."""
+        """Parse a page of a list."""
         links = content.get("links") or []
         following = next((link["href"] for link in links if link.get("rel") == "next"), None)
         return ListedPage(content["features"], following and urljoin(f"{self.base}/api/search", following))
 
     def photo(self, item: Any) -> StreetPhoto:
-        """Read a STAC item: a flat photo in the size that a map uses, a panorama whole."""
+        """Parse a STAC item: a flat photo in the size that a map uses, a panorama in full size."""
         facts, assets = item["properties"], item["assets"]
         camera = facts.get("pers:interior_orientation") or {}
         width, height = (number(side) for side in (camera.get("sensor_array_dimensions") or [None, None])[:2])
@@ -92,7 +92,7 @@ def _needed(licence: str | None) -> str:
 
 
 def _producer(item: Any, facts: Any) -> str | None:
-    """Whom to name: the producers, else who is the producer of the instance."""
+    """Return the attribution: the providers with the role `producer`, else Panoramax' own field for it."""
     providers = item.get("providers") or facts.get("providers") or []
     names = [short_text(one.get("name")) for one in providers if "producer" in (one.get("roles") or [])]
     known = [name for name in dict.fromkeys(names) if name]

@@ -1,4 +1,4 @@
-"""Asks one service politely: few requests a second, as late as it wants, and only hosts that are named."""
+"""HTTP client of one service: limits the request rate, obeys Retry-After, and contacts only allowed hosts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _REDIRECTS = 3
 _TRY_AGAIN = (429, 500, 502, 503, 504)
 _REFUSED = (401, 403)
 _LONGEST_S = 1e9
-"""Of a pause, as a number: more is not longer for anybody."""
+"""Upper limit of a pause that a service demands, to keep it finite."""
 _WHERE = "street-level photos"
 _LATER = "try again later: what was fetched is kept"
 
@@ -40,7 +40,7 @@ class RateLimit:
         self._next = 0.0
 
     def wait(self, sleep: Callable[[float], object]) -> None:
-        """Wait for the next turn."""
+        """Wait until the next request is allowed."""
         with self._lock:
             now = time.monotonic()
             at = max(self._next, now)
@@ -48,22 +48,22 @@ class RateLimit:
         sleep(at - now)
 
     def pause(self, seconds: float) -> None:
-        """Give no turn for so long."""
+        """Allow no request for this time."""
         with self._lock:
             self._next = max(self._next, time.monotonic() + seconds)
 
 
 class PoliteClient:
-    """Requests to one service and to the hosts that its photos are on.
+    """Sends requests to one service, and to the hosts of its photos.
 
     Parameters
     ----------
     name : str
-        Of the service, for people.
+        Display name of the service.
     base : str
         Its address.
     headers : mapping
-        For itself alone: a token goes to no other host.
+        For the service itself only: a token must not be sent to other hosts.
     """
 
     def __init__(
@@ -79,25 +79,25 @@ class PoliteClient:
         self._pace = RateLimit(settings.requests_per_second)
         self._stopped = threading.Event()
         self._session = requests.Session()
-        self._session.trust_env = False  # a .netrc would send its passwords along
+        self._session.trust_env = False  # do not send passwords of a .netrc
         self._session.headers["User-Agent"] = _USER_AGENT
         for scheme in ("https://", "http://"):
             self._session.mount(scheme, HTTPAdapter(pool_maxsize=settings.parallel))
 
     def stop(self) -> None:
-        """End what waits, in other threads too; nothing can be asked any more."""
+        """Cancel pending requests, also those of other threads; later requests are refused."""
         self._stopped.set()
         self._session.close()
 
     def json(self, address: str) -> object:
-        """Ask the service itself.
+        """Request JSON from the service itself.
 
         Raises
         ------
         InputError
-            It does not answer, refuses, or answers no JSON.
+            It does not answer, refuses, or does not send JSON.
         TooMany
-            It wants a longer pause than is allowed.
+            It demands a longer pause than is allowed.
         Cancelled
             `stop` was called.
         """
@@ -110,11 +110,11 @@ class PoliteClient:
             raise self._error("did not send a list of photos") from error
 
     def photo(self, address: str, *, max_bytes: int) -> bytes:
-        """Fetch a photo; errors as those of `json`, and InputError where its host is not allowed."""
+        """Fetch a photo; errors as `json`, and InputError if its host is not allowed."""
         return self._fetch(address, max_bytes=max_bytes)
 
     def may_fetch(self, address: str) -> bool:
-        """Return whether photos may come from this address."""
+        """Return whether photos may be fetched from this address."""
         try:
             parts = _parse(address)
         except ValueError:
@@ -124,7 +124,7 @@ class PoliteClient:
         return (parts.scheme, parts.netloc) == self._origin or (parts.scheme == "https" and named)
 
     def _fetch(self, address: str, *, max_bytes: int) -> bytes:
-        """Try until it works, with growing pauses, or those that the service asks for."""
+        """Fetch with retries, after growing pauses or those that the service demands."""
         for turn in range(1, _TRIES + 1):
             self._pace.wait(self._sleep)
             try:
@@ -145,7 +145,7 @@ class PoliteClient:
         raise AssertionError("the last try returns or raises")
 
     def _answer(self, address: str, *, max_bytes: int) -> bytes | requests.Response:
-        """Ask once: the content, or an answer without any."""
+        """Send one request; return the content, or the response if it is an error."""
         for _ in range(_REDIRECTS + 1):
             if not self.may_fetch(address):
                 raise self._error(
@@ -210,12 +210,12 @@ class PoliteClient:
 
 
 def _parse(address: str) -> Url:
-    """Parse an address by what connects to it: another parser may see another host in it.
+    """Parse an address as the HTTP library does: another parser could find another host in it.
 
     Raises
     ------
     ValueError
-        It is none, or has a name and password, or signs that parsers disagree about.
+        It is not an address, or has credentials, or characters on which parsers disagree.
     """
     if "\\" in address or not address.isascii() or not address.isprintable():
         raise ValueError(address)
@@ -231,7 +231,7 @@ def _origin(address: str) -> tuple[str | None, str | None]:
 
 
 def _host(address: str) -> str:
-    """Name the host of an address, for people."""
+    """Return the host of an address, for messages."""
     try:
         return _parse(address).host or "?"
     except ValueError:
@@ -239,7 +239,7 @@ def _host(address: str) -> str:
 
 
 def _seconds(text: str | None) -> float | None:
-    """Read the header Retry-After: seconds, or a date; None where it says neither."""
+    """Parse the header Retry-After, which is in seconds or a date; None if it is neither."""
     if text is None:
         return None
     if text.strip().isdecimal():

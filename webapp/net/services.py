@@ -1,4 +1,4 @@
-"""The map tile services that are offered: those of a file, or the usual ones."""
+"""The available map tile services: those of a file, or the built-in ones."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ _FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles", "public")
 
 @dataclass(frozen=True, slots=True)
 class TileService:
-    """One service of tiles in the usual grid of web Mercator.
+    """A tile service with the standard grid of Web Mercator.
 
     Attributes
     ----------
     url : str
-        With `{z}`, `{x}` and `{y}`, counted from the north.
+        Template with `{z}`, `{x}` and `{y}`, counted from the north.
     attribution : str
-        Who is to be named wherever the image is shown.
+        Attribution to show with the image.
     max_zoom : int
         Highest zoom that it has.
     max_tiles : int or None
-        Most tiles for one image, where the service wants fewer than the settings allow.
+        Maximum number of tiles per image, if the service wants fewer than the settings allow.
     public : bool
-        Whether visitors of shared maps may see its address, which can have a key in it.
+        Whether visitors of shared maps may see its address, which may contain a key.
     """
 
     name: str
@@ -46,7 +46,7 @@ class TileService:
         return f"{parts.scheme}://{parts.netloc}"
 
     def address(self, *, z: int, x: int, y: int) -> str:
-        """Address of one tile."""
+        """Return the address of a tile."""
         return self.url.replace("{z}", str(z)).replace("{x}", str(x)).replace("{y}", str(y))
 
 
@@ -106,22 +106,22 @@ _WITHOUT_A_KEY = (
 )
 
 USUAL = tuple(replace(service, public=True) for service in _WITHOUT_A_KEY)
-"""Services that can be used without a key; who uses one keeps to its terms."""
+"""Services that can be used without a key; their terms of use apply."""
 
 
 def tile_services(file: Path | None) -> tuple[TileService, ...]:
-    """Return the services that are offered, the first of them by default.
+    """Return the available services; the first one is the default.
 
     Parameters
     ----------
     file : Path or None
         JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles` and
-        `public`. None for the usual ones.
+        `public`. None for the built-in ones.
 
     Raises
     ------
     UsageError
-        The file cannot be read, or is not such a list; it says where.
+        The file cannot be read, or is not such a list; `where` names the place in it.
     """
     if file is None:
         return USUAL

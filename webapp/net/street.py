@@ -1,4 +1,4 @@
-"""Services of street-level photos: what both have in common, and which of them are set up."""
+"""Common parts of the services of street-level photos: their interface, and how photos are listed."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from webapp.net.polite import PoliteClient
 from webapp.progress import Progress
 
 SIDE_PX = 2048
-"""Longer side of the photos that are fetched; a map uses no more. Panoramas come whole."""
+"""Longer side of the photos that are fetched; a map needs no more. Panoramas are fetched in full size."""
 
 _BYTES_PER_PIXEL = 0.25
-"""Of a typical JPEG, where a service does not say how large its file is."""
+"""Of a typical JPEG, if a service does not state the size of its file."""
 
 _SMALLEST_DEG = 1e-5
-"""A box of one metre is not divided further."""
+"""Height below which a box is not divided further: about a metre."""
 
 _MOST_REQUESTS = 2000
 _MOST_TEXT = 200
@@ -33,14 +33,14 @@ _WHERE = "street-level photos"
 
 @dataclass(frozen=True, slots=True)
 class StreetPhoto:
-    """A photo that a service has.
+    """A photo of a service.
 
     Attributes
     ----------
     id : str
         In the service: letters, digits, `_` and `-`.
     heading_deg : float or None
-        Where it looks, or the middle of a panorama, degrees clockwise from north.
+        Viewing direction, or that of the middle of a panorama, degrees clockwise from north.
     fov_deg : float or None
         Horizontal field of view.
     accuracy_m : float or None
@@ -50,11 +50,11 @@ class StreetPhoto:
     is_panorama : bool
         Equirectangular, of the whole sphere.
     address : str
-        Of the file.
+        Address of the file.
     size_bytes : int
-        Of the file, as the service says, or estimated from its pixels.
+        Size of the file, as stated by the service or estimated from its pixels.
     page : str
-        For people: the photo at the service.
+        Web page of the photo at the service.
     """
 
     id: str
@@ -73,14 +73,14 @@ class StreetPhoto:
 
 @dataclass(frozen=True, slots=True)
 class ListedPage:
-    """A part of the answer of a service.
+    """A page of the list of photos of a service.
 
     Attributes
     ----------
     items : list
-        As the service describes photos.
+        Descriptions of photos, in the format of the service.
     next : str or None
-        Address of the next part.
+        Address of the next page.
     """
 
     items: list[Any]
@@ -88,34 +88,34 @@ class ListedPage:
 
 
 class StreetService(Protocol):
-    """How a service is asked, and how its answers are read."""
+    """A service: addresses of its requests, and parsers of its answers."""
 
     name: str
-    """For people."""
+    """Display name."""
 
     key: str
-    """For programs."""
+    """Identifier."""
 
     base: str
     """Its address."""
 
     headers: Mapping[str, str]
-    """With every request to it."""
+    """Sent with every request to it."""
 
     page_size: int
-    """Photos in one answer, at most; one with fewer is complete."""
+    """Maximum number of photos in one answer; an answer with fewer is complete."""
 
     max_area_deg2: float
-    """Of one request."""
+    """Maximum area of one request."""
 
     def address(self, box: GeoBox) -> str:
-        """Return the address of the first part of the list of an area."""
+        """Return the address of the first page of the list of an area."""
 
     def page(self, content: Any) -> ListedPage:
-        """Read a part of a list; KeyError, TypeError and the like where it is none."""
+        """Parse a page of a list; raise KeyError, TypeError and the like if it is not one."""
 
     def photo(self, item: Any) -> StreetPhoto:
-        """Read the description of a photo; KeyError, TypeError, ValueError where it cannot be used."""
+        """Parse the description of a photo; raise KeyError, TypeError, ValueError if it cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ class StreetListing:
     Attributes
     ----------
     unusable : int
-        Photos that are described so that they cannot be used: without a file, a position, or a licence.
+        Number of photos whose descriptions cannot be used: without a file, a position, or a licence.
     """
 
     photos: tuple[StreetPhoto, ...]
@@ -137,12 +137,12 @@ def list_photos(
 ) -> StreetListing:
     """List the photos of an area, in a stable order.
 
-    An answer that is full and names no next one is taken for cut off: its area is asked again in quarters.
+    A full page without a next one is assumed to be truncated: its area is queried again in quarters.
 
     Parameters
     ----------
     most : int
-        Photos that are allowed.
+        Maximum number of photos.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def _is_in(at: LatLon, box: GeoBox) -> bool:
 
 
 def _cells(box: GeoBox, max_area_deg2: float) -> Iterator[GeoBox]:
-    """Divide an area into parts that a service takes; one across the 180th meridian is two."""
+    """Divide an area into parts that a service accepts, and at the 180th meridian."""
     if box.west > box.east:
         yield from _cells(box._replace(east=180.0), max_area_deg2)
         yield from _cells(box._replace(west=-180.0), max_area_deg2)
@@ -238,7 +238,7 @@ def plain_id(value: object) -> str:
     Raises
     ------
     ValueError
-        It cannot be a part of a file's name.
+        It cannot be part of a file name.
     """
     text = str(value)
     if not _PLAIN_ID.fullmatch(text):
@@ -247,7 +247,7 @@ def plain_id(value: object) -> str:
 
 
 def position(geometry: Any) -> LatLon:
-    """Read a point of GeoJSON.
+    """Parse a GeoJSON point.
 
     Raises
     ------
@@ -266,26 +266,26 @@ def number(value: Any) -> float | None:
 
 
 def heading(value: Any) -> float | None:
-    """Read a direction that may be missing, degrees clockwise from north."""
+    """Read an optional direction, degrees clockwise from north."""
     degrees = number(value)
     return None if degrees is None else degrees % 360.0
 
 
 def amount(value: Any, *, most: float) -> float | None:
-    """Read a length or size that may be missing; one below 0 or above `most` is missing too."""
+    """Read an optional length or size; None also if it is below 0 or above `most`."""
     known = number(value)
     return None if known is None or not 0.0 <= known <= most else known
 
 
 def short_text(value: Any) -> str | None:
-    """Read a short text for people that may be missing, without control characters."""
+    """Read an optional short text, without control characters."""
     if not isinstance(value, str):
         return None
     return "".join(c for c in value if unicodedata.category(c)[0] != "C").strip()[:_MOST_TEXT] or None
 
 
 def time_text(value: Any) -> str | None:
-    """Read a time that may be missing."""
+    """Read an optional time."""
     try:
         return datetime.fromisoformat(value).isoformat(timespec="milliseconds")
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Fetches map tiles politely: few requests at a time, not too often, each tile once, and only so much."""
+"""Fetches map tiles through a cache, with limits for parallel requests, request rate and size."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MAX_BYTES = 4_000_000
 _CHUNK = 65536
 _TRIES = 4
 _LISTEN_S = 0.5
-"""So often somebody who waits for tiles is asked whether to stop."""
+"""Interval at which cancellation is checked while waiting for tiles."""
 
 _TRY_AGAIN = (429, 500, 502, 503, 504)
 _NO_TILE = (204, 404, 410)
@@ -40,7 +40,7 @@ class TileFetcher:
     Parameters
     ----------
     cache : Path
-        Folder of all services' tiles; is made when missing.
+        Folder for the tiles of all services; created if missing.
     """
 
     def __init__(self, service: TileService, *, cache: Path, settings: TileSettings) -> None:
@@ -48,7 +48,7 @@ class TileFetcher:
         self._folder = cache / hashlib.sha256(service.url.encode()).hexdigest()[:16]
         self._settings = settings
         self._pace = RateLimit(settings.requests_per_second)
-        # tried again after 0.5, 1, 2 s, or when the server says
+        # retried after 0.5, 1, 2 s, or when the server says (Retry-After)
         retry = Retry(_TRIES - 1, backoff_factor=0.5, status_forcelist=_TRY_AGAIN, raise_on_status=False)
         self._session = requests.Session()
         self._session.headers["User-Agent"] = _USER_AGENT
@@ -61,12 +61,12 @@ class TileFetcher:
     ) -> Iterator[tuple[Tile, bytes | None]]:
         """Fetch tiles, in the order in which they arrive.
 
-        Each one is in the cache before it is given, so that a stopped download continues here.
+        Each one is in the cache before it is yielded, so that a stopped download can be resumed.
 
         Parameters
         ----------
         progress : Progress
-            Only asked whether to stop, also while the service keeps silent.
+            Used only for cancellation, also while waiting for the service.
 
         Yields
         ------
@@ -94,7 +94,7 @@ class TileFetcher:
                     yield running.pop(future), future.result()
                 progress.check()
         finally:
-            # requests on their way may take until their timeout: nobody waits for them
+            # do not wait for pending requests, which may take until their timeout
             pool.shutdown(wait=False, cancel_futures=True)
             self._session.close()
 
@@ -119,10 +119,10 @@ class TileFetcher:
             raise StorageError(f"a tile cannot be read: {error.strerror}", where="cache of tiles") from error
 
     def _ask(self, address: str) -> bytes | None:
-        """Ask the service for one tile; what it says besides images is never passed on."""
+        """Request one tile from the service; answers other than images are never passed on."""
         hint = "try again later, or choose another service"
         try:
-            # a redirect could lead to a host that nobody has configured
+            # no redirects: they could lead to a host that is not configured
             with self._session.get(
                 address, timeout=self._settings.timeout_s, stream=True, allow_redirects=False
             ) as answer:
@@ -146,7 +146,7 @@ class TileFetcher:
 
 
 def _keep(path: Path, data: bytes) -> None:
-    """Put a tile into the cache, whole or not at all."""
+    """Write a tile to the cache atomically."""
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Pictures and reports: what the results look like to a person."""
+"""Pictures and reports of results, for people."""

@@ -102,7 +102,7 @@ def draw_matches(
     ]
     inliers = [pair for pair, inlier in zip(ends, evidence.inlier, strict=True) if inlier]
     others = [pair for pair, inlier in zip(ends, evidence.inlier, strict=True) if not inlier]
-    # Without any inlier the plain matches are all there is to see.
+    # Without inliers, the other matches are drawn more strongly.
     with canvas.faint(0.3 if inliers else 0.7):
         _join(canvas, others, OUTLIER)
     with canvas.faint(0.9):
@@ -115,7 +115,7 @@ def draw_matches(
 
 
 def _scales(query: NDArray[np.uint8], photo: NDArray[np.uint8]) -> tuple[float, float]:
-    """Scales that make both photos equally high and fit them into the picture."""
+    """Return the scales that make both photos equally high and fit them into the picture."""
     aspects = [image.shape[1] / image.shape[0] for image in (query, photo)]
     height = min(HEIGHT_PX, (WIDTH_PX - GAP_PX) / sum(aspects))
     return height / query.shape[0], height / photo.shape[0]
@@ -129,7 +129,7 @@ def _scaled(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
 
 
 def _shown(xy: NDArray[np.float32], scale: float, offset: int) -> Point:
-    """Where a keypoint of the full-size photo is in the picture; both count from pixel centres."""
+    """Return a keypoint of the full-size photo in the picture; both count from pixel centres."""
     x, y = ((float(v) + 0.5) * scale - 0.5 for v in xy)
     return x + offset, y
 

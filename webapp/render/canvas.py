@@ -1,4 +1,4 @@
-"""Smooth shapes and text on a picture, with positions as floats."""
+"""Antialiased shapes and text on a picture, with positions as floats."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Canvas:
         return width, height
 
     def paste(self, pixels: NDArray[np.uint8], *, at: tuple[int, int]) -> None:
-        """Put another picture in, its top-left pixel at `at`."""
+        """Paste another picture, its top-left pixel at `at`."""
         x, y = at
         self.pixels[y : y + pixels.shape[0], x : x + pixels.shape[1]] = pixels
 
@@ -49,7 +49,7 @@ class Canvas:
         cv2.circle(self.pixels, _fixed(centre), reach, colour, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
     def ring(self, centre: Point, radius: float, *, colour: RGB, width: float = 1) -> None:
-        """Draw a circle's line. OpenCV's own thick circles are bumpy: here each pixel is covered exactly."""
+        """Draw a circle with exact pixel coverage: OpenCV's own thick circles are uneven."""
         (x, y), reach = centre, radius + width
         x0, y0 = (max(0, int(np.floor(v - reach))) for v in (x, y))
         part = self.pixels[y0 : max(y0, int(y + reach) + 2), x0 : max(x0, int(x + reach) + 2)]
@@ -84,31 +84,31 @@ class Canvas:
 
     @contextmanager
     def faint(self, opacity: float) -> Iterator[None]:
-        """Let what is drawn meanwhile shine through: 0 leaves nothing of it, 1 all."""
+        """Draw in the block with this opacity, 0 to 1."""
         before = self.pixels.copy()
         yield
         self.pixels = cv2.addWeighted(self.pixels, opacity, before, 1 - opacity, 0).astype(np.uint8)
 
 
 def _fixed(point: Point) -> tuple[int, int]:
-    """Round to sixteenths of a pixel, and keep OpenCV's 32-bit numbers from running over."""
+    """Convert to OpenCV's fixed-point numbers, sixteenths of a pixel, without 32-bit overflow."""
     x, y = (int(np.clip(round(v * _UNIT), -(2**28), 2**28)) for v in point)
     return x, y
 
 
 @lru_cache
 def font(size: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own scalable font, so that pictures look the same everywhere."""
+    """Return Pillow's own scalable font, so that pictures look the same everywhere."""
     return ImageFont.load_default(size)
 
 
 def text_width(text: str, size: float) -> float:
-    """Width of one line of text, pixels."""
+    """Return the width of a line of text, pixels."""
     return float(font(size).getlength(plain(text)))
 
 
 def plain(text: str) -> str:
-    """Write text with the letters that the font has: without accents, and `?` for other scripts."""
+    """Convert text to the characters of the font: without accents, and `?` for other scripts."""
     return "".join(c if c in "·°×±…“”" else _ascii(c) for c in text)
 
 
@@ -118,7 +118,7 @@ def _ascii(character: str) -> str:
 
 
 def shortened(text: str, size: float, *, width: float) -> str:
-    """Cut a text's beginning off until it is at most `width` pixels wide: the end of a path says most."""
+    """Truncate the beginning of a text to at most `width` pixels: the end of a path says most."""
     if text_width(text, size) <= width:
         return text
     while text and text_width("…" + text, size) > width:

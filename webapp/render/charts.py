@@ -25,7 +25,7 @@ class Axis:
     Attributes
     ----------
     ticks : tuple of (float, str)
-        Values and what is written at them; the first and the last are the ends of the axis.
+        Values and their labels; the first and the last are the ends of the axis.
     """
 
     label: str
@@ -33,7 +33,7 @@ class Axis:
     log: bool = False
 
     def fraction(self, value: float) -> float:
-        """Where a value lies between the ends, 0 to 1; values outside are moved to the nearer end."""
+        """Return where a value lies between the ends, 0 to 1; values outside are clipped."""
         low, high = self.ticks[0][0], self.ticks[-1][0]
         at = min(max(value, low), high)
         if self.log:
@@ -43,7 +43,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class ChartWords:
-    """What is written in the charts; a page in another language gives its own."""
+    """Texts in the charts; a page in another language passes its own."""
 
     error_title: str = "Error curve: share of queries with at most this error"
     error: str = "error of the first hypothesis, map pixels"
@@ -65,7 +65,7 @@ SHARE = tuple((percent / 100, f"{percent} %") for percent in (0, 25, 50, 75, 100
 def error_chart(
     errors: NDArray[np.float64], *, place_radius_px: float, words: ChartWords = _ENGLISH
 ) -> Markup:
-    """Share of the queries with at most a given error, over the error on a logarithmic axis.
+    """Draw the share of the queries with at most a given error, over the error on a logarithmic axis.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def error_chart(
         steps.append(f"H{_x(x, float(value))}V{_y(y, float(share))}")
     steps.append(f"H{_x(x, ticks[-1][0])}")
     at = _x(x, place_radius_px)
-    label = ("note", at + 6) if at < WIDTH / 2 else ("note end", at - 6)  # where there is room for it
+    label = ("note", at + 6) if at < WIDTH / 2 else ("note end", at - 6)  # where it fits
     body = (
         Markup('<path class="guide" d="M{0} {1}V{2}"/>').format(at, _TOP, HEIGHT - _BOTTOM)
         + Markup('<text class="{0}" x="{1}" y="{2}">{3}</text>').format(
@@ -101,7 +101,7 @@ def error_chart(
 
 
 def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _ENGLISH) -> Markup:
-    """Share of right answers over stated probability, in bins of equal mass with 95 % intervals.
+    """Draw the share of right answers over stated probability, in bins of equal mass with 95 % intervals.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Colours of the pictures: a scale for probabilities that every eye can read, and the ones drawn next to it.
+"""Colours of the pictures: an accessible scale for probabilities, and the colours used with it.
 
-The scale is viridis: its lightness grows evenly, so it is read by brightness alone, also by colour-blind
-people and in grey print (Nathaniel Smith and Stéfan van der Walt, 2015; placed in the public domain).
+The scale is viridis: its lightness grows evenly, so that it can be read by brightness alone, also by
+colour-blind people and in greyscale (Nathaniel Smith and Stéfan van der Walt, 2015; public domain).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _STOPS = np.array(
 )
 
 EXPERIENCE: RGB = (255, 255, 255)
-"""A photo of the map: off the scale, and with a dark rim it is seen on any ground."""
+"""A photo of the map: not on the scale, and visible on any background with its dark rim."""
 
 TRUTH: RGB = (214, 40, 90)
-"""The true position: the one red thing in a picture."""
+"""The true position: the only red mark in a picture."""
 
 INLIER: RGB = (255, 208, 0)
 """A match that agrees with the geometry."""
@@ -41,14 +41,14 @@ INK: RGB = (27, 36, 44)
 """Text and rims."""
 
 QUIET: RGB = (92, 105, 116)
-"""Text that stands back."""
+"""Secondary text."""
 
 PAPER: RGB = (250, 251, 252)
-"""Ground of captions."""
+"""Background of captions."""
 
 
 def probability_colour(probability: float) -> RGB:
-    """Colour of a probability: dark violet at 0, bright yellow at 1.
+    """Return the colour of a probability: dark violet at 0, bright yellow at 1.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ def probability_colour(probability: float) -> RGB:
 
 
 def luminance(colour: RGB) -> float:
-    """Relative luminance of an sRGB colour, 0 (black) to 1 (white), as WCAG 2 defines it."""
+    """Return the relative luminance of an sRGB colour, 0 (black) to 1 (white), as WCAG 2 defines it."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (v / 255 for v in colour)]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def text_on(ground: RGB) -> RGB:
-    """Ink or white, whichever is read better on a ground."""
+    """Return ink or white, whichever is more legible on a background."""
     return INK if luminance(ground) > 0.18 else (255, 255, 255)

@@ -43,7 +43,7 @@ def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: i
     Parameters
     ----------
     folder : Path
-        Made when it is missing; files of these names are replaced.
+        Created if missing; files of these names are replaced.
     limits : PhotoLimits
         For the photos in the report.
     worst : int
@@ -54,7 +54,7 @@ def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: i
     StorageError
         The folder or a file in it cannot be written.
     PhotoError
-        A photo that was localized, or the map's image, cannot be read any more.
+        A photo that was localized, or the map's image, can no longer be read.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -108,7 +108,7 @@ def _jpeg(image: Image.Image) -> bytes:
 
 
 def results_csv(rows: Iterable[Row]) -> str:
-    """Write the table, columns separated by semicolons; what is unknown is empty.
+    """Write the table, columns separated by semicolons; unknown values are empty.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Every way to take a map away, by its ending; and one that keeps the file for later."""
+"""All export formats of a map, by name, and storage of the exported file."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def export_map_file(
 
 
 def keep(library: Library, slug: str, *, download: Download) -> str:
-    """Write an export into the map's `derived/exports`, where it can be fetched for a week.
+    """Write an export into the map's `derived/exports`, where it is kept for a week.
 
     Returns
     -------
@@ -85,5 +85,5 @@ def keep(library: Library, slug: str, *, download: Download) -> str:
 
 
 def exports_folder(library: Library, slug: str) -> Path:
-    """Where the exports of a map are kept."""
+    """Return the folder of the exports of a map."""
     return library.map_folder(slug) / DERIVED / "exports"

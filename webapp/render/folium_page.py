@@ -1,4 +1,4 @@
-"""A map as one HTML page that opens without a network: Leaflet, image and small photos are inside."""
+"""A map as one self-contained HTML page, with Leaflet, the image and small photos inside."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from webapp.tasks.exchange.export_source import Download, Source
 from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
 
 if TYPE_CHECKING:
-    import folium  # loaded by the functions: it takes a tenth of the start of a server, and few need it
+    import folium  # imported by the functions: slow to import, and rarely needed
 
 MAX_PHOTOS = 5000
-"""More would make a page that browsers cannot open."""
+"""With more, browsers could not open the page."""
 
 _SIDES = ((300, 480), (1500, 256), (MAX_PHOTOS, 128))
 """Maximum number of photos, and the size of their pictures in pixels: the page stays below some 50 MB."""
@@ -48,12 +48,12 @@ _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 
 
 def export_map_page(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Return a map as a page: on the Earth where it has a georeference, else in pixels.
+    """Return a map as a page: in Web Mercator if it has a georeference, else in pixels.
 
     Parameters
     ----------
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Raises
     ------
@@ -130,7 +130,7 @@ class Feature:
     title, facts : str
         Any text: it is escaped here, as Leaflet shows HTML.
     style : mapping of str to object
-        Leaflet's options of the marker, of its icon or of the line; never with texts from outside.
+        Leaflet's options of the marker, of its icon or of the line; never with untrusted text.
     picture : bytes or None
         JPEG.
     """
@@ -142,11 +142,11 @@ class Feature:
     picture: bytes | None = None
 
     def geojson(self, id_: int) -> dict[str, Any]:
-        """Write it with a number of its own in the layer."""
+        """Convert to GeoJSON; `id_` is unique in the layer."""
         title = html.escape(self.title)
         about = f"<p><strong>{title}</strong></p><p><span>{html.escape(self.facts)}</span></p>"
         if self.picture is not None:
-            # with its size, the popup is placed rightly before the picture is decoded
+            # its size lets Leaflet place the popup correctly before the picture is decoded
             width, height = Image.open(io.BytesIO(self.picture)).size
             source = data_uri("image/jpeg", self.picture)
             about += f'<img src="{source}" width="{width}" height="{height}" alt="{title}">'
@@ -214,7 +214,7 @@ def _photos(source: Source, settings: Settings, progress: Progress, *, on_earth:
 
 
 def _symbol(heading_deg: float | None) -> str:
-    """Draw a dot, with an arrow where the direction of the photo is known."""
+    """Draw a dot, with an arrow if the heading of the photo is known."""
     arrow = ""
     if heading_deg is not None:
         arrow = f"<path d='M13 -5 L18 5 L8 5 Z' transform='rotate({heading_deg:.1f} 13 13)'/>"
@@ -222,7 +222,7 @@ def _symbol(heading_deg: float | None) -> str:
 
 
 def _at(source: Source, e: Experience, *, on_earth: bool) -> tuple[float, float] | None:
-    """Where Leaflet has a photo: latitude and longitude, or -y and x; None where it has no place."""
+    """Return a photo's position in Leaflet: latitude and longitude, or -y and x; None if it has none."""
     if not on_earth:
         return -e.position.y, e.position.x
     lat, lon = source.georeference().latlon_of(e.position)
@@ -248,12 +248,12 @@ def _leaflet(name: str) -> bytes:
 
 
 def _inlined_css() -> bytes:
-    """Return Leaflet's CSS with its pictures inside."""
+    """Return Leaflet's CSS with its pictures inlined."""
     return _CSS_URL.sub(
         lambda found: f"url({data_uri('image/png', _leaflet(found[1]))})", _leaflet("leaflet.css").decode()
     ).encode()
 
 
 def data_uri(media_type: str, data: bytes) -> str:
-    """Put a file into an address."""
+    """Encode a file as a data URI."""
     return f"data:{media_type};base64,{base64.b64encode(data).decode('ascii')}"

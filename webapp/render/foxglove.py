@@ -34,11 +34,11 @@ class FoxglovePoint:
     Attributes
     ----------
     covariance_m2 : tuple of 3 floats, or None
-        Variance east, variance north, covariance of the two; None where it is unknown.
+        Variance east, variance north, covariance of the two; None if unknown.
     heading_deg : float or None
         Degrees clockwise from north.
     about : mapping
-        What is shown with it.
+        Key-value pairs that are shown with it.
     """
 
     latlon: LatLon
@@ -49,14 +49,14 @@ class FoxglovePoint:
 
 
 class FoxgloveSink:
-    """Topics that Foxglove reads; whoever subscribes late is sent the newest message of a topic.
+    """Topics for Foxglove; a late subscriber is sent the newest message of a topic.
 
     Parameters
     ----------
     out : Path, optional
         MCAP file to write; without it a server listens on `address`.
     address : (str, int)
-        Host and port; port 0 is any that is free.
+        Host and port; port 0 for any free one.
 
     Raises
     ------
@@ -111,18 +111,18 @@ class FoxgloveSink:
 
     @property
     def port(self) -> int | None:
-        """Where the server listens; None for a file."""
+        """Port of the server; None for a file."""
         return None if self._server is None else self._server.port
 
     def image(self, topic: str, data: bytes, *, time_s: float, form: str = "jpeg") -> None:
-        """Send a picture: the content of a file of the format `form`."""
+        """Send an encoded picture of the format `form`."""
         message = self._messages.CompressedImage(
             timestamp=self._stamp(time_s), frame_id="camera", data=data, format=form
         )
         self._log(self._kinds.CompressedImageChannel, topic, message, time_s=time_s)
 
     def points(self, topic: str, points: Sequence[FoxglovePoint], *, time_s: float) -> None:
-        """Send several positions at once, which take the place of those before."""
+        """Send several positions at once, which replace the previous ones."""
         message = self._messages.LocationFixes(fixes=[self._fix(point, time_s) for point in points])
         self._log(self._kinds.LocationFixesChannel, topic, message, time_s=time_s)
 
@@ -131,7 +131,7 @@ class FoxgloveSink:
         self._log(self._kinds.LocationFixChannel, topic, self._fix(point, time_s), time_s=time_s)
 
     def shapes(self, topic: str, geojson: str, *, time_s: float) -> None:
-        """Send GeoJSON, which takes the place of that before."""
+        """Send GeoJSON, which replaces the previous one."""
         self._log(self._kinds.GeoJsonChannel, topic, self._messages.GeoJson(geojson=geojson), time_s=time_s)
 
     def values(self, topic: str, values: Mapping[str, Any], *, time_s: float) -> None:
@@ -140,7 +140,7 @@ class FoxgloveSink:
         self._log(make, topic, json.dumps(values).encode("utf-8"), time_s=time_s)
 
     def close(self) -> None:
-        """End the server, or finish the file."""
+        """Stop the server, or finish the file."""
         if self._server is not None:
             self._server.stop()
         if self._writer is not None:

@@ -1,4 +1,4 @@
-"""The documentation in `docs/` as HTML, for the pages of the program."""
+"""The documentation in `docs/` as HTML, for the web pages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ CHAPTERS: Mapping[str, Sequence[str]] = {
     "Robots": ("missions", "robots", "ros", "foxglove", "fusion", "mission-exports"),
     "Reference": ("commands", "python", "api", "settings", "errors", "results", "operating", "cluster"),
 }
-"""Of the manual, by part: names of the files of `docs/`, without their ending, in their order."""
+"""Chapters of the manual in their order, by part: names of the files in `docs/`, without extension."""
 
 PICTURES = "pictures"
 
@@ -84,7 +84,7 @@ def chapter(name: str) -> Chapter:
     for token in tokens:
         _follow(token.children or [])
         if token.type == "table_open":
-            token.attrSet("tabindex", "0")  # on a narrow screen it scrolls, by the keyboard too
+            token.attrSet("tabindex", "0")  # can be scrolled by keyboard on narrow screens
     return Chapter(name, title, parser.renderer.render(tokens, parser.options, {}))
 
 
@@ -94,7 +94,7 @@ def titles() -> dict[str, list[tuple[str, str]]]:
 
 
 def _follow(tokens: list[Token]) -> None:
-    """Let links and pictures lead to the pages of the manual; other files are no links here."""
+    """Point links and pictures to the pages of the manual; remove links to other files."""
     for token in tokens:
         if token.type == "image":
             token.attrSet("src", f"/help/{PICTURES}/{PurePosixPath(str(token.attrGet('src'))).name}")
@@ -119,12 +119,12 @@ def _text(inline: Token) -> str:
 
 
 def _anchor(title: str) -> str:
-    """Name a heading as forges do."""
+    """Return the anchor of a heading, as on GitHub."""
     return _NOT_IN_ANCHOR.sub("", title.lower()).replace(" ", "-")
 
 
 @functools.cache
 def _parser() -> MarkdownIt:
-    from markdown_it import MarkdownIt  # takes a tenth of the start of a server that is rarely asked for it
+    from markdown_it import MarkdownIt  # here, as it is slow to import and rarely needed
 
     return MarkdownIt("commonmark", {"html": False}).enable("table")

@@ -19,7 +19,7 @@ from webapp.render.colours import EXPERIENCE, INK, PAPER, QUIET, RGB, TRUTH, pro
 
 MAX_SCALE = 8.0
 ZOOM = 3.0
-"""How much larger a detail is than the whole."""
+"""Magnification of a detail compared with the whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class MapView:
     left, top, right, bottom : int
         Map pixels.
     scale : float
-        Picture pixels a map pixel.
+        Picture pixels per map pixel.
     """
 
     left: int
@@ -47,7 +47,7 @@ class MapView:
         return max(1, round(width)), max(1, round(height))
 
     def shown(self, position: MapPixel) -> Point:
-        """Where a map position is in the view, counted from the centre of its first pixel."""
+        """Return a map position in the view, from the centre of its top-left pixel."""
         return (position.x - self.left) * self.scale - 0.5, (position.y - self.top) * self.scale - 0.5
 
     def fitted(self, size: tuple[int, int]) -> MapView:
@@ -58,7 +58,7 @@ class MapView:
 
 
 def overview(themap: Map, positions: list[MapPixel]) -> MapView:
-    """Show all experiences and all `positions` with a margin, at the image's own size."""
+    """Return a view of all experiences and all `positions` with a margin, at scale 1."""
     width, height = themap.satellite.width, themap.satellite.height
     seen = np.array([*(e.position for e in themap.experiences), *positions], dtype=np.float64).reshape(-1, 2)
     if not len(seen):
@@ -70,7 +70,7 @@ def overview(themap: Map, positions: list[MapPixel]) -> MapView:
 
 
 def detail(themap: Map, whole: MapView, *, centre: MapPixel, size: tuple[int, int]) -> MapView:
-    """Show the surroundings of a position enlarged, in a picture of at most `size`."""
+    """Return an enlarged view of the surroundings of a position, at most of this size."""
     scale = min(ZOOM * whole.scale, MAX_SCALE)
     spread = np.array(size, dtype=np.float64) / scale
     image = themap.satellite.width, themap.satellite.height
@@ -80,7 +80,7 @@ def detail(themap: Map, whole: MapView, *, centre: MapPixel, size: tuple[int, in
 def _around(
     centre: NDArray[np.float64], spread: NDArray[np.float64], image: tuple[int, int], *, scale: float
 ) -> MapView:
-    """Cut a box of this spread out of the image; where it would stick out it moves in, or is smaller."""
+    """Return the view of a box of this spread; beyond the image's border it is shifted, or smaller."""
     limit = np.array(image, dtype=np.float64)
     spread = np.minimum(np.maximum(np.floor(spread), 1), limit)
     left, top = np.floor(np.clip(centre - spread / 2, 0, limit - spread))
@@ -88,7 +88,7 @@ def _around(
 
 
 def ground(satellite: NDArray[np.uint8], themap: Map, *, view: MapView) -> NDArray[np.uint8]:
-    """Cut a view out of the satellite image, with its colours held back.
+    """Cut a view out of the satellite image, with muted colours.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def ground(satellite: NDArray[np.uint8], themap: Map, *, view: MapView) -> NDArr
 
 
 def scale_bar(themap: Map, view: MapView) -> tuple[float, str]:
-    """Length in the picture and label of a round distance, at most 120 pixels long."""
+    """Return length in the picture and label of a round distance, at most 120 pixels long."""
     middle = MapPixel((view.left + view.right) / 2, (view.top + view.bottom) / 2)
     unit_px, unit = view.scale, "map pixels"
     if themap.georeference is not None:
@@ -126,7 +126,7 @@ def scale_bar(themap: Map, view: MapView) -> tuple[float, str]:
 
 BAND_PX = 104
 _NAMED = 5
-"""Places whose probability is written out; the colours show the others."""
+"""Number of places whose probability is written out; the colours show the others."""
 
 _TEXT, _SMALL, _MARGIN, _BAR_PX = 20, 16, 16, 260
 
@@ -139,7 +139,7 @@ def draw_legend(
     Parameters
     ----------
     top : int
-        Where the band begins.
+        Top of the legend's band.
     scale_bar : (float, str)
         Length in pixels and label.
     truth : bool
@@ -162,7 +162,7 @@ def draw_legend(
 
 
 def headline(answer: Answer) -> str:
-    """Say the answer in a line: the places, or why there is none, and what is left for elsewhere."""
+    """Summarise the answer in a line: places, or why there are none, and the remaining probabilities."""
     parts = []
     if answer.hypotheses:
         named = (f"{h.rank}: {_percent(h.probability)}" for h in answer.hypotheses[:_NAMED])
@@ -199,7 +199,7 @@ def _probability_bar(canvas: Canvas, y: int) -> float:
 
 
 def _mark(canvas: Canvas, at: tuple[float, int], words: str) -> float:
-    """Draw one mark with its meaning; gives where the next one begins."""
+    """Draw one mark with its meaning; return where the next one begins."""
     x, y = at
     middle = (x + 8, y)
     if words == "photo of the map":
@@ -222,7 +222,7 @@ DETAIL_PX = 480
 
 GAP_PX = 8
 LEAST_WIDTH_PX = 1040
-"""The legend needs so much, however narrow the map is."""
+"""Width that the legend needs."""
 
 DOT_PX = 3.5
 DISC_PX = 13.0
@@ -239,7 +239,7 @@ def draw_map(
     satellite : (height, width, 3) uint8
         Blue, green, red.
     truth : MapPixel, optional
-        Marked, when it is known.
+        Marked if it is known.
 
     Returns
     -------
@@ -328,7 +328,7 @@ def _hypothesis(panel: Canvas, hypothesis: Hypothesis, view: MapView, *, north_d
 
 
 def _north(themap: Map, hypothesis: Hypothesis) -> float:
-    """Direction of north in the image, degrees clockwise from up; up without a georeference."""
+    """Return the direction of north in the image, degrees clockwise from up; 0 without a georeference."""
     north = 0.0 if themap.georeference is None else themap.georeference.north_deg(hypothesis.position)
     return north if math.isfinite(north) else 0.0
 
@@ -343,7 +343,7 @@ def _target(panel: Canvas, centre: Point) -> None:
 
 
 def _outline(panel: Canvas, whole: MapView, close: MapView) -> None:
-    """Show on the whole map where the detail is."""
+    """Outline the detail on the whole map."""
     left, top = whole.shown(MapPixel(close.left, close.top))
     right, bottom = whole.shown(MapPixel(close.right, close.bottom))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom)]

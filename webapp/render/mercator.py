@@ -1,4 +1,4 @@
-"""Redraws a satellite image in Web Mercator, the projection of pages with slippy maps."""
+"""Reprojects a satellite image to Web Mercator, the projection of slippy maps."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _LIMIT_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MercatorPicture:
-    """A picture whose rows and columns are those of Web Mercator.
+    """A picture in Web Mercator.
 
     Attributes
     ----------
     pixels : (h, w, 4) uint8
-        Blue, green, red, opacity; transparent where the image is not.
+        Blue, green, red, opacity; transparent outside the image.
     south, west, north, east : float
         Degrees of its edges.
     """
@@ -36,9 +36,9 @@ class MercatorPicture:
 def to_mercator(
     picture: NDArray[np.uint8], georeference: Georeference, *, size: tuple[int, int]
 ) -> MercatorPicture | None:
-    """Redraw a picture of a satellite image.
+    """Reproject a picture of a satellite image.
 
-    The exact positions of a grid of points are interpolated between them.
+    Positions are computed exactly on a grid of points, and interpolated between them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def to_mercator(
     Returns
     -------
     MercatorPicture or None
-        Of about as many pixels. None where a part of the image has no position, or one beyond 85 degrees.
+        With about as many pixels. None if a part of the image has no position, or one beyond 85 degrees.
     """
     known = [point for point in latlon_grid(georeference, size).latlon if point is not None]
     latlon = np.array(known)
@@ -73,14 +73,14 @@ def to_mercator(
 
 
 def _northing(lat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Web Mercator's y for a sphere of radius 1."""
+    """Return Web Mercator's y for a sphere of radius 1."""
     return np.asarray(np.arcsinh(np.tan(np.radians(lat))), np.float64)
 
 
 def _spread(
     nodes: NDArray[np.float32], size: tuple[int, int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Interpolate where each pixel's centre comes from, between the nodes of the grid."""
+    """Interpolate the source position of each pixel's centre between the nodes of the grid."""
     width, height = size
     columns = np.tile((np.arange(width, dtype=np.float32) + 0.5) / width * _CELLS, (height, 1))
     rows = np.tile(((np.arange(height, dtype=np.float32) + 0.5) / height * _CELLS)[:, None], (1, width))

@@ -1,4 +1,4 @@
-"""The report of an evaluation: one HTML file with everything in it."""
+"""The report of an evaluation: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class QueryPictures:
     Attributes
     ----------
     match_jpeg : bytes or None
-        None where no match speaks for the hypothesis.
+        None if no match supports the hypothesis.
     """
 
     row: Row
@@ -37,7 +37,7 @@ class QueryPictures:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A line of the table of figures."""
+    """A row of the table of figures."""
 
     name: str
     words: str
@@ -84,7 +84,7 @@ def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> 
 
 
 def figures(evaluation: Evaluation) -> list[Figure]:
-    """Return every figure with its name in JSON, words, value and 95 % interval, ready to print."""
+    """Return every figure with its name in JSON, its words, and its formatted value and 95 % interval."""
     subject, s = evaluation.subject, evaluation.summary
     shares = {
         **{f"within_{r}px": (f"within {r} px", s.within[r]) for r in WITHIN_PX},
@@ -119,23 +119,23 @@ def figures(evaluation: Evaluation) -> list[Figure]:
 
 
 def number(value: float | None, digits: int = 1) -> str:
-    """Write a number with a fixed number of decimals; a dash for what is unknown."""
+    """Format a number with a fixed number of decimals; a dash if unknown."""
     return UNKNOWN if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
 def percent(share: float | None) -> str:
-    """Write a share as a percentage; a dash for what is unknown."""
+    """Format a share as a percentage; a dash if unknown."""
     return UNKNOWN if share is None else f"{100 * share:.1f} %"
 
 
 def distance(value: float | None) -> str:
-    """Write a distance of descriptors, whose size depends on their kind, with about four digits."""
+    """Format a distance of descriptors, whose magnitude depends on their kind, with about four digits."""
     size = abs(value or 0.0)
     return number(value, 0 if size >= 1000 else 1 if size >= 10 else 3)
 
 
 def data_uri(jpeg: bytes) -> str:
-    """Put a JPEG into an address, so that the page needs no other file."""
+    """Encode a JPEG as a data URI, so that the page needs no other file."""
     return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")
 
 

@@ -1,4 +1,6 @@
-"""What runs on a robot: sends where it is and what it finds, through outages. Standard library only.
+"""Client library for robots: sends poses and detected objects, and survives network outages.
+
+It needs the standard library only.
 
 ::
 

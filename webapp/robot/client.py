@@ -35,21 +35,21 @@ _PATIENCE_S = 5.0
 
 
 class RobotClient:
-    """Sends poses, objects and photos of one mission; what cannot be sent waits on the robot's disk.
+    """Sends poses, objects and photos of one mission; unsent data is kept on the robot's disk.
 
-    All calls return as soon as the record is in the spool; two threads sync it and send it. Problems of the
-    network are logged under `webapp.robot`, and never raised.
+    All calls return as soon as the record is in the spool; two threads sync and upload it. Network errors are
+    logged under `webapp.robot`, never raised.
 
     Parameters
     ----------
     url : str
-        Of the server: `https://maps.example.org`.
+        Address of the server: `https://maps.example.org`.
     token : str
-        `expmap account token` makes one.
+        API token, from `expmap account token`.
     spool : Path or str
-        Folder for the records, of this mission alone; the next start continues it.
+        Folder for the records of this mission only; the next start continues it.
     about : str
-        What fills the spool, where it must not be continued with something else.
+        Source of the data; a spool with a different `about` is refused.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class RobotClient:
     ) -> None:
         self._options = options or RobotOptions()
         self._filters: dict[tuple[str, str], MotionFilter] = {}
-        MotionFilter(self._options.min_move)  # raises at once if it is invalid
+        MotionFilter(self._options.min_move)  # raise at once if `min_move` is invalid
         self._server = (url, token)
         uplink = Uplink(url, token, timeout_s=self._options.timeout_s)
         self._spool = Spool(Path(spool), identity=Identity("", mission, url, about), options=self._options)
@@ -110,21 +110,21 @@ class RobotClient:
         time_s: SupportsFloat | None = None,
         **more: Unpack[PoseFields],
     ) -> bool:
-        """Send where the robot is.
+        """Send the position of the robot.
 
         Parameters
         ----------
         lat, lon : float
             Degrees north, degrees east, WGS 84.
         time_s : float, optional
-            Seconds since 1970, UTC; now where it is not given.
+            Seconds since 1970, UTC; defaults to now.
         **more : PoseFields
             `height_m`, `heading_deg`, `covariance`, `source`, `track`, `travelled_m`, `skipped`.
 
         Returns
         -------
         bool
-            False where it was left out, because the robot hardly moved.
+            False if `min_move` left it out, because the robot hardly moved.
 
         Raises
         ------
@@ -151,13 +151,13 @@ class RobotClient:
         Parameters
         ----------
         id : str or None
-            The same for the same object at every sighting; None: the server finds out which object it is.
+            Identifies the object across sightings; None: the server associates the sighting.
         kind : str
             Its class: `car`, `victim` ...
         lat, lon : float
             Of the object: degrees north, degrees east, WGS 84.
         time_s : float, optional
-            Seconds since 1970, UTC; now where it is not given.
+            Seconds since 1970, UTC; defaults to now.
         **more : ObjectFields
             `height_m`, `covariance`, `confidence`, `size_m`, `photo`.
 
@@ -184,21 +184,21 @@ class RobotClient:
         file : Path, str or binary file
             Copied to the spool.
         name : str
-            For people; that of the file where it is not given.
+            Name to display; defaults to the file's name.
         time_s : float, optional
-            When it was taken: seconds since 1970, UTC; now where it is not given.
+            When it was taken: seconds since 1970, UTC; defaults to now.
         object_id : str, optional
-            The object it shows.
+            The object that it shows.
 
         Returns
         -------
         str
-            Its SHA-256: `photo` of an object.
+            Its SHA-256, for the field `photo` of an object.
 
         Raises
         ------
         DiskFull, StorageError
-            It was not stored.
+            The photo was not stored.
         """
         when = time.time() if time_s is None else time_s
         if isinstance(file, (str, Path)):
@@ -211,34 +211,34 @@ class RobotClient:
     def fix(
         self, file: Path | str | BinaryIO, *, time_s: float | None = None, **more: Unpack[FixFields]
     ) -> Fix:
-        """Localize a photo on the server, and wait for the answer; the server keeps both with the mission.
+        """Localize a photo on the server and return the answer; the server stores both with the mission.
 
-        It bypasses the spool: without a network there is no answer.
+        This bypasses the spool, so it needs a network connection.
 
         Parameters
         ----------
         time_s : float, optional
-            When it was taken: seconds since 1970, UTC; now where it is not given.
+            When it was taken: seconds since 1970, UTC; defaults to now.
         **more : FixFields
             `near`, `heading_deg`, `fov_deg`, `timeout_s`.
 
         Raises
         ------
         NotReady
-            The server does not answer, or not now.
+            The server does not respond, or is busy.
         ExpMapError
-            The server refuses: the file is not a photo, the mission is on no map.
+            The server refuses the request: the file is not a photo, no map covers the mission ...
         """
         when = time.time() if time_s is None else time_s
         return request_fix(self._server, self._spool.identity.mission, file=file, time_s=when, **more)
 
     def send(self, record: dict[str, Any]) -> bool:
-        """Send a record in the form of the API: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
+        """Send a record in the format of the API: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
 
         Returns
         -------
         bool
-            False where it was left out, because the robot hardly moved.
+            False if `min_move` left it out, because the robot hardly moved.
 
         Raises
         ------
@@ -252,13 +252,13 @@ class RobotClient:
         return self._write(checked)
 
     def end(self, *, left_out: Sequence[Mapping[str, Any]] = ()) -> None:
-        """End the mission, and start to upload.
+        """Send the record that ends the mission, and start to upload.
 
         Parameters
         ----------
         left_out : sequence of mapping
-            What the caller has left out at the end, as `end_record` takes it; what `min_move` left out is
-            added.
+            The last poses that the caller left out, in the format of `end_record`; those that `min_move` left
+            out are added.
         """
         with self._writing:
             rests = [{"source": s, "track": t, **asdict(m.flush())} for (s, t), m in self._filters.items()]
@@ -276,34 +276,33 @@ class RobotClient:
         Returns
         -------
         bool
-            Whether the server has everything.
+            Whether everything has been uploaded.
         """
         self._wake.set()
         with self._idle:
             return self._idle.wait_for(self._is_done, timeout=wait_s)
 
     def recent_records(self) -> Iterator[dict[str, Any]]:
-        """Yield the last 20 000 records, the newest first; those the server has may be gone."""
+        """Yield the last 20 000 records, newest first; acknowledged ones may have been deleted."""
         return map(json.loads, self._spool.recent())
 
     def status(self) -> RobotStatus:
-        """Return how many records wait, and what is wrong."""
+        """Return the number of waiting records and the current problem, if any."""
         spool, photos = self._spool, self._spool.photos.count
         return RobotStatus(spool.next, spool.waiting, photos, self._online, self._problem, self._refused)
 
     def close(self, *, wait_s: float = _PATIENCE_S) -> bool:
-        """Upload, and stop; what has not been sent is in the spool.
+        """Upload, and stop; unsent data stays in the spool.
 
         Parameters
         ----------
         wait_s : float
-            Wait so many seconds at most for the server to have everything; a request under way can make it
-            `timeout_s` longer.
+            Maximum time to wait for the upload, seconds; a request in progress can extend it by `timeout_s`.
 
         Returns
         -------
         bool
-            Whether the server has everything.
+            Whether everything has been uploaded.
         """
         if self._closing.is_set():
             return self._is_done()
@@ -358,7 +357,7 @@ class RobotClient:
                 pass
 
     def _with_backoff(self, work: Callable[[], bool | None]) -> bool | None:
-        """Do what the disk can refuse, and wait if it does: a thread that ended would send nothing more."""
+        """Run `work`; on an error report it and wait, so that the thread survives a full disk."""
         try:
             return work()
         except ExpMapError as error:
@@ -367,7 +366,7 @@ class RobotClient:
             return False
 
     def _send_some(self) -> bool:
-        """Send what is there now, then one photo; return whether to continue at once."""
+        """Send the records present now, then one photo; return whether to continue at once."""
         until = self._spool.next
         while self._spool.state.next < until and not self._closing.is_set():
             self._handle(self._uploader.send_records())
@@ -379,11 +378,11 @@ class RobotClient:
         return has_more
 
     def _handle(self, step: UploadStep) -> bool:
-        """Wait where the server cannot or will not; return whether there may be more to send."""
+        """Update the status, and back off after a failure; return whether there may be more to send."""
         if step.outcome == "idle":
             return False
         done = step.outcome == "progress"
-        self._report("" if done else step.reason)  # before anybody sees that the server is away
+        self._report("" if done else step.reason)  # before `_online` shows that the server is unreachable
         self._online, self._refused = step.outcome != "retry", step.error
         if done:
             self._backoff.reset()
@@ -391,7 +390,7 @@ class RobotClient:
         if step.wait_s:
             self._closing.wait(self._backoff.next_delay(at_least_s=step.wait_s))
         elif self._wake.wait(self._backoff.next_delay()):
-            self._wake.clear()  # somebody wants it now
+            self._wake.clear()  # upload() or end() asked to retry now
         return True
 
     def _report(self, problem: str) -> None:

@@ -1,4 +1,4 @@
-"""What is in a spool, read while a robot may be writing to it."""
+"""Reads the content of a spool, also while a robot is writing to it."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .schema import IDENTITY, Identity, check_version
 
 @dataclass(frozen=True, slots=True)
 class SpoolContent:
-    """What is in a spool.
+    """The content of a spool.
 
     Attributes
     ----------
     written : int
-        Records since it was begun.
+        Number of records since the spool was created.
     waiting : int
-        Of them, how many the server has not acknowledged.
+        Number of records that the server has not acknowledged.
     photos : int
-        Photos that wait.
+        Number of photos waiting.
     size : int
         Bytes of records and photos.
     aside : list of dict
-        What the server does not have and will not get: `first` and `count` of the records, `reason`, and
-        maybe the `record`, or the path of the `photo` in the spool.
+        Data that will never be sent: `first` and `count` of the records, `reason`, and optionally the
+        `record`, or the path of the `photo` in the spool.
     """
 
     identity: Identity
@@ -54,14 +54,14 @@ def has_spool(folder: Path) -> bool:
 
 
 def read_content(folder: Path) -> SpoolContent:
-    """Read what is in a spool, also while a robot writes to it.
+    """Read the content of a spool, also while a robot writes to it.
 
     Raises
     ------
     UsageError
-        There is none.
+        The folder holds no spool.
     StorageError
-        It is damaged.
+        The spool is damaged.
     """
     if not has_spool(folder):
         raise UsageError(

@@ -1,12 +1,12 @@
-"""The database of a spool, and the disk space that is kept free for it.
+"""The database of a spool, and the disk space that is reserved for it.
 
-SQLite in WAL mode: one process writes, others may read meanwhile. A commit survives a kill; it survives a
-power cut where it was `durable`, or after the next `sync`.
+SQLite in WAL mode: one process writes, others may read meanwhile. A commit survives a killed process; it
+survives a power cut if it was `durable`, or after the next `sync`.
 
-A full disk must not hold up acknowledgements, since only they let the spool shrink. Hence the reserve: a file
-that is deleted when such a write does not fit, and made again when there is room. It is larger than the
-write-ahead log gets before a checkpoint, plus what the database grows by in that checkpoint. Without a
-reserve, new records go into pages that deleted records have left free, and nowhere else.
+A full disk must not block acknowledgements, since only they let the spool shrink. Hence the reserve: a file
+that is deleted when such a write does not fit, and recreated when there is space. It is larger than the
+write-ahead log before a checkpoint plus the growth of the database in that checkpoint. While there is no
+reserve, new records may only use free pages, which deleted records have left.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from .errors import Conflict, DiskFull, StorageError
 
 FILE = "spool.sqlite3"
 DAMAGED = "damaged"
-"""A file of this name next to the database marks it as found damaged while it was used."""
+"""Name of a file next to the database that marks it as damaged."""
 
 RESERVE_BYTES = 4_000_000
 _MARGIN_BYTES = 1_000_000
 _RETRY_S = 0.5
-_PAGE_BYTES = 1024  # each commit writes whole pages; a record has 150 bytes, and SD cards wear out
+_PAGE_BYTES = 1024  # small: each commit writes whole pages, a record has 150 bytes, and SD cards wear out
 _CHECKPOINT_PAGES = 1000
-_SPARE_PAGES = 20  # for the trees of tables, besides what is stored
+_SPARE_PAGES = 20  # for inner B-tree pages, in addition to the data
 _BUSY_S = 0.2
 
-_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE)  # 2nd: a quota
+_FULL = (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_WRITE, sqlite3.SQLITE_IOERR_SHMSIZE)  # 2nd: disk quota
 _CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 Statement = tuple[str, tuple[object, ...]]
 
 
 class DatabaseDamaged(StorageError):
-    """The file is not a database, or parts of it contradict each other."""
+    """The file is not a database, or is inconsistent."""
 
 
 class SpoolDatabase:
@@ -53,9 +53,9 @@ class SpoolDatabase:
     Parameters
     ----------
     folder : Path
-        Is made where it is missing, and the database in it.
+        Created if missing, with the database in it.
     reserve : Path
-        File that keeps the reserve.
+        File that reserves disk space.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class SpoolDatabase:
     def __init__(self, folder: Path, *, reserve: Path) -> None:
         self.folder = folder
         self.guard = threading.RLock()
-        """For whoever needs more than one read or write in a row."""
+        """Hold it to make several reads or writes atomic among threads."""
         self._path = folder / FILE
         self._reserve = _Reserve(reserve)
         self._commits = self._synced = 0
@@ -84,12 +84,12 @@ class SpoolDatabase:
 
     @property
     def used_bytes(self) -> int:
-        """Bytes of the pages in use; pages that deleted records have left free are not counted."""
+        """Bytes of the pages in use, without free pages."""
         with self.guard:
             return (self._pragma("page_count") - self._pragma("freelist_count")) * self._pragma("page_size")
 
     def select(self, query: str, *values: object, tolerant: bool = False) -> list[tuple[Any, ...]]:
-        """Run a query; damage has the database set aside at the next start, unless `tolerant`."""
+        """Run a query; a damaged database is marked, to be set aside at the next start, unless `tolerant`."""
         noting = contextlib.nullcontext() if tolerant else self._noting_damage()
         with self.guard, noting, storage_errors(self._path):
             return self._connection.execute(query, values).fetchall()
@@ -104,11 +104,11 @@ class SpoolDatabase:
         *statements : tuple of str and tuple
             SQL and its values.
         durable : bool
-            Return when they survive a power cut, and all earlier ones with them.
+            Return only when these and all earlier commits survive a power cut.
         urgent : bool
             On a full disk, use up the reserve.
         size : int
-            Bytes that are added, at most.
+            Upper bound of the bytes added.
 
         Returns
         -------
@@ -132,7 +132,7 @@ class SpoolDatabase:
             return self._commit(statements, durable=durable)
 
     def require_room(self, size: int) -> None:
-        """Check that a number of bytes may be added to the database: not at the cost of the reserve.
+        """Check that a number of bytes can be added to the database without using the reserve.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class SpoolDatabase:
                 raise _disk_full(self._path, "no space is left but for acknowledgements")
 
     def require_reserve(self) -> None:
-        """Check that a file may be added next to the database: not at the cost of the reserve.
+        """Check that a file can be added next to the database without using the reserve.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class SpoolDatabase:
             raise _disk_full(self._path, "no space is left but for acknowledgements")
 
     def make_reserve(self) -> bool:
-        """Make the reserve again where it was used up and there is room; return whether it is there."""
+        """Recreate the reserve if it was used up and there is space; return whether it exists."""
         with self.guard:
             return self._reserve.make()
 
@@ -164,7 +164,7 @@ class SpoolDatabase:
             commits = self._commits
         if commits == self._synced:
             return
-        # A checkpoint syncs what it takes out of the log, so the log has all that is not synced yet.
+        # A checkpoint syncs what it copies, so everything not yet synced is in the log.
         with storage_errors(self._path), contextlib.suppress(FileNotFoundError):
             descriptor = os.open(f"{self._path}-wal", os.O_RDWR)
             try:
@@ -224,7 +224,7 @@ class SpoolDatabase:
             raise
 
     def _checkpoint(self) -> None:
-        """Copy the log into the database, so that the next commit writes over its beginning."""
+        """Copy the log into the database, so that the next commit overwrites the log from its start."""
         with contextlib.suppress(StorageError), storage_errors(self._path):
             self._connection.execute("PRAGMA wal_checkpoint(RESTART)").fetchall()
 
@@ -242,7 +242,7 @@ class _Reserve:
         self._next_try = -float("inf")
 
     def make(self) -> bool:
-        """Make it where there is room; return whether it is there."""
+        """Create the file if there is space; return whether it exists."""
         if self._is_held or time.monotonic() < self._next_try:
             return self._is_held
         try:
@@ -253,7 +253,7 @@ class _Reserve:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError:
-            # A quota, or somebody else was quicker: no 4 MB for each record.
+            # A quota, or another program took the space: wait, so that not every record writes 4 MB.
             self._next_try = time.monotonic() + _RETRY_S
             with contextlib.suppress(OSError):
                 self._path.unlink(missing_ok=True)
@@ -262,7 +262,7 @@ class _Reserve:
         return True
 
     def release(self) -> bool:
-        """Delete it; return whether it was there."""
+        """Delete the file; return whether it existed."""
         was_held, self._is_held = self._is_held, False
         with contextlib.suppress(OSError):
             self._path.unlink(missing_ok=True)
@@ -282,19 +282,19 @@ def open_for_reading(folder: Path) -> sqlite3.Connection:
 
 
 def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tuple[Any, ...]]:
-    """Run a query on a database that was opened for reading; nothing where the table does not exist yet."""
+    """Run a query on a database opened for reading; return no rows if the table does not exist yet."""
     with storage_errors(Path(FILE)):
         try:
             return connection.execute(query, values).fetchall()
         except sqlite3.OperationalError as error:
-            if error.sqlite_errorcode == sqlite3.SQLITE_ERROR:  # it was made a moment ago
+            if error.sqlite_errorcode == sqlite3.SQLITE_ERROR:  # just created, without tables
                 return []
             raise
 
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Convert what the system or SQLite reports about a file.
+    """Convert errors of the operating system or SQLite about a file.
 
     Raises
     ------
@@ -327,16 +327,16 @@ def _disk_full(path: Path, reason: str) -> DiskFull:
 
 
 class FolderLock:
-    """One process, and in it one owner, at a time; the system releases it when the process ends.
+    """Exclusive lock of a folder, between and within processes; released when the process ends.
 
     Raises
     ------
     Conflict
-        Somebody else has it.
+        The folder is locked already.
     """
 
     def __init__(self, folder: Path) -> None:
-        path = folder / "lock.sqlite3"  # SQLite locks files on every system
+        path = folder / "lock.sqlite3"  # SQLite's file locks are portable
         self._connection = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
         try:
             with storage_errors(path):
@@ -350,5 +350,5 @@ class FolderLock:
             ) from error
 
     def release(self) -> None:
-        """Let others have the folder."""
+        """Release the lock."""
         self._connection.close()

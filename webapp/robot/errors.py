@@ -1,6 +1,6 @@
-"""The errors that the client raises, which are those of the program.
+"""Exceptions of the client, re-exported from `webapp.errors`.
 
-The distribution `experience-map-robot` has `webapp/errors.py` itself in place of this file.
+In the distribution `experience-map-robot`, `webapp/errors.py` itself replaces this file.
 """
 
 from webapp.errors import (

@@ -1,8 +1,8 @@
-"""The fields of a robot's records, with their limits: the one definition of them.
+"""The fields of a robot's records and their limits, defined once.
 
-The client checks by this table what it stores, the server what it receives, and the API's schema is derived
-from it. The server may import this module of `webapp.robot` and no other; it needs the standard library
-only.
+The client validates records with this table before it stores them, the server when it receives them, and the
+API's schema is derived from it. This is the only module of `webapp.robot` that the server may import; it
+needs the standard library only.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 Source = Literal["gps", "odometry", "visual", "fused", "manual"]
-"""Where poses come from: a receiver, dead reckoning, photos localized on the map, a filter, or a person."""
+"""Origin of poses: a GPS receiver, dead reckoning, photos localized on the map, fusion, or a person."""
 
 SOURCES: tuple[Source, ...] = get_args(Source)
 
 FAR = 1e12
-"""No time in seconds, distance or height in metres is larger."""
+"""Upper bound of times in seconds, and of distances and heights in metres."""
 
 _SHA256 = "[0-9a-f]{64}"
 
 
 class FieldError(ValueError):
-    """A record cannot be used.
+    """A record is invalid.
 
     Parameters
     ----------
     name : str
-        The field; empty where it is the record as a whole.
+        The invalid field; empty if the error concerns the whole record.
     """
 
     def __init__(self, message: str, name: str = "") -> None:
@@ -41,7 +41,7 @@ class FieldError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Field(ABC):
-    """What a field may hold; null is as good as missing where it is not required."""
+    """Type and limits of a field; in an optional field, null counts as missing."""
 
     description: str
     required: bool = field(default=False, kw_only=True)
@@ -64,7 +64,7 @@ class Number(Field):
     whole: bool = False
 
     def check(self, name: str, value: object) -> float:
-        """Return the value as a float, or an int where it is `whole`."""
+        """Return the value as a float, or as an int if `whole`."""
         if type(value) is not int and (self.whole or type(value) is not float):
             raise FieldError(f"it must be {'a whole number' if self.whole else 'a number'}", name)
         if not self.least <= value <= self.most:
@@ -106,7 +106,7 @@ class Text(Field):
 
 @dataclass(frozen=True, slots=True)
 class Choice(Field):
-    """One of several texts."""
+    """One of several strings."""
 
     choices: tuple[str, ...]
     default: str
@@ -164,7 +164,7 @@ class Size(Field):
 
 @dataclass(frozen=True, slots=True)
 class ListOf(Field):
-    """A list of objects with fields of their own."""
+    """A list of objects with these fields."""
 
     fields: Mapping[str, Field]
 
@@ -209,16 +209,16 @@ RECORDS: dict[str, dict[str, Field]] = {
     },
     "end": {"left_out": ListOf("Of tracks whose last poses were left out.", _TRACK)},
 }
-"""The fields of each type of record, besides `type`."""
+"""The fields of each type of record, without `type`."""
 
 
 def check_record(record: object) -> tuple[str, dict[str, Any]]:
-    """Check a record as JSON holds it.
+    """Check a record parsed from JSON; return its type and its fields.
 
     Returns
     -------
     fields : dict
-        Those that are given; null is as good as missing where a field is not required. Numbers are floats.
+        Those present; null counts as missing. Numbers are floats, or ints if `whole`.
 
     Raises
     ------

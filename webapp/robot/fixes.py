@@ -29,21 +29,21 @@ class Fix:
     Attributes
     ----------
     lat, lon : float or None
-        Degrees north and east, WGS 84; None where the photo was not found on the map.
+        Degrees north and east, WGS 84; None if the photo was not found on the map.
     covariance_m2 : tuple of 3 floats, or None
-        Variance east, variance north, covariance of the two, square metres: as a pose has it.
+        Variance east, variance north, covariance of the two, square metres; same format as in a pose.
     heading_deg : float or None
-        Where the camera looked, degrees clockwise from north.
+        Viewing direction of the camera, degrees clockwise from north.
     time_s : float or None
         When it was taken, seconds since 1970, UTC.
     map_revision : int
-        Of the map that was asked.
+        Of the map that was searched.
     photo : str
-        SHA-256 of the photo: `photo` of an object.
+        SHA-256 of the photo, for the field `photo` of an object.
     no_pose : str or None
-        Why there is no position; None where there is one.
+        Why there is no position; None if there is one.
     answer : mapping
-        The whole answer of the server: `hypotheses` with their probabilities, `seconds`, and so on.
+        The whole response: `hypotheses` with their probabilities, `seconds`, and so on.
     """
 
     lat: float | None
@@ -58,18 +58,18 @@ class Fix:
 
 
 class FixFields(TypedDict, total=False):
-    """What else may be known of a photo.
+    """Optional arguments of a fix.
 
     Attributes
     ----------
     near : Near
-        About where it was taken: only photos of the map in this circle are searched.
+        Approximate position: places in this circle gain probability, but no others are excluded.
     heading_deg : float
-        About where the camera looked, by a compass: degrees clockwise from north.
+        Approximate viewing direction, from a compass: degrees clockwise from north.
     fov_deg : float
-        Horizontal field of view of the upright photo; from EXIF where it is not given.
+        Horizontal field of view of the upright photo; defaults to that from EXIF.
     timeout_s : float
-        Wait so long for the answer; a minute where it is not given.
+        Maximum time to wait for the answer; defaults to 60 s.
     """
 
     near: Near
@@ -98,9 +98,9 @@ def request_fix(
     Raises
     ------
     NotReady
-        The server does not answer, or not now.
+        The server does not respond, or is busy.
     ExpMapError
-        The server refuses.
+        The server refuses the request.
     """
     known = {"time": time_s, "heading_deg": more.get("heading_deg"), "fov": more.get("fov_deg")}
     if (near := more.get("near")) is not None:

@@ -1,7 +1,7 @@
-"""Leaves out poses that hardly moved, and measures the distance travelled before that.
+"""Leaves out poses that hardly moved; the distance travelled is measured over all poses.
 
-The rule is the one of imported tracks: kept is what moved by more than the threshold since the last one
-kept, in metres, or in degrees of latitude or of longitude, whichever changed more.
+As for imported tracks, a pose is kept if it moved by more than a threshold since the last one kept: in
+metres, or in degrees of latitude or longitude, whichever changed more.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _E2 = 0.00669437999014
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What is sent with a pose that is kept, or at the end.
+    """Sent with each pose kept, and at the end.
 
     Attributes
     ----------
     travelled_m : float
-        Metres since the first pose of the track up to now, those left out included.
+        Metres since the first pose of the track, measured over all poses, including those left out.
     skipped : int
         Poses left out since the last one kept.
     """
@@ -41,7 +41,7 @@ class MotionFilter:
     min_move : str
         `0.5m`, `0.00001deg`, or `0`.
     travelled_m : float
-        Metres before the first pose, where a track is continued.
+        Metres before the first pose, if a track is continued.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class MotionFilter:
         self._skipped = 0
 
     def update(self, lat: float, lon: float) -> Motion | None:
-        """Process the next pose, in degrees; return None where it is left out."""
+        """Process the next pose, in degrees; return None if it is left out."""
         here = (lat, lon)
         if self._last is not None:
             self._travelled_m += distance_m(self._last, here)
@@ -70,7 +70,7 @@ class MotionFilter:
         return motion
 
     def flush(self) -> Motion:
-        """Return at the end what was left out after the last pose kept, once."""
+        """Return the motion since the last pose kept, at the end of a track, and reset `skipped`."""
         motion = Motion(self._travelled_m, self._skipped)
         self._skipped = 0
         return motion
@@ -82,7 +82,7 @@ class MotionFilter:
 
 
 def distance_m(before: tuple[float, float], here: tuple[float, float]) -> float:
-    """Measure a short distance on WGS 84, by the radii of curvature at its middle.
+    """Measure a short distance on WGS 84, from the radii of curvature at its middle latitude.
 
     Parameters
     ----------

@@ -1,7 +1,6 @@
-"""Photos that wait to be sent: files next to the database, which has a row for each.
+"""Photos waiting to be sent: files next to the database, which has a row for each.
 
-A photo without a row was never acknowledged to the caller, or the server has it: it is deleted at the next
-start.
+A file without a row is deleted at the next start: storing it was interrupted, or the server has it.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class WaitingPhoto:
     Attributes
     ----------
     name : str
-        Of the file, for people.
+        File name, for display.
     sha256 : str
         Hexadecimal.
     size : int
@@ -36,7 +35,7 @@ class WaitingPhoto:
     time : float
         Seconds since 1970, UTC.
     object : str or None
-        The object it shows.
+        The object that it shows.
     """
 
     id: int
@@ -49,12 +48,12 @@ class WaitingPhoto:
 
 
 class PhotoQueue:
-    """Photos in the order in which they came.
+    """Queue of photos, oldest first.
 
     Parameters
     ----------
     database : SpoolDatabase
-        The photos are in `photos/` next to it.
+        The photos are stored in `photos/` next to it.
     """
 
     def __init__(self, database: SpoolDatabase) -> None:
@@ -64,10 +63,10 @@ class PhotoQueue:
             self._folder.mkdir(exist_ok=True)
             self._delete_unknown()
         self.damaged = [photo for photo in self._waiting() if not _is_whole(photo)]
-        """Photos whose file is missing or cut short."""
+        """Photos whose file is missing or truncated."""
         sizes = [photo.size for photo in self._waiting()]
         self.count, self.size = len(sizes), sum(sizes)
-        """Of the photos that wait, and their bytes."""
+        """Number of waiting photos, and their total bytes."""
 
     def add(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> str:
         """Store a photo; when this returns, it survives a power cut.
@@ -80,7 +79,7 @@ class PhotoQueue:
         Raises
         ------
         DiskFull, StorageError
-            It was not stored.
+            The photo was not stored.
         """
         self._database.require_reserve()
         plain = re.sub(r"[^\w.-]", "_", Path(name).name)[-60:]
@@ -113,7 +112,7 @@ class PhotoQueue:
             photo.path.unlink(missing_ok=True)
 
     def set_aside(self, photo: WaitingPhoto, *, reason: str, next_number: int) -> None:
-        """Keep a photo that will not be sent, with the reason; `next_number` dates it among the records."""
+        """Keep a photo that will not be sent, with the reason and the number of the next record."""
         self._database.write(
             ("DELETE FROM photos WHERE id = ?", (photo.id,)),
             (
@@ -150,7 +149,7 @@ def _copy(source: BinaryIO, target: Path) -> tuple[str, int]:
             file.write(block)
         file.flush()
         os.fsync(file.fileno())
-    if sys.platform != "win32":  # there names survive a power cut by themselves
+    if sys.platform != "win32":  # Windows needs no sync of the folder
         descriptor = os.open(target.parent, os.O_RDONLY)
         try:
             os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Makes records, as the server takes them, from the arguments of the client."""
+"""Builds records in the format of the API from the arguments of the client."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .fields import RECORDS, Covariance, FieldError, Number, Size, check_record
 
 
 class PoseFields(TypedDict, total=False):
-    """What else may be known of a pose.
+    """Optional fields of a pose.
 
     Attributes
     ----------
@@ -20,11 +20,11 @@ class PoseFields(TypedDict, total=False):
     covariance : sequence of 3 floats
         Square metres: variance east, variance north, covariance of the two.
     source : str
-        One of `fields.SOURCES`; `gps` where nothing is said.
+        One of `fields.SOURCES`; defaults to `gps`.
     track : str
-        Name of the track, where there are several of one source.
+        Name of the track, if there are several of one source.
     travelled_m : float
-        Metres since the first pose of the track; the server measures where nothing is said.
+        Metres since the first pose of the track; if missing, the server measures it.
     skipped : int
         Poses left out since the last one that was sent.
     """
@@ -39,7 +39,7 @@ class PoseFields(TypedDict, total=False):
 
 
 class ObjectFields(TypedDict, total=False):
-    """What else may be known of an object.
+    """Optional fields of an object.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ObjectFields(TypedDict, total=False):
     size_m : sequence of 3 floats
         Metres: length, width, height.
     photo : str
-        What `RobotClient.photo` returned.
+        SHA-256 that `RobotClient.photo` returned.
     """
 
     height_m: SupportsFloat
@@ -102,7 +102,7 @@ def object_record(
     Parameters
     ----------
     id : str or None
-        The same for the same object at every sighting; None: the server finds out which object it is.
+        Identifies the object across sightings; None: the server associates the sighting.
     kind : str
         Its class: `car`, `victim` ...
     lat, lon : float
@@ -124,13 +124,14 @@ def end_record(left_out: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     Parameters
     ----------
     left_out : sequence of mapping
-        Of tracks whose last poses were left out: `source`, `track`, `skipped`, and `travelled_m` with them.
+        For each track whose last poses were left out: `source`, `track`, `skipped`, and `travelled_m`
+        including them.
     """
     return _record("end", {"left_out": list(left_out)} if left_out else {})
 
 
 def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
-    """Check a record in the form in which it is sent.
+    """Check a record in the format of the API.
 
     Parameters
     ----------
@@ -158,7 +159,7 @@ def to_json(record: Mapping[str, Any]) -> bytes:
     Raises
     ------
     ValueError
-        It holds a number that JSON has not, such as NaN.
+        The record holds a number that JSON cannot represent, such as NaN.
     """
     return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
 
@@ -181,7 +182,7 @@ def _record(type_: object, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any, field: object) -> Any:
-    """Convert what is like a number, such as NumPy's; what is not stays as it is, and is refused."""
+    """Convert number-like values, such as NumPy's; return others unchanged, for the check to reject."""
     try:
         if isinstance(field, Number) and not isinstance(value, (bool, int)):
             return int(value) if field.whole and float(value).is_integer() else float(value)

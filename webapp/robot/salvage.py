@@ -1,7 +1,7 @@
-"""Sets a damaged database aside, and takes over what can be read of it.
+"""Sets a damaged database aside, and recovers its readable rows.
 
-Each step is one rename, so that a kill in between is made good at the next start: a spool with a folder
-`damaged-N` and no `data` has been set aside and not yet salvaged.
+Each step is one rename, so that the next start completes an interrupted recovery: a spool with a folder
+`damaged-N` and no `data` has been set aside but not yet salvaged.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TABLES = {
     "aside": ("id", "first", "stop", "reason", "photo", "record"),
     "photos": ("id", "file", "name", "sha256", "size", "time", "object"),
 }
-"""Their columns, the key first."""
+"""Columns of each table, the key first."""
 
 
 def quarantine(folder: Path) -> None:
@@ -35,10 +35,10 @@ def quarantine(folder: Path) -> None:
 
 
 def salvage(folder: Path) -> None:
-    """Make `data` of what can be read of the last `damaged-N`, where the one is missing and the other there.
+    """Recover `data` from the last `damaged-N`, if `data` is missing.
 
-    The sender's name at the server and the numbers stay the same: the server recognizes what it has. Where
-    the row with the name cannot be read, nothing is taken over.
+    The sender's id and the record numbers stay the same, so that the server recognises records that it has.
+    If the row with the id cannot be read, nothing is recovered.
     """
     number = _last_number(folder)
     if number == 0 or (folder / "data").exists():
@@ -61,7 +61,7 @@ def salvage(folder: Path) -> None:
 def _copy_tables(damaged: Path, database: SpoolDatabase) -> None:
     with contextlib.closing(open_for_reading(damaged)) as source:
         for table, columns in _TABLES.items():
-            # Records are text even where they are damaged: a checksum shows it.
+            # Damaged records are copied too, also as text; their checksums reveal them later.
             names = ", ".join("text" if "text" in column else column for column in columns)
             marks = ", ".join("CAST(? AS TEXT)" if "text" in column else "?" for column in columns)
             insert = f"INSERT OR IGNORE INTO {table} ({names}) VALUES ({marks})"
@@ -78,7 +78,7 @@ def _copy_tables(damaged: Path, database: SpoolDatabase) -> None:
 
 
 def _readable(source: sqlite3.Connection, table: str, columns: tuple[str, ...]) -> Iterator[tuple[Any, ...]]:
-    """Read the rows before and those behind what is damaged."""
+    """Read the rows before the damage, then, from the end backwards, those after it."""
     key, last = columns[0], -1
     query = f"SELECT {', '.join(columns)} FROM {table} WHERE {key} > ? ORDER BY {key}"
     try:
@@ -95,7 +95,7 @@ def _link_photos(source: Path, target: Path) -> None:
     for photo in source.iterdir() if source.is_dir() else ():
         try:
             os.link(photo, target / photo.name)
-        except OSError:  # a file system without links
+        except OSError:  # a file system without hard links
             shutil.copyfile(photo, target / photo.name)
 
 

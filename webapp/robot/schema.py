@@ -1,4 +1,4 @@
-"""Whose a spool is, and the tables of its database."""
+"""Identity of a spool, and the tables of its database."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _SCHEMA = (
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Whose a spool is.
+    """Identity of a spool.
 
     Attributes
     ----------
     id : str
-        The sender's name at the server.
+        Identifies the sender to the server.
     url : str
-        Of the server.
+        Address of the server.
     about : str
-        What fills it; a spool is not continued with something else.
+        Source of the data; a spool with a different `about` is refused.
     """
 
     id: str
@@ -47,12 +47,12 @@ class Identity:
 
 
 def create_tables(database: SpoolDatabase) -> None:
-    """Make the tables of a spool where they are missing.
+    """Create the tables of a spool if they are missing.
 
     Raises
     ------
     UsageError
-        They are of a newer program.
+        The spool was written by a newer version.
     """
     version = database.select("PRAGMA user_version")[0][0]
     if version > _FORMAT:
@@ -64,7 +64,7 @@ def create_tables(database: SpoolDatabase) -> None:
 
 
 def check_version(folder: Path) -> None:
-    """Check that a folder holds no spool of the released version 0.7.0.
+    """Check that a folder does not hold a spool of version 0.7.0, which had another format.
 
     Raises
     ------

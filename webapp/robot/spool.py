@@ -1,19 +1,19 @@
-"""What a robot has to send, on its own disk first: the folder of a spool.
+"""The spool: a folder on the robot's disk for the data to send.
 
 ::
 
     SPOOL/
-      data/spool.sqlite3  whose spool it is, the records, what the server has acknowledged, what was set aside
-      data/photos/        photos that wait
-      damaged-1/          a `data` whose database was damaged
+      data/spool.sqlite3  identity, records, state of the acknowledgements, records set aside
+      data/photos/        photos waiting to be sent
+      damaged-1/          an earlier `data`, whose database was damaged
       reserve             disk space for acknowledgements when the disk is full
       lock.sqlite3
 
-Every record has a number. The server wants numbers without gaps, so a record that is set aside does not count
-there: the state has both `next`, the first record that is not acknowledged, and `wire`, its number at the
-server. Records are sent only when they are on the disk, and `sent` is the number up to which that may have
-happened: even if the database is damaged, no number is ever given to a second record. What the server has
-stays in the spool until its space is needed, for a server that is restored from a backup.
+Every record has a number. The server expects numbers without gaps, and records that are set aside are not
+sent, so its numbering differs: the state holds both `next`, the first record that is not acknowledged, and
+`wire`, its number at the server. Records are sent only when they are on the disk, and `sent` is the number up
+to which they may have been sent: even if the database is damaged, no number is used twice. Acknowledged
+records stay in the spool until their space is needed, in case the server is restored from a backup.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .salvage import quarantine, salvage
 from .schema import IDENTITY, Identity, check_version, create_tables
 
 MAX_RECORD = 100_000
-"""Bytes of the longest record."""
+"""Maximum size of a record, bytes."""
 
 _FORGET_RECORDS = 500
 _READ_RECORDS = 50
@@ -46,7 +46,7 @@ _RECENT_RECORDS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class SpoolState:
-    """Up to which record the server has acknowledged; see the module."""
+    """Progress of sending; see the docstring of the module."""
 
     next: int = 0
     wire: int = 0
@@ -55,7 +55,7 @@ class SpoolState:
 
 @dataclass(frozen=True, slots=True)
 class RecordRun:
-    """Consecutive records, JSON each, the first of number `first`."""
+    """Consecutive records as JSON, numbered from `first`."""
 
     first: int
     texts: tuple[bytes, ...]
@@ -70,22 +70,21 @@ class Gap:
 
 
 class Spool:
-    """The folder, opened by its only writer.
+    """A spool, opened by its only writer.
 
-    Records and photos are added, and synced, by any thread; all else is for the one thread that sends.
+    Any thread may add and sync records and photos; only the uploading thread may call the other methods.
 
     Parameters
     ----------
     folder : Path
-        Is made where it is missing.
+        Created if missing.
     identity : Identity
-        `id` is ignored. An existing spool has to be of the same mission and about the same; its `url` may
-        differ.
+        `id` is ignored. An existing spool must have the same `mission` and `about`; its `url` may differ.
 
     Raises
     ------
     UsageError
-        The spool is of another mission, or of the released version 0.7.0.
+        The spool is of another mission or `about`, or of version 0.7.0.
     Conflict
         Another program has it open.
     StorageError, DiskFull
@@ -115,7 +114,7 @@ class Spool:
         return self._database.used_bytes + self.photos.size
 
     def travelled_m(self, track: tuple[str, str]) -> float:
-        """Return the distance travelled at the last pose of a track (source and name); 0 if it is unknown."""
+        """Return `travelled_m` of the last pose of a track (source and name), or 0 if unknown."""
         for text in self.recent():
             if b'"travelled_m"' in text:
                 pose = json.loads(text)
@@ -124,7 +123,7 @@ class Spool:
         return 0.0
 
     def recent(self) -> Iterator[bytes]:
-        """Yield the last 20 000 records as JSON, the newest first; those the server has may be gone."""
+        """Yield the last 20 000 records as JSON, newest first; acknowledged ones may have been deleted."""
         rows = self._database.select(
             "SELECT CAST(text AS BLOB) FROM records ORDER BY number DESC LIMIT ?", _RECENT_RECORDS
         )
@@ -138,8 +137,8 @@ class Spool:
         text : bytes
             JSON.
         sync : bool
-            Return when it survives a power cut. Otherwise it survives a kill, and a power cut only after the
-            next `sync`.
+            Return only when the record survives a power cut. Otherwise it survives a killed process, and a
+            power cut only after the next `sync`.
 
         Returns
         -------
@@ -149,7 +148,7 @@ class Spool:
         Raises
         ------
         DiskFull, StorageError
-            It was not added.
+            The record was not added.
         """
         if len(text) > MAX_RECORD:
             raise InputError(
@@ -184,7 +183,7 @@ class Spool:
         Raises
         ------
         DiskFull, StorageError
-            It was not stored.
+            The photo was not stored.
         """
         size = source.seek(0, os.SEEK_END)
         source.seek(0)
@@ -197,12 +196,12 @@ class Spool:
         self._database.sync()
 
     def next_batch(self, *, records: int, size: int) -> RecordRun | Gap | None:
-        """Read the records to send next, up to a number and a size, having them on the disk first.
+        """Read the records to send next, limited in number and size, and make sure that they are synced.
 
         Returns
         -------
         RecordRun, Gap or None
-            A gap where the next record is damaged; None when all are acknowledged.
+            A gap if the next record is damaged; None if all are acknowledged.
         """
         end = self._skip_set_aside()
         first = self.state.next
@@ -222,14 +221,14 @@ class Spool:
         return RecordRun(first, tuple(texts))
 
     def acknowledge(self, count: int) -> None:
-        """Remember that the server has the next `count` records."""
+        """Record that the server has the next `count` records."""
         end = self.state.next + count
-        # Forgotten in a power cut, they are sent again, and the server recognizes them by their numbers.
+        # Not durable: after a power cut they are sent again, and the server recognises their numbers.
         self._save(SpoolState(end, self.state.wire + count, max(self.state.sent, end)))
         self._database.make_reserve()
 
     def set_aside(self, count: int, *, reason: str, text: bytes | None = None) -> None:
-        """Continue after the next `count` records, which the server does not have and will not get.
+        """Skip the next `count` records, which will not be sent, and note the reason.
 
         Parameters
         ----------
@@ -249,12 +248,12 @@ class Spool:
         self.photos.set_aside(photo, reason=reason, next_number=self.next)
 
     def rewind(self, wire: int) -> bool:
-        """Go back to the record that has this number at the server, which has lost it.
+        """Go back to the record with this number at the server, because the server has lost it.
 
         Returns
         -------
         bool
-            False where the record is not here any more.
+            False if the record has been deleted here.
         """
         number, back = self.state.next, self.state.wire - wire
         for first, end in self._database.select(
@@ -307,7 +306,7 @@ class Spool:
             raise
 
     def _claim(self, wanted: Identity) -> Identity:
-        """Check whose the spool is; enter it where it is new."""
+        """Check the identity of the spool; store it if the spool is new."""
         rows = self._database.select(IDENTITY)
         if not rows:
             made = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
@@ -337,7 +336,7 @@ class Spool:
         self.state = state
 
     def _skip_set_aside(self) -> int:
-        """Pass over what was set aside before a rewind; return the number at which that begins again."""
+        """Skip records set aside before a rewind; return where the next such records begin, or the end."""
         while True:
             rows = self._database.select(
                 "SELECT first, stop FROM aside WHERE stop > ? AND stop > first ORDER BY stop LIMIT 1",
@@ -387,5 +386,5 @@ class Spool:
 
 
 def _crc(number: int, text: bytes) -> int:
-    """Checksum of a record, since the database has none."""
+    """Return the checksum of a record; the database itself has none."""
     return zlib.crc32(text, zlib.crc32(b"%d" % number))

@@ -42,16 +42,16 @@ _ERRORS: dict[int, type[ExpMapError]] = {
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The response of the server.
+    """A response of the server.
 
     Attributes
     ----------
     body : dict
-        Empty where it was not a JSON object.
+        Empty if it was not a JSON object.
     retry_after_s : float
-        Seconds, of `Retry-After`; 0 where there is none.
+        From the header `Retry-After`; 0 without one.
     location : str or None
-        Of a redirect.
+        Target of a redirect.
     """
 
     status: int
@@ -61,12 +61,12 @@ class Response:
 
     @property
     def error(self) -> dict[str, Any] | None:
-        """The error in the shape of the API; None where it has another shape."""
+        """The error object in the format of the API; None if there is none."""
         error = self.body.get("error")
         return error if isinstance(error, dict) and isinstance(error.get("message"), str) else None
 
     def as_error(self) -> ExpMapError:
-        """Convert it to an error of this program."""
+        """Convert the response to an exception."""
         error = self.error or {}
         message = str(error.get("message") or f"the server refuses with status {self.status}")
         hint = str(error.get("hint") or "") or None
@@ -77,30 +77,30 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class NoResponse:
-    """No response: the network is down, or the server is.
+    """No response: the network or the server is down.
 
     Attributes
     ----------
     broken : bool
-        The connection ended before the answer.
+        The connection was closed before the response.
     """
 
     reason: str
     broken: bool
 
     def as_error(self) -> ExpMapError:
-        """Convert it to an error of this program."""
+        """Convert the failure to an exception."""
         hint = "check the network and the server, and try again"
         return NotReady(f"the server does not answer: {self.reason}", hint=hint)
 
 
 class Uplink:
-    """A connection to one server, opened again when it breaks. For one thread.
+    """A connection to one server, reopened when it breaks. Not thread-safe.
 
     Parameters
     ----------
     url : str
-        `http://host:port` or `https://host`, with the folder of the program where it has one.
+        `http://host:port` or `https://host`, optionally with a path prefix.
 
     Raises
     ------
@@ -124,17 +124,17 @@ class Uplink:
         self._connection = kind(parts.hostname, parts.port, timeout=timeout_s)
 
     def get(self, path: str) -> Response | NoResponse:
-        """Get what is at an address below `/api/v1`."""
+        """Send a GET request to a path below `/api/v1`."""
         return self._request("GET", path)
 
     def post(self, path: str, value: dict[str, Any]) -> Response | NoResponse:
-        """Send JSON."""
+        """Send JSON by POST."""
         return self._post_json(path, json.dumps(value).encode("utf-8"))
 
     def post_batch(
         self, path: str, *, sender: str, first: int, texts: Sequence[bytes]
     ) -> Response | NoResponse:
-        """Send records that are JSON already.
+        """Send records that are already encoded as JSON.
 
         Parameters
         ----------
@@ -147,12 +147,12 @@ class Uplink:
     def post_file(
         self, path: str, file: Path | bytes, *, name: str, fields: dict[str, str]
     ) -> Response | NoResponse:
-        """Send a file as a form, block by block.
+        """Send a file as a multipart form, block by block.
 
         Parameters
         ----------
         name : str
-            Of the file, for people.
+            File name, for display.
         fields : dict
             Further fields of the form.
         """
@@ -176,7 +176,7 @@ class Uplink:
     def _request(
         self, method: str, path: str, *, headers: dict[str, str] | None = None, body: Any = None
     ) -> Response | NoResponse:
-        """Send a request; once more where the server has closed an idle connection."""
+        """Send a request; retry once if the server has closed an idle connection."""
         was_open = self._connection.sock is not None
         response = self._request_once(method, path, headers=headers or {}, body=body)
         if isinstance(response, NoResponse) and response.broken and was_open:
@@ -213,7 +213,7 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _seconds(text: str | None) -> float:
-    """Read `Retry-After`: seconds, or a date."""
+    """Parse `Retry-After`: seconds, or a date."""
     if text is None:
         return 0.0
     if text.strip().isdecimal():

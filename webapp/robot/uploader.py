@@ -1,9 +1,9 @@
-"""Sends what a spool holds, one request a step, and interprets each response.
+"""Sends the content of a spool, one request per step, and interprets each response.
 
-Where the network or the server is down or busy, it is tried again later. If a response rejects input (400,
-413, 422 in the shape of the API), batches are made smaller until the rejected record is alone; it is set
+While the network or the server is down or busy, requests are retried later. If a response rejects input (400,
+413, 422 in the format of the API), batches are made smaller until the rejected record is alone; it is set
 aside with the reason, and the others are sent. Any other refusal (an unknown token, a deleted mission)
-concerns all records: nothing is set aside, and the status of the client shows it.
+concerns all records: nothing is set aside, and the status of the client shows the error.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class UploadStep:
     Attributes
     ----------
     outcome : {"progress", "idle", "retry", "refused"}
-        `retry`: the network or the server is down or busy; `refused`: the server refuses everything.
+        `retry`: the network or the server is down or busy; `refused`: the server refuses all requests.
     wait_s : float
-        Seconds, of `Retry-After`.
+        From the header `Retry-After`.
     error : ExpMapError or None
-        Of `refused`.
+        Set if the outcome is `refused`.
     """
 
     outcome: Literal["progress", "idle", "retry", "refused"]
@@ -52,7 +52,7 @@ _IDLE = UploadStep("idle")
 
 
 class Backoff:
-    """Delays that double with each failure, with jitter so that robots do not retry all at once."""
+    """Exponential backoff, with jitter so that robots do not retry all at once."""
 
     def __init__(self, first_s: float, longest_s: float, *, rng: random.Random | None = None) -> None:
         self._first_s = first_s
@@ -61,24 +61,24 @@ class Backoff:
         self._failures = 0
 
     def next_delay(self, *, at_least_s: float = 0.0) -> float:
-        """Return how many seconds to wait after one more failure.
+        """Count a failure; return how many seconds to wait.
 
         Parameters
         ----------
         at_least_s : float
-            What the server asked for.
+            Delay that the server asked for; the backoff is added.
         """
         usual = min(self._first_s * 2.0 ** min(self._failures, 30), self._longest_s)
         self._failures += 1
         return at_least_s + usual * self._rng.uniform(0.5, 1.0)
 
     def reset(self) -> None:
-        """Start with the shortest delay again."""
+        """Reset to the shortest delay."""
         self._failures = 0
 
 
 class Uploader:
-    """Sends a spool to its mission. For one thread."""
+    """Sends a spool to its mission. Not thread-safe."""
 
     def __init__(self, spool: Spool, uplink: Uplink, *, options: RobotOptions) -> None:
         self._spool = spool
@@ -88,7 +88,7 @@ class Uploader:
         self._mission = f"/missions/{spool.identity.mission}"
 
     def step(self) -> UploadStep:
-        """Send the next records, or where there are none, the next photo."""
+        """Send the next records, or if there are none, the next photo."""
         step = self.send_records()
         return self.send_photo() if step.outcome == "idle" else step
 
@@ -145,7 +145,7 @@ class Uploader:
         return self._rewind(response) if response.status == 409 else _classify(response)
 
     def _bisect_rejected(self, run: RecordRun, response: Response) -> UploadStep:
-        """Send less next time, up to the record that the response names; set it aside once it is alone."""
+        """Send fewer records next time: those before the rejected one, or half; set it aside when alone."""
         count = len(run.texts)
         if count == 1:
             self._spool.set_aside(1, reason=_error_text(response), text=run.texts[0])
@@ -157,7 +157,7 @@ class Uploader:
         return _PROGRESS
 
     def _rewind(self, response: Response) -> UploadStep:
-        """Follow a server that has lost records, as one restored from a backup has."""
+        """Resend records that the server has lost, as after a restore from a backup."""
         wanted = _next(response.error or {})
         if not 0 <= wanted < self._spool.state.wire:
             return _classify(response)
@@ -171,7 +171,7 @@ class Uploader:
         return UploadStep("refused", str(error), error=error)
 
     def _skip_gap(self, gap: Gap) -> UploadStep:
-        """Go on behind damaged records: those that the server has are no loss, the others are body."""
+        """Skip damaged records: acknowledge those that the server already has, set the others aside."""
         kept = 0
         if gap.first < self._spool.state.sent:
             response = self._post(())
@@ -209,7 +209,7 @@ def _unexpected(response: Response) -> UploadStep:
 
 
 def _classify(response: Response) -> UploadStep:
-    """Interpret a response that is not about what was sent."""
+    """Interpret a response that does not concern the data sent."""
     reason = _error_text(response)
     if response.status in _LATER or response.status >= 500:
         return UploadStep("retry", reason, response.retry_after_s)
@@ -224,22 +224,22 @@ def recover(
     patience_s: float,
     on_progress: Callable[[int], None],
 ) -> None:
-    """Upload everything that is left.
+    """Upload everything left in a spool.
 
     Parameters
     ----------
     patience_s : float
         Give up when the server has accepted nothing for this many seconds.
     on_progress : callable
-        Gets the number of records and photos that wait, after each step and a few times a second while it
-        waits; what it raises ends the work.
+        Called with the number of waiting records and photos, after each step and a few times a second during
+        delays; an exception that it raises ends the upload.
 
     Raises
     ------
     NotReady
         The network or the server is down.
     ExpMapError
-        The server refuses: an unknown token, a deleted mission.
+        The server refuses all requests: an unknown token, a deleted mission.
     """
     uplink = Uplink(spool.identity.url, token, timeout_s=options.timeout_s)
     uploader = Uploader(spool, uplink, options=options)

@@ -18,13 +18,13 @@ SLUG = "sample"
 
 
 def make_sample_map(context: Context) -> dict[str, Any]:
-    """Make the sample and register it; what is there already stays as it is."""
+    """Make the sample and register it, unless it exists already."""
     if context.account_id is None:
         raise UsageError("the sample map needs an owner")
     library = context.library
     settings = replace(context.settings, library=library.folder)
     for half_made in library.folder.glob(f".{SLUG}.*.tmp"):
-        shutil.rmtree(half_made)  # by a worker that was killed
+        shutil.rmtree(half_made)  # left by a killed worker
     make.make_sample(None, settings=settings, progress=context.progress)
     with library.database.read() as session:
         there = session.scalars(select(MapRecord.id).where(MapRecord.slug == SLUG)).first()

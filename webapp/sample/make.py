@@ -1,4 +1,4 @@
-"""Make the sample: a small map of a synthetic park, with photos, queries and the truth about them."""
+"""Makes the sample: a small map of a synthetic park, with photos, queries and their ground truth."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from webapp.sample.scene.world import World, build_world
 from webapp.settings import Settings
 
 RECORD = "sample.json"
-"""File by which a folder is known as a sample."""
+"""File that marks a folder as a sample."""
 
 FOCAL_35MM = 27
 FOV_DEG = math.degrees(2 * math.atan(0.4 * math.hypot(36, 24) / FOCAL_35MM))
-"""Horizontal, of photos with sides 4:3: the 35 mm focal length is measured on the diagonal."""
+"""Horizontal, of photos with sides 4:3: the 35 mm equivalent refers to the diagonal."""
 
 ACCURACY_M = 0.1
-"""What the photos state of their positions, which are exact."""
+"""Accuracy that the photos state for their positions, which are exact."""
 
 OFF_MAP = "queries/off_map.jpg"
 """A photo from elsewhere. It has no position on the map, so it is not in `queries.csv`."""
@@ -52,19 +52,19 @@ _DAYS: tuple[tuple[str, datetime, Light], ...] = (
     ("autumn", datetime(2024, 10, 12, 13, 5, 0), AUTUMN),
     ("overcast", datetime(2024, 7, 2, 11, 40, 0), OVERCAST),
 )
-"""Of the queries: the first is taken in the first light, the next in the next, and so on."""
+"""Conditions of the queries, which are assigned to them cyclically."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleSize:
-    """How much of it.
+    """Size of the sample.
 
     Attributes
     ----------
     photos : int
-        In the map.
+        Number of photos of the map.
     queries : int
-        On the map; one more is from elsewhere.
+        Number of queries on the map; one more is from elsewhere.
     width : int
         Of a photo, pixels, a multiple of 4; the height is three quarters of it.
     metres_per_pixel : float
@@ -82,14 +82,14 @@ FULL_SIZE = SampleSize()
 
 @dataclass(frozen=True, slots=True)
 class SampleReport:
-    """What was made.
+    """The result.
 
     Attributes
     ----------
     cfg_path : Path
         The map.
     made : bool
-        False when it was there already.
+        False if it existed already.
     """
 
     cfg_path: Path
@@ -105,27 +105,27 @@ def make_sample(
     force: bool = False,
     size: SampleSize = FULL_SIZE,
 ) -> SampleReport:
-    """Make the sample, or find that it is there.
+    """Make the sample, unless it exists already.
 
-    The same seed and size give the same files, byte by byte. The folder appears whole or not at all.
+    The same seed and size give the same files, byte by byte. The folder is written all or nothing.
 
     Parameters
     ----------
     folder : Path or None
         None: `sample` in the library.
     progress : Progress
-        One step a picture.
+        One step per picture.
     seed : int
-        Of the synthetic park; 0 or more.
+        Random seed of the synthetic park; 0 or more.
     force : bool
-        Make it again, also over a sample made otherwise.
+        Make it again, also replacing a different sample.
 
     Raises
     ------
     UsageError
-        The folder holds something else, or a sample from another seed and `force` is not given.
+        The folder holds something else, or a different or damaged sample and `force` is not given.
     StorageError
-        The disk refused; nothing was changed.
+        Writing failed; nothing was changed.
     Cancelled
         Nothing was changed.
     """
@@ -153,7 +153,7 @@ def make_sample(
 
 
 def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
-    """Return whether the folder holds the whole sample; refuse what must not be overwritten."""
+    """Return whether the folder holds the complete sample; refuse one that must not be overwritten."""
     if not folder.exists():
         return False
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / RECORD).is_file()):
@@ -180,7 +180,7 @@ def _there(folder: Path, recipe: dict[str, int], *, force: bool) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Studio:
-    """What all pictures of one sample share."""
+    """Common data of all pictures of a sample."""
 
     folder: Path
     size: SampleSize
@@ -197,28 +197,28 @@ class _Studio:
         self.progress.advance()
 
     def pixel(self, view: CameraView) -> MapPixel:
-        """Where on the satellite image a photo is taken."""
+        """Return the position of a view on the satellite image."""
         step = self.size.metres_per_pixel
         return MapPixel(view.east / step, (DEPTH_M - view.north) / step)
 
 
 def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progress) -> dict[str, object]:
-    """Write all files of the sample but its record.
+    """Write all files of the sample except its record.
 
     Parameters
     ----------
     folder : Path
-        Is made.
+        It is created.
 
     Returns
     -------
     dict
-        For the record: the `files`, relative to the folder, and the truth about the `queries`.
+        For the record: the `files`, relative to the folder, and the ground truth of the `queries`.
 
     Raises
     ------
     OSError
-        The disk refused.
+        Writing failed.
     Cancelled
     """
     for name in ("photos", "queries"):
@@ -262,7 +262,7 @@ def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> Non
 
 
 def _make_queries(studio: _Studio, world: World, *, rng: np.random.Generator) -> list[dict[str, object]]:
-    """Photograph the park on other days; returns the truth about each query."""
+    """Photograph the park on other days; return the ground truth of each query."""
     views = query_views(rng, world.plan, count=studio.size.queries, stops=studio.size.photos)
     described: list[dict[str, object]] = []
     for day, (light, date, conditions) in enumerate(_DAYS):
@@ -288,7 +288,7 @@ def _shoot_elsewhere(studio: _Studio, *, rng: np.random.Generator) -> None:
 
 
 def _corners() -> Corners:
-    """Lay the park on the Earth; degrees are rounded to 0.1 mm, and what they say is the truth."""
+    """Return the corners of the park; degrees are rounded to 0.1 mm, and the rounded ones are the truth."""
     frame = LocalFrame(_CENTRE)
     north_west = frame.latlon_of(EnuMetres(-WIDTH_M / 2, DEPTH_M / 2))
     south_east = frame.latlon_of(EnuMetres(WIDTH_M / 2, -DEPTH_M / 2))

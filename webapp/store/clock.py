@@ -1,4 +1,4 @@
-"""Time stamps: always with a zone, always UTC in the database."""
+"""Timestamps: always with a time zone, always UTC in the database."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ def now() -> datetime:
 
 
 class UtcDateTime(TypeDecorator[datetime]):
-    """A time stamp with a zone; SQLite has none, so that it is kept as UTC without one."""
+    """A timestamp with a time zone, stored as UTC without one, because SQLite has no time zones."""
 
     impl = DateTime
     cache_ok = True
 
     def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Turn a time into UTC; one without a zone is a bug of the caller."""
+        """Convert a time to UTC; one without a time zone is a bug of the caller."""
         if value is None:
             return None
         if value.tzinfo is None:
@@ -28,5 +28,5 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC).replace(tzinfo=None)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
-        """Return the zone back."""
+        """Restore the time zone."""
         return None if value is None else value.replace(tzinfo=UTC)

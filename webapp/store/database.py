@@ -1,4 +1,4 @@
-"""Opens the database and hands out sessions."""
+"""Opens the database and its sessions."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from webapp.store.backends.sqlite import Sqlite
 from webapp.store.backends.watching import Polling, Watch
 
 Writes = Callable[[], AbstractContextManager[Session]]
-"""Opens a session that writes: `Database.write`, or that of a job that holds its lease."""
+"""Opens a writing session: `Database.write`, or that of a job that holds its lease."""
 
 _BACKENDS: dict[str, Backend] = {"sqlite": Sqlite(), "postgresql": Postgresql()}
 _DRIVERS = ("sqlite", "postgresql+psycopg")
 
 THREADS = 8
-"""That use a database at once, where nobody says how many."""
+"""Default number of threads that use a database in parallel."""
 
 
 class Database:
@@ -33,9 +33,9 @@ class Database:
     Parameters
     ----------
     url : str
-        As SQLAlchemy takes it: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
+        In the form of SQLAlchemy: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
     threads : int
-        Of this process that use it at once.
+        Number of threads of this process that use it in parallel.
 
     Raises
     ------
@@ -55,7 +55,7 @@ class Database:
         self.name = made.render_as_string(hide_password=True)
         self.backend = _BACKENDS[made.get_backend_name()]
         self.engine = self.backend.make_engine(made, threads=threads)
-        reading = self.backend.reading  # options cost a little on each connection
+        reading = self.backend.reading  # setting options costs a little per connection
         self._reading = self.engine.execution_options(**reading) if reading else self.engine
         self._alone = self.engine.execution_options(**{LOCK_MODE: ALONE})
         self._together = self.engine.execution_options(**{LOCK_MODE: TOGETHER})
@@ -67,12 +67,12 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """Return a session that sees one state of the database; its changes are not kept.
+        """Yield a session that sees a consistent snapshot; its changes are discarded.
 
         Raises
         ------
         NotFound
-            What the block gets by its id is not there any more.
+            A record that the block gets by id no longer exists.
         StorageError
             The database cannot be read.
         """
@@ -81,21 +81,21 @@ class Database:
 
     @contextmanager
     def write(self, *, locks_rows: bool = False) -> Iterator[Session]:
-        """Return a session whose changes are on disk, all together, when the block ends without an error.
+        """Yield a session whose changes are committed together when the block ends without an error.
 
         Writers take turns: the database is locked from the first statement on, so that what the session
-        reads stays true until it has written.
+        reads stays valid until it has written.
 
         Parameters
         ----------
         locks_rows : bool
-            The block locks the rows on which its changes depend (`with_for_update`) before it reads them.
-            Where the database can, it does not wait for others that do so too.
+            Whether the block locks the rows on which its changes depend (`with_for_update`) before it reads
+            them. If the database supports that, such blocks do not wait for each other.
 
         Raises
         ------
         NotFound
-            What the block gets by its id is not there any more.
+            A record that the block gets by id no longer exists.
         StorageError
             The database cannot be written.
         """
@@ -106,9 +106,9 @@ class Database:
 
     @contextmanager
     def moving(self) -> Iterator[Connection]:
-        """Keep everybody else from writing, as long as it takes, also where the records have left.
+        """Block all other writers without a time limit, also in a database from which the records have moved.
 
-        What the block changes is on disk, all together, when it ends without an error.
+        The changes of the block are committed together when it ends without an error.
 
         Raises
         ------
@@ -120,26 +120,26 @@ class Database:
             yield connection
 
     def watch(self, topic: str, *, look_s: float) -> AbstractContextManager[Watch]:
-        """Watch a topic for changes, in the block; see `announce`.
+        """Watch a topic for changes in the block; see `announce`.
 
         Parameters
         ----------
         look_s : float
-            Seconds between two looks, at least; those of a database that announces nothing.
+            Minimum seconds between two looks, and polling interval of a database without announcements.
         """
         if self._listener is None:
             return nullcontext(Polling(look_s))
         return self._listener.watch(topic, look_s=look_s)
 
     def close(self) -> None:
-        """Let go of all connections."""
+        """Close all connections."""
         if self._listener is not None:
             self._listener.close()
         self.engine.dispose()
 
     @contextmanager
     def translated_errors(self) -> Iterator[None]:
-        """Raise errors of the database in the block as those of the program.
+        """Convert errors of the database in the block to those of the program.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class Database:
         except OverflowError as error:
             raise too_large() from error
         except NoResultFound as error:
-            # What an earlier session has found: its map was deleted, or its account, before this one began.
+            # A record that an earlier session found was deleted since, perhaps with its map or account.
             raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
         except PoolTimeout as error:
             raise DatabaseUnavailable(
@@ -167,17 +167,17 @@ class Database:
 
 
 def backend_of(who: Session | Connection) -> Backend:
-    """Return what is special about the database of a session or a connection."""
+    """Return the backend of a session or a connection."""
     return _BACKENDS[(who.get_bind() if isinstance(who, Session) else who).dialect.name]
 
 
 def moment(session: Session) -> datetime:
-    """Return the time by the one clock that all who use the database share."""
+    """Return the time by the clock that all processes using the database share."""
     return backend_of(session).moment(session)
 
 
 def announce(connection: Connection, topic: str) -> None:
-    """Wake who watches a topic on any machine, once the transaction is kept."""
+    """Notify the watchers of a topic on all machines once the transaction is committed."""
     backend_of(connection).announce(connection, topic)
 
 

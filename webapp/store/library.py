@@ -17,29 +17,29 @@ from webapp.store.maps.changing import MapChange, change_map
 from webapp.store.moving import marks
 
 _BEFORE_0_7 = ("0001", "0002", "0003", "0004", "0005", "0006")
-"""Schemas of versions before 0.7.0, which that version converts."""
+"""Schema versions before 0.7.0; only that version can convert them."""
 
 INNER = ".library"
-"""Folder of everything that is not a map."""
+"""Folder for all that is not a map."""
 
 DATABASE = "library.db"
-"""Its file in there, where the records are not in a database server."""
+"""SQLite file in `INNER`, unless the records are in a database server."""
 
 SERVER = "database-server"
-"""Marks the folder of a library whose records are in one: its address, and the key that it has, too."""
+"""File in `INNER` if they are: the server's address, and the library's key, as in the database."""
 
 MOVING = "moving.lock"
-"""Is held by who moves the records to another database."""
+"""Lock file that is held while the records are moved to another database."""
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _VERSIONS = "alembic_version"
-"""The table in which Alembic keeps the version of the others."""
+"""Alembic's table with the schema version."""
 
 EXPANDED_SINCE = "0022"
-"""Migrations after this one only expand: programs with these tables work beside those with the newest.
+"""Later migrations only expand: programs with this schema work alongside those with the newest.
 
-One that contracts takes away, renames or demands what older programs do not write: then this is raised to
-that one, and all machines have to stop. `tests/store/test_rolling.py` distinguishes the two.
+A contracting migration removes or renames something, or requires what older programs do not write: it must
+set this to its own version, and all machines must be stopped. `tests/store/test_rolling.py` checks that.
 """
 
 _WAIT_S = 120
@@ -47,12 +47,12 @@ _WAIT_S = 120
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """Where everything is.
+    """The folder and the database of a library.
 
     Attributes
     ----------
     folder : Path
-        Absolute; has one folder a map.
+        Absolute; has one folder per map.
     """
 
     folder: Path
@@ -60,30 +60,30 @@ class Library:
 
     @property
     def inner(self) -> Path:
-        """Everything that is not a map: database, secrets, uploads in progress."""
+        """Folder of all that is not a map: database, secrets, uploads in progress."""
         return self.folder / INNER
 
     @property
     def uploads(self) -> Path:
-        """Files that have not arrived completely."""
+        """Folder of incomplete uploads."""
         return self.inner / "uploads"
 
     def map_folder(self, slug: str) -> Path:
-        """Folder of a map, by the slug that the database holds."""
+        """Return the folder of a map, by its slug in the database."""
         return self.folder / slug
 
     def cfg(self, slug: str) -> Path:
-        """The map file of a map."""
+        """Return the map file of a map."""
         return self.map_folder(slug) / "map.cfg"
 
     @contextmanager
     def changing(self, map_id: int) -> Iterator[MapChange]:
         """Change a map as one transaction: the unit of work of every edit.
 
-        At the end of the block the change is on disk, in the database, together with the job that updates
-        the index where photos came onto the map or left it. The files of the map follow: the worker writes
-        them within `settings.jobs.export_s` seconds, after a restart too, and who gives them out calls
-        `tasks.maps.export.export_map` before.
+        At the end of the block the change is committed to the database, together with the job that updates
+        the index if photos came onto the map or left it. The files of the map follow: the worker writes
+        them within `settings.jobs.export_s` seconds, also after a restart; code that delivers them calls
+        `tasks.maps.export.export_map` first.
 
         Raises
         ------
@@ -102,20 +102,20 @@ def has_library(folder: Path) -> bool:
 
 
 def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS) -> Library:
-    """Open a library, making folder and database where there are none, and bringing an older one up to date.
+    """Open a library: create folder and database if missing, and migrate an older database.
 
     Parameters
     ----------
     url : str or None
-        Of the database, instead of a SQLite file in the folder.
+        Of the database; by default it is a SQLite file in the folder.
     threads : int
-        Of this process that use it at once.
+        Number of threads of this process that use it in parallel.
 
     Raises
     ------
     StorageError
         The folder cannot be written, the database is damaged, was emptied or cannot be reached, or the folder
-        and the database are not of one library.
+        and the database belong to different libraries.
     UsageError, MissingPart
         As for `Database`.
     """
@@ -130,7 +130,7 @@ def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS
 
 
 def _open(library: Library, *, is_on_server: bool) -> None:
-    """Make or check folder and database; errors as `open_library`."""
+    """Create or check folder and database; errors as for `open_library`."""
     there = library.database
     try:
         library.uploads.mkdir(parents=True, exist_ok=True)
@@ -157,7 +157,7 @@ def _open(library: Library, *, is_on_server: bool) -> None:
 
 
 def _check_not_emptied(library: Library) -> None:
-    """Refuse to make new tables next to maps, where a database was cut to nothing, as by a full disk."""
+    """Refuse to create tables next to maps if the database was truncated to nothing, as by a full disk."""
     file = library.inner / DATABASE
     emptied = file.exists() and file.stat().st_size == 0
     if emptied and _has_maps(library):
@@ -173,7 +173,7 @@ def _has_maps(library: Library) -> bool:
 
 
 def _check_not_elsewhere(library: Library) -> None:
-    """Refuse to begin a second set of records next to the files of a library on a server."""
+    """Refuse to create a SQLite database if the records of the library are in a database server."""
     marker = library.inner / SERVER
     if marker.is_file():
         raise StorageError(
@@ -185,7 +185,7 @@ def _check_not_elsewhere(library: Library) -> None:
 
 
 def _check_not_moving(library: Library) -> None:
-    """Refuse while the records are on their way to another database."""
+    """Refuse to open the library while its records are being moved to another database."""
     lock = library.inner / MOVING
     try:
         if lock.exists():
@@ -199,7 +199,7 @@ def _check_not_moving(library: Library) -> None:
 
 
 def _check_is_here(database: Database) -> None:
-    """Refuse a database that the records have left, and one that they have not come to completely."""
+    """Refuse a database from which the records have moved, or into which their move is incomplete."""
     with database.translated_errors(), database.engine.connect() as connection:
         is_filling = marks.filling_key(connection) is not None
         moved = marks.moved_mark(connection)
@@ -218,7 +218,7 @@ def _check_is_here(database: Database) -> None:
 
 
 def _open_on_server(library: Library) -> None:
-    """Migrate the database of a server, if the folder has the files of the library in it, or both are new."""
+    """Migrate a database on a server, if it and the folder belong to the same library, or both are new."""
     marker, database = library.inner / SERVER, library.database
     _check_is_here(database)
     if (library.inner / DATABASE).exists():
@@ -237,7 +237,7 @@ def _open_on_server(library: Library) -> None:
             "empty database",
         )
     key, there = _marker_key(marker), _database_key(database)
-    if key is None:  # before the tables: killed in between, the next start makes them
+    if key is None:  # written before the tables: after a crash in between, the next start creates them
         key = there or secrets.token_hex(16)
         part = marker.with_suffix(".part")
         part.write_text(f"{database.name}\n{key}\n", "utf-8")
@@ -254,24 +254,24 @@ def _open_on_server(library: Library) -> None:
 
 
 def server_address(marker: Path) -> str:
-    """Read where the records of a library are, without the password, from the file `SERVER` in its folder."""
+    """Read the address of a library's database server, without the password, from its file `SERVER`."""
     return marker.read_text("utf-8").partition("\n")[0]
 
 
 def _marker_key(marker: Path) -> str | None:
-    """Read the key of the library in a folder; None of one that an older version has made."""
+    """Read the key of the library in a folder; None if it is new, or was made by an older version."""
     lines = marker.read_text("utf-8").splitlines() if marker.is_file() else []
     return lines[1] if len(lines) > 1 else None
 
 
 def _database_key(database: Database) -> str | None:
-    """Read the key of the library in a database; None as for `_marker_key`."""
+    """Read the key of the library in a database; None in the same cases as for `_marker_key`."""
     with database.translated_errors(), database.engine.connect() as connection:
         return marks.library_key(connection)
 
 
 def _give_key(database: Database, key: str) -> str:
-    """Give a database the key, if none has come first; returns the one that it has."""
+    """Store the key in a database unless it has got one meanwhile; return the one that it has."""
     with (
         database.translated_errors(),
         database.engine.connect() as connection,
@@ -285,17 +285,17 @@ def _give_key(database: Database, key: str) -> str:
 
 
 def has_tables(database: Database) -> bool:
-    """Return whether a library was begun in a database; errors as `schema_version`."""
+    """Return whether a database has the tables of a library; errors as for `schema_version`."""
     return schema_version(database) is not None
 
 
 def newest_schema() -> str:
-    """Return the version of the tables that this program makes."""
+    """Return the schema version that this program creates."""
     return max(_known())
 
 
 def schema_version(database: Database) -> str | None:
-    """Return the version of the tables of a database; None where it has none.
+    """Return the schema version of a database; None if it has no tables.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def schema_version(database: Database) -> str | None:
 
 
 def _version(connection: Connection) -> str | None:
-    """Read what Alembic keeps, without Alembic: loading it takes longer than opening a library."""
+    """Read the version without Alembic: importing it takes longer than opening a library."""
     if not inspect(connection).has_table(_VERSIONS):
         return None
     version: str | None = connection.exec_driver_sql(f"SELECT version_num FROM {_VERSIONS}").scalar()
@@ -319,15 +319,15 @@ def _version(connection: Connection) -> str | None:
 
 
 def migrate(database: Database) -> None:
-    """Bring a database of version 0.7.0 or later to the newest schema; make all tables in an empty one.
+    """Migrate a database of version 0.7.0 or later to the newest schema; create all tables in an empty one.
 
-    Newer tables stay as they are, where they have those of this program and only more: others with a newer
-    program work beside it, while machines are updated one after the other.
+    A newer schema that only expands this program's is left as it is: newer programs use it on other machines,
+    while these are updated one after the other.
 
     Raises
     ------
     StorageError
-        An older version has made it, which 0.7.0 converts; or a newer one than this.
+        The schema is older than 0.7.0, which can convert it, or newer and incompatible.
     """
     with (
         database.translated_errors(),
@@ -354,13 +354,13 @@ def migrate(database: Database) -> None:
 
 
 def _known() -> set[str]:
-    """Return the versions of the tables that this program knows."""
+    """Return the schema versions that this program knows."""
     return {path.name.partition("_")[0] for path in (_MIGRATIONS / "versions").glob("*.py")}
 
 
 def _upgrade(database: Database, connection: Connection) -> None:
-    """Run the migrations that are missing; errors as `migrate`."""
-    from alembic import command  # only where there is something to do: it takes long to load
+    """Run the missing migrations; errors as for `migrate`."""
+    from alembic import command  # imported only when needed, as it takes long
     from alembic.config import Config
     from alembic.util.exc import CommandError
 

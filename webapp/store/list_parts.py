@@ -1,4 +1,4 @@
-"""Lists that are given in parts, the last changed first."""
+"""Lists that are returned in parts, the last changed records first."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ Ids = InstrumentedAttribute[int]
 
 
 class ListCursor(NamedTuple):
-    """A place in a list: just after a record as it was then, wherever that record is now."""
+    """A position in a list: just after a record's position at the time, wherever the record is now."""
 
     changed_at: datetime
     id: int
 
     def text(self) -> str:
-        """Return it as clients get it: microseconds since 1970, and the id; `read_cursor` reads it."""
+        """Return its form for clients: microseconds since 1970, and the id; `read_cursor` reads it."""
         return f"{(self.changed_at - _EPOCH) // timedelta(microseconds=1)}.{self.id}"
 
     def follow(self, changed_at: Moments, id: Ids) -> ColumnElement[bool]:
-        """Select the records after it in the order of `last_changed_first`."""
+        """Return the condition for the records after it in the order of `last_changed_first`."""
         same = and_(changed_at == self.changed_at, id < self.id)
         return or_(changed_at < self.changed_at, same)
 
 
 @dataclass(frozen=True, slots=True)
 class ListPart:
-    """Which records are listed.
+    """Selects the records to list.
 
     Attributes
     ----------
     binned : bool
-        Those in the bin instead of those in use.
+        Whether to list the records in the bin instead of those in use.
     search : str
-        Only those with this text in their name; case and accents do not matter.
+        Only records with this text in their name, ignoring case and accents.
     after : ListCursor or None
-        Only those after it.
+        Only records after it.
     limit : int or None
         Maximum number; None for all.
     """
@@ -58,12 +58,12 @@ class ListPart:
 
 
 def is_cursor(text: str) -> bool:
-    """Return whether a text has the form of a cursor, with an id that a record can have."""
+    """Return whether a text has the form of a cursor, with a possible id."""
     return _FORM.fullmatch(text) is not None and int(text.partition(".")[2]) <= MAX_NUMBER
 
 
 def read_cursor(text: str) -> ListCursor:
-    """Read a cursor, where `is_cursor` says that it is one."""
+    """Parse a cursor; `is_cursor` must be true."""
     changed, id = map(int, text.split("."))
     return ListCursor(_EPOCH + timedelta(microseconds=changed), id)
 

@@ -13,24 +13,24 @@ from webapp.store.schema import Account, MapRecord, QueryRecord, Share
 
 
 def folder(library: Library, map_id: int) -> Path:
-    """Name the folder with the photos of queries; it is not a part of the map itself."""
+    """Return the folder with the photos of queries, which is not part of the map itself."""
     return library.inner / "queries" / str(map_id)
 
 
 def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> list[QueryRecord]:
-    """Remember an answer.
+    """Store an answer.
 
     Parameters
     ----------
     row : QueryRecord
         Without map and id.
     most : int
-        Answers that the map remembers.
+        Number of unshared answers that the map keeps.
 
     Returns
     -------
     list of QueryRecord
-        The oldest ones, which are forgotten now: their files can go. Answers that are shared stay.
+        Older answers, which are now deleted: so can be their files. Shared answers are kept.
     """
     row.map_id = record.id
     session.add(row)
@@ -58,7 +58,7 @@ def find(session: Session, record: MapRecord, id: int) -> QueryRecord:
 
 
 def keyed(session: Session, record: MapRecord, *, key: str | None, account_id: int) -> QueryRecord | None:
-    """Find the answer to a question that came before with the same key; None for a new one."""
+    """Find the answer to an earlier query with the same key; None for a new one."""
     mine = (QueryRecord.map_id == record.id, QueryRecord.account_id == account_id, QueryRecord.key == key)
     return None if key is None else session.scalars(select(QueryRecord).where(*mine)).first()
 
@@ -66,12 +66,12 @@ def keyed(session: Session, record: MapRecord, *, key: str | None, account_id: i
 def list_queries(
     session: Session, record: MapRecord, *, before: int | None = None, limit: int = 50
 ) -> list[QueryRecord]:
-    """List the answers of a map, the newest first.
+    """List the answers of a map, newest first.
 
     Parameters
     ----------
     before : int or None
-        Only older ones than that one.
+        Only answers with a smaller id.
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if before is not None:
@@ -87,12 +87,12 @@ def answers(
     last: int | None = None,
     account_id: int | None = None,
 ) -> list[QueryRecord]:
-    """List the answers of a map between two ids, both included, the oldest first; None leaves an end open.
+    """List the answers of a map between two ids, inclusive, oldest first; None leaves an end open.
 
     Parameters
     ----------
     account_id : int or None
-        Only what this account asked.
+        Only answers for this account.
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if first is not None:
@@ -105,7 +105,7 @@ def answers(
 
 
 def names(session: Session, rows: list[QueryRecord]) -> dict[int, str]:
-    """Return the names of who asked, by account."""
+    """Return the names of the accounts of some queries, by account id."""
     ids = {row.account_id for row in rows if row.account_id is not None}
     found = session.execute(select(Account.id, Account.name).where(Account.id.in_(ids)))
     return dict(found.all())

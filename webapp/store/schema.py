@@ -1,4 +1,4 @@
-"""The tables. `migrations/` holds how an older database becomes this one."""
+"""The tables. `migrations/` converts older databases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.store.clock import UtcDateTime, now
 
 
 class Base(DeclarativeBase):
-    """Every table; constraints have names, so that a migration can change them."""
+    """Base of all tables; constraints have names, so that migrations can change them."""
 
     metadata = MetaData(
         naming_convention={
@@ -31,37 +31,37 @@ class Base(DeclarativeBase):
 
 
 class ShareColumns:
-    """What every kind of share has: a view of something that is open without a sign-in.
+    """Columns of every kind of share: a view of something that is open without signing in.
 
-    Each kind is a table with a foreign key to what it shows. So a share goes with what it shows, whoever
-    deletes that: a database may give the id of a deleted map to a new one, which nobody has shared.
+    Each kind is a table with a foreign key to what it shows, so that a share is always deleted with that: a
+    database may reuse the id of a deleted map for a new one, which is not shared.
     """
 
     id: Mapped[int] = mapped_column(primary_key=True)
     token_hash: Mapped[str] = mapped_column(unique=True)
     public_token: Mapped[str | None]
-    """The end of the address, of a share that is listed for everybody; of a secret one nothing is kept."""
+    """The end of the URL of a publicly listed share; that of a secret one is not stored."""
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
-    """Who made it."""
+    """Account that made it."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     photos: Mapped[bool] = mapped_column(default=False)
     """Whether previews of photos are shown."""
 
 
 def _first_epoch() -> int:
-    """Return a number that no deleted account of the same id has had, in the range of every database."""
+    """Return a random number: a deleted account of the same id has almost certainly had another one."""
     return secrets.randbelow(2**30)
 
 
 WITHOUT_ROWID = {"sqlite_with_rowid": False}
-"""For a table of short rows: on SQLite it is the index of its own key, and takes half the space."""
+"""For a table of short rows: SQLite stores it as a clustered index of its key, in half the space."""
 
 
 class Account(Base):
-    """Someone who signs in.
+    """An account, with which a person signs in.
 
-    `epoch` is part of every session: raising it ends them all. It begins anywhere, because a database may
-    give the id of a deleted account to a new one, and the sessions of the old one must not be the new one's.
+    `epoch` is part of every session: raising it ends them all. It begins at random, because a database may
+    reuse the id of a deleted account, whose sessions must not be valid for the new one.
     """
 
     __tablename__ = "account"
@@ -70,14 +70,14 @@ class Account(Base):
     name: Mapped[str] = mapped_column(unique=True)
     password_hash: Mapped[str | None]
     is_owner: Mapped[bool] = mapped_column(default=False)
-    """Of the whole library: may do everything."""
+    """Whether it owns the whole library, and may do everything."""
     language: Mapped[str | None]
     epoch: Mapped[int] = mapped_column(default=_first_epoch)
     created_at: Mapped[datetime] = mapped_column(default=now)
 
 
 class SignInLink(Base):
-    """A link that signs in once; only its hash is kept."""
+    """A link that signs in once; only its hash is stored."""
 
     __tablename__ = "sign_in_link"
     __table_args__ = WITHOUT_ROWID
@@ -89,7 +89,7 @@ class SignInLink(Base):
 
 
 class EndedSession(Base):
-    """A session that was signed out of: its cookie, wherever a copy of it is, is worth nothing any more."""
+    """A session that was signed out: all copies of its cookie are invalid."""
 
     __tablename__ = "ended_session"
     __table_args__ = WITHOUT_ROWID
@@ -99,7 +99,7 @@ class EndedSession(Base):
 
 
 class ApiToken(Base):
-    """A token for programs; only its hash is kept."""
+    """An API token; only its hash is stored."""
 
     __tablename__ = "api_token"
     __table_args__ = (UniqueConstraint("account_id", "name"),)
@@ -113,19 +113,19 @@ class ApiToken(Base):
 
 
 class FailedSignIn(Base):
-    """One failed attempt; many of them make the next ones wait."""
+    """One failed attempt; after too many, further ones are refused for a while."""
 
     __tablename__ = "failed_sign_in"
     __table_args__ = (Index(None, "who", "at"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     who: Mapped[str]
-    """The name or the address that was tried."""
+    """The name that was tried (`name:...`), or the client's address (`address:...`)."""
     at: Mapped[datetime] = mapped_column(default=now)
 
 
 class MapRecord(Base):
-    """A map of the library; its folder has its slug as name."""
+    """A map of the library; its slug is the name of its folder."""
 
     __tablename__ = "map"
 
@@ -140,7 +140,7 @@ class MapRecord(Base):
     revision: Mapped[int] = mapped_column(default=0)
     """Counts the edits."""
     next_id: Mapped[int] = mapped_column(default=0)
-    """Of the next photo; ids are never used again."""
+    """Id of the next photo; ids are never reused."""
 
     satellite_path: Mapped[str | None]
     """Relative to the map's folder; None as long as there is no image."""
@@ -149,28 +149,28 @@ class MapRecord(Base):
     georeference: Mapped[dict[str, Any] | None]
     """As in `map.json`."""
     control_points: Mapped[list[dict[str, Any]] | None]
-    """As in `map.json`, by name; None where there are none."""
+    """As in `map.json`, sorted by name; None if there are none."""
     notes: Mapped[list[dict[str, Any]] | None]
-    """On spots of the map, as in `map.json`, by id; None where there are none."""
+    """Notes on spots of the map, as in `map.json`, sorted by id; None if there are none."""
     floors: Mapped[list[dict[str, Any]] | None]
-    """Several images of the map, as in `map.json`, by id; None where there is only its own."""
+    """As in `map.json`, sorted by id; None if there are none."""
     satellite_revision: Mapped[int] = mapped_column(default=0)
     """Revision that last changed the image or its georeference."""
     photos_revision: Mapped[int] = mapped_column(default=0)
-    """Revision that last changed which photos are placed on the map, one of their files, or a panorama."""
+    """Revision that last changed the set of placed photos, one of their files, or a panorama."""
 
     exported_revision: Mapped[int] = mapped_column(default=-1)
-    """That `map.cfg` and `map.json` on disk hold."""
+    """Revision of `map.cfg` and `map.json` on disk."""
     exported_sha256: Mapped[str | None]
-    """Of the `map.cfg` that was written last, or is just being written."""
+    """Of the `map.cfg` that was written last, or is being written."""
     previous_sha256: Mapped[str | None]
-    """Of the one before: still on disk when a writer was killed. Any other one is an edit from outside."""
+    """Of the one before, still on disk if a writer was killed. Any other hash means an edit from outside."""
 
     photos: Mapped[list[Photo]] = relationship(order_by="Photo.id", passive_deletes=True)
 
 
 class Member(Base):
-    """What an account may do with a map."""
+    """The role of an account on a map."""
 
     __tablename__ = "member"
     __table_args__ = WITHOUT_ROWID
@@ -184,7 +184,7 @@ class Member(Base):
 
 
 class Photo(Base):
-    """A photo of a map, placed or not; with a place it is an experience of the map."""
+    """A photo of a map, placed or not; a placed one is an experience of the map."""
 
     __tablename__ = "photo"
     __table_args__ = (UniqueConstraint("map_id", "sha256"), Index(None, "map_id", "revision"))
@@ -192,7 +192,7 @@ class Photo(Base):
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     name: Mapped[str]
-    """Of the original file."""
+    """Name of the original file."""
     path: Mapped[str]
     """Relative to the map's folder, with forward slashes."""
     sha256: Mapped[str]
@@ -210,36 +210,36 @@ class Photo(Base):
     gps_lon: Mapped[float | None]
     gps_accuracy_m: Mapped[float | None]
     gps_problem: Mapped[str | None]
-    """Why there is no GPS position, for people."""
+    """A sentence on why there is no GPS position."""
 
     x_px: Mapped[float | None]
     y_px: Mapped[float | None]
     radius_px: Mapped[float | None]
-    """68 % radius of a position that was suggested and accepted; None: it is exact, or that of its GPS."""
+    """68 % radius of an accepted suggestion; None for an exact position, or that of the photo's GPS."""
     heading_deg: Mapped[float | None]
     blurred: Mapped[list[dict[str, Any]] | None]
-    """Boxes that are blurred in every picture of it: `x`, `y`, `width`, `height`, shares of its size."""
+    """Boxes blurred in all pictures of it: `x`, `y`, `width`, `height`, as fractions of its size."""
     source: Mapped[dict[str, Any] | None]
-    """Of a photo that is from a service: `service`, `id`, `licence`, `author`, `url`, as in `map.json`."""
+    """For a photo from a service: `service`, `id`, `licence`, `author`, `url`, as in `map.json`."""
     panorama: Mapped[dict[str, Any] | None]
-    """Of a photo that shows the whole sphere: the boxes that are `masked`, as in `map.json`."""
+    """For a photo of the whole sphere: the `masked` boxes, as in `map.json`."""
     note: Mapped[str | None]
-    """What people have written on it."""
+    """Note of users on it."""
     floor: Mapped[int] = mapped_column(default=0)
-    """Id of the floor that it is on; 0 is that of the map's own image."""
+    """Id of its floor; 0 is that of the map's own image."""
     removed: Mapped[bool] = mapped_column(default=False)
-    """Taken out of the map; kept, so that it can be undone."""
+    """Whether it was removed from the map; the record is kept for undo."""
     revision: Mapped[int] = mapped_column(default=0)
-    """Of the map, when this photo last changed."""
+    """Revision of the map in which this photo last changed."""
 
     @property
     def is_placed(self) -> bool:
-        """Whether it is on the map: the files and the index hold it."""
+        """Whether it is on the map, and thus in the files and the index."""
         return self.x_px is not None and not self.removed
 
 
 class PlacedElsewhere(Base):
-    """Where a further placement of a map has one of its photos."""
+    """The position of a photo in a further placement of a map."""
 
     __tablename__ = "placed_elsewhere"
     __table_args__ = WITHOUT_ROWID
@@ -252,7 +252,7 @@ class PlacedElsewhere(Base):
 
 
 class Edit(Base):
-    """One step that can be undone: the fields it changed, before and after."""
+    """A change that can be undone as one step: the fields before and after."""
 
     __tablename__ = "edit"
     __table_args__ = (Index(None, "map_id", "account_id", "state", "id"),)
@@ -262,17 +262,17 @@ class Edit(Base):
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
     at: Mapped[datetime] = mapped_column(default=now)
     kind: Mapped[str]
-    """`place`, `move`, `turn`, `remove`, `satellite` ...: for the words on the undo button."""
+    """`place`, `move`, `turn`, `remove`, `satellite` ...: for the label of the undo button."""
     changes: Mapped[list[dict[str, Any]]]
-    """`{"target": "photo/3", "before": {...}, "after": {...}}` each."""
+    """Each is `{"target": "photo/3", "before": {...}, "after": {...}}`."""
     state: Mapped[str] = mapped_column(default="done")
-    """`done`, `undone`, or `closed`: can be neither undone nor redone any more."""
+    """`done`, `undone`, or `closed`, which can be neither undone nor redone."""
     revision: Mapped[int] = mapped_column("turn")
-    """Of the map, by which it was done, undone or redone last: orders the redo."""
+    """Revision of the map in which it was last done, undone or redone."""
 
 
 class Upload(Base):
-    """A file on its way in; what has arrived is in the uploads folder."""
+    """An upload in progress; the bytes received are in the uploads folder."""
 
     __tablename__ = "upload"
     __table_args__ = (UniqueConstraint("map_id", "account_id", "fingerprint"),)
@@ -281,16 +281,16 @@ class Upload(Base):
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
     account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"))
     fingerprint: Mapped[str]
-    """Name, size and time of the file, by which a browser finds its half-done upload again."""
+    """Of name, size and time of the file; with it a browser finds its unfinished upload again."""
     name: Mapped[str]
     size_bytes: Mapped[int]
     photo_id: Mapped[int | None]
-    """Reserved for the photo; None for an upload that was begun by an older version."""
+    """Reserved for the photo; None for an upload that an older version began."""
     created_at: Mapped[datetime] = mapped_column(default=now)
 
 
 class Job(Base):
-    """Long work outside a request. Who works on it holds a lease and renews it; `fence` counts the leases."""
+    """Long work outside a request. Its worker holds a lease and renews it; `fence` counts the leases."""
 
     __tablename__ = "job"
     __table_args__ = (
@@ -308,12 +308,12 @@ class Job(Base):
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    """Never used again: pages keep asking for jobs of maps that are deleted."""
+    """Never reused: pages may still request jobs of deleted maps."""
     map_id: Mapped[int | None] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
     kind: Mapped[str]
     key: Mapped[str] = mapped_column(default="")
-    """Two waiting jobs of one map, kind and key are one."""
+    """Waiting jobs with the same map, kind and key are merged."""
     arguments: Mapped[dict[str, Any]] = mapped_column(default=dict)
     state: Mapped[str] = mapped_column(default="queued")
     """`queued`, `running`, `done`, `failed` or `cancelled`."""
@@ -321,7 +321,7 @@ class Job(Base):
     total: Mapped[int] = mapped_column(default=0)
     note: Mapped[str] = mapped_column(default="")
     error: Mapped[dict[str, Any] | None]
-    """`message`, `where` and `hint` of the error it ended with."""
+    """`message`, `where` and `hint` of the error with which it ended."""
     result: Mapped[dict[str, Any] | None]
     attempts: Mapped[int] = mapped_column(default=0)
     cancel_wanted: Mapped[bool] = mapped_column(default=False)
@@ -329,16 +329,16 @@ class Job(Base):
     leased_by: Mapped[str | None]
     leased_until: Mapped[datetime | None]
     not_before: Mapped[datetime | None]
-    """When it may be tried again, of a job for which something was away; by the clock of the database."""
+    """Earliest time of the next try, if something was unavailable; by the clock of the database."""
     waits: Mapped[int] = mapped_column(default=0, server_default="0")
-    """How often something was away."""
+    """How often something was unavailable."""
     created_at: Mapped[datetime] = mapped_column(default=now)
     started_at: Mapped[datetime | None]
     ended_at: Mapped[datetime | None] = mapped_column(index=True)
 
 
 class QueryRecord(Base):
-    """A photo that somebody asked about: where on a map was it taken? With the answer."""
+    """A photo to be localized on a map, and the answer."""
 
     __tablename__ = "query"
     __table_args__ = (
@@ -348,41 +348,41 @@ class QueryRecord(Base):
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    """Never used again: links name it."""
+    """Never reused, as links contain it."""
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"))
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"))
     at: Mapped[datetime] = mapped_column(default=now)
     name: Mapped[str]
-    """Of the original file."""
+    """Name of the original file."""
     file: Mapped[str]
-    """Its name in the folder of the map's queries; the server chose it."""
+    """Name in the folder of the map's queries, chosen by the server."""
     width: Mapped[int]
     """Of the upright photo."""
     height: Mapped[int]
     options: Mapped[dict[str, Any]]
-    """What was asked for besides the photo."""
+    """Options of the request."""
     answer: Mapped[dict[str, Any]]
-    """As `localize --json` gives it."""
+    """As from `localize --json`."""
     evidence: Mapped[list[dict[str, Any]]] = mapped_column(deferred=True)
     """Matches with photos of the map: `experience`, `query_xy`, `photo_xy` and `inlier` each."""
     adopted_id: Mapped[int | None]
-    """Id of the photo of the map that it has become."""
+    """Id of the map photo that it has become."""
     key: Mapped[str | None]
-    """That the sender chose: sent once more with it, the photo is not asked about again."""
+    """Idempotency key of the client: a repeated request with it gets this answer."""
 
 
 class Share(ShareColumns, Base):
-    """A view of a map, or of one answer, that is open without a sign-in."""
+    """A view of a map, or of one answer, that is open without signing in."""
 
     __tablename__ = "share"
 
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
     query_id: Mapped[int | None] = mapped_column(ForeignKey("query.id", ondelete="CASCADE"))
-    """Of the only answer that is shown; None for the whole map."""
+    """Id of the only answer that is shown; None for the whole map."""
     localize: Mapped[bool] = mapped_column(default=False)
-    """Whether visitors may ask about photos of their own."""
+    """Whether visitors may localize their own photos."""
     originals: Mapped[bool] = mapped_column(default=False)
-    """Whether original files, with their EXIF, are given out."""
+    """Whether original files, with their EXIF, can be downloaded."""
     notes: Mapped[bool] = mapped_column(default=False)
     """Whether notes are shown."""
     landmarks: Mapped[bool] = mapped_column(default=False)

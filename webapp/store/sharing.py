@@ -1,7 +1,7 @@
-"""Views that are open without a sign-in: maps and answers, and the links that every kind of share has.
+"""Views that are open without signing in: shares of maps and answers, and the links of all kinds of shares.
 
-One system for all kinds of shares, each a table of `ShareColumns`: maps and answers here, missions in their
-own wing.
+All kinds of shares work alike; each is a table with `ShareColumns`. Shares of missions are in their own
+package.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ Kind = TypeVar("Kind", bound=ShareColumns)
 
 @dataclass(frozen=True, slots=True)
 class Allows:
-    """What a share gives besides the image, the dots, and the answer that it is about.
+    """What a share allows, besides the image, the dots, and the answer that it is about.
 
     Attributes
     ----------
     photos : bool
         Previews of photos.
     localize : bool
-        Questions about photos of the visitor's own; of a shared map only.
+        Localization of visitors' own photos; for a shared map only.
     originals : bool
         Original files, with their EXIF.
     notes : bool
-        Notes on photos and on spots of the map; of a shared map only.
+        Notes on photos and on spots of the map; for a shared map only.
     landmarks : bool
-        The map in 3D, landmarks and the cameras of its photos; of a shared map only.
+        The map in 3D, landmarks and the cameras of its photos; for a shared map only.
     """
 
     photos: bool = False
@@ -48,7 +48,7 @@ class Allows:
 
 @dataclass(frozen=True, slots=True)
 class OpenedShare:
-    """What a visitor sees; records of a session that is closed.
+    """The content of a share; its records outlive their session.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ def create(
     query_id: int | None = None,
     public: bool = False,
 ) -> tuple[Share, str]:
-    """Share a map or one answer; also returns the token, as `open_link` does.
+    """Share a map or one answer; also return the token, like `open_link`.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def create(
 
 
 def change(share: Share, allows: Allows) -> None:
-    """Let a share give more, or less."""
+    """Change what a share allows."""
     share.photos = allows.photos
     share.localize = allows.localize and share.query_id is None
     share.originals = allows.originals
@@ -99,7 +99,7 @@ def change(share: Share, allows: Allows) -> None:
 
 
 def list_shares(session: Session, record: MapRecord) -> list[Share]:
-    """List the shares of a map and of its answers, the newest first."""
+    """List the shares of a map and of its answers, newest first."""
     return shares_of(session, Share, where=Share.map_id == record.id)
 
 
@@ -114,12 +114,12 @@ def find(session: Session, record: MapRecord, id: int) -> Share:
 
 
 def open_share(session: Session, token: str) -> OpenedShare:
-    """Find what the end of an address opens.
+    """Find the share of a token.
 
     Raises
     ------
     NotFound
-        It opens nothing, or the map is in the bin.
+        There is none, or the map is in the bin.
     """
     share = share_by_token(session, Share, token=token)
     record = None if share is None else session.get_one(MapRecord, share.map_id)
@@ -130,7 +130,7 @@ def open_share(session: Session, token: str) -> OpenedShare:
 
 
 def public(session: Session) -> list[OpenedShare]:
-    """List what is open to everybody, the newest first."""
+    """List the publicly listed shares, newest first."""
     found = (
         select(Share, MapRecord, QueryRecord)
         .join(MapRecord, MapRecord.id == Share.map_id)
@@ -142,19 +142,19 @@ def public(session: Session) -> list[OpenedShare]:
 
 
 def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
-    """Store a new share under a token of its own.
+    """Store a new share under a new token.
 
     Parameters
     ----------
     share : ShareColumns
-        Knows what it shows and allows; not yet in the session.
+        With its target and permissions; not yet in the session.
     public : bool
-        Whether it is listed for everybody.
+        Whether it is publicly listed.
 
     Returns
     -------
     str
-        End of its address. Of a secret one it is kept nowhere, only its hash.
+        The token, which is the end of its URL. For a secret share, only its hash is stored.
     """
     token = secrets.token_urlsafe(24)
     share.token_hash = hashed(token)
@@ -165,24 +165,24 @@ def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
 
 
 def shares_of(session: Session, kind: type[Kind], *, where: ColumnElement[bool]) -> list[Kind]:
-    """List the shares of a kind that fulfil a condition, the newest first."""
+    """List the shares of a kind that fulfil a condition, newest first."""
     return list(session.scalars(select(kind).where(where).order_by(kind.id.desc())))
 
 
 def maker_of(session: Session, share: ShareColumns) -> str | None:
-    """Return the name of who made a share; None where that account was removed."""
+    """Return the name of the account that made a share; None if it was removed."""
     account = None if share.account_id is None else session.get(Account, share.account_id)
     return None if account is None else account.name
 
 
 def shares_of_removed_accounts(session: Session) -> list[ShareColumns]:
-    """List the shares of every kind that are open although who made them has no account any more."""
+    """List the shares, of every kind, that are still open although their makers' accounts were removed."""
     kinds = [mapper.class_ for mapper in Base.registry.mappers if issubclass(mapper.class_, ShareColumns)]
     return [share for kind in kinds for share in shares_of(session, kind, where=kind.account_id.is_(None))]
 
 
 def revoke_of_removed_accounts(session: Session) -> int:
-    """Revoke the shares whose makers have no account any more; returns how many."""
+    """Revoke the shares whose makers' accounts were removed; return their number."""
     found = shares_of_removed_accounts(session)
     for share in found:
         session.delete(share)
@@ -204,14 +204,14 @@ def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElem
 
 
 def share_by_token(session: Session, kind: type[Kind], *, token: str) -> Kind | None:
-    """Find the share that the end of an address opens."""
+    """Find the share of a token; None if there is none."""
     return session.scalars(select(kind).where(kind.token_hash == hashed(token))).first()
 
 
 def link_not_valid() -> NotFound:
-    """Make the error of a link that opens nothing: it never did, was revoked, or its target is in the bin.
+    """Return the error for a link that never existed, was revoked, or whose target is in the bin.
 
-    Visitors do not learn which.
+    It does not reveal which.
     """
     return NotFound(
         "this link is not valid, or no longer valid", hint="ask the person who sent it for a new one"

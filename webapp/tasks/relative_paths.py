@@ -1,4 +1,4 @@
-"""Errors and findings with paths relative to a folder: visitors of the web see no others."""
+"""Makes paths in errors and findings relative to a folder: web users must not see absolute ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from webapp.errors import ExpMapError
 
 @contextmanager
 def show_relative_to(folder: Path) -> Iterator[None]:
-    """Show paths below the folder as relative ones in an error that passes through."""
+    """Make paths below the folder relative in errors that are raised in the block."""
     try:
         yield
     except ExpMapError as error:

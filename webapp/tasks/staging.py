@@ -1,4 +1,4 @@
-"""Folders of the library in which a map is put together before it gets its place."""
+"""Staging folders of the library, in which a map is prepared before it is moved to its place."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pathlib import Path
 from webapp.store.library import Library
 
 _STALE_S = 7 * 86_400
-"""Nobody comes back to what is older."""
+"""Age from which on staging folders are deleted as abandoned."""
 
 
 def make(library: Library) -> Path:
-    """Make an empty folder; what was left behind there by killed processes is deleted."""
+    """Make an empty staging folder; old ones left by killed processes are deleted."""
     there = parent(library)
     for old in there.iterdir():
         with suppress(FileNotFoundError):  # another import has just finished
@@ -27,7 +27,7 @@ def make(library: Library) -> Path:
 
 
 def parent(library: Library) -> Path:
-    """Return the folder that they are in, on the disk of the maps; it is made when missing."""
+    """Return the parent of the staging folders, on the file system of the maps; created if missing."""
     folder = library.inner / "imports"
     folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -1,4 +1,4 @@
-"""The web application: pages for people and an API for programs, over one library."""
+"""The web application: pages for people and an API for programs, for one library."""
 
 from __future__ import annotations
 
@@ -43,23 +43,23 @@ _PARTS = (
     errors,
     openapi,
 )
-"""In this order before a request, and the other way round after it."""
+"""Their hooks run in this order before a request, and in reverse order after it."""
 
 
 class IdConverter(IntegerConverter):
-    """`<id:map_id>` in addresses: a number that a database can have as an id."""
+    """URL converter, as in `<id:map_id>`: an integer in the range of database ids."""
 
     def __init__(self, url_map: Map) -> None:
         super().__init__(url_map, max=MAX_NUMBER)
 
 
 def make_app(settings: Settings, parts: Parts, *, library: Library | None = None) -> APIFlask:
-    """Make the application of the parts that it is given (`webapp.app.web` names them).
+    """Make the application from its parts (listed in `webapp.app.web`).
 
     Parameters
     ----------
     library : Library, optional
-        Opened already; else that of the settings is opened.
+        An open library; by default that of the settings is opened.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def make_app(settings: Settings, parts: Parts, *, library: Library | None = None
         spec_path=openapi.PATH,
         docs_path=None,
         json_errors=False,
-        static_folder=None,  # type: ignore[arg-type]  # `static_files` has the addresses
+        static_folder=None,  # type: ignore[arg-type]  # `static_files` registers the route
         template_folder=str(resource_folder("templates")),
     )
     app.static_folder = str(resource_folder("static"))

@@ -1,11 +1,10 @@
-"""Several scripts or style sheets as one file.
+"""Bundling of several scripts or style sheets into one file.
 
-Each module keeps a scope of its own, a block, and comes after what it imports. That needs no parser, as the
-scripts of pages are plain: imports have names, what is exported is declared there and never assigned again,
-no import cycles exist, and no line of a text looks like a comment. What imports or exports otherwise is
-refused. Bare names are those of libraries, and stay imports. Comments that have lines of their own are left
-out, and so is the indentation, also in texts of several lines (shaders): together they would be a fifth of
-what is sent.
+Each module becomes a block with its own scope, placed after its imports. No parser is needed, as the scripts
+of pages are simple: imports are named, exports are declared in place and never reassigned, imports have no
+cycles, and no line of a string looks like a comment. Other forms of import and export are rejected. Bare
+specifiers are libraries, and remain imports. Comments on lines of their own and indentation are removed, the
+latter also in multi-line strings (shaders): together they would be a fifth of the bundle.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ _IMPORT = re.compile(r'^import\s+(?:\{([^}]*)\}\s+from\s+)?"(\.[^"]+)";', re.M)
 _LIBRARY = re.compile(r'^import\s+\{([^}]*)\}\s+from\s+"([a-z][\w/-]*)";', re.M)
 _EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.M)
 _OTHER = re.compile(r"^(?:import|export)\b.*|^(?!\s*(?:/?\*|//)).*\bimport(?:\(|\.meta).*", re.M)
-"""What else imports or exports; comments name types by `import(...)`."""
+"""Unsupported imports and exports; `import(...)` in comments, which names types, is allowed."""
 _COMMENT = re.compile(r"^[ \t]*(?:/\*(?:[^*]|\*(?!/))*\*/|//.*)[ \t]*\n", re.M)
 _INDENTATION = re.compile(r"^[ \t]+", re.M)
 _SHEET_COMMENT = re.compile(r"^[ \t]*/\*(?:[^*]|\*(?!/))*\*/[ \t]*\n", re.M)
@@ -27,19 +26,19 @@ _URL = re.compile(r"url\((?!#|data:|/)([^)]+)\)")
 
 
 def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
-    """Put modules and all that they import into one module, in the order in which they would run.
+    """Bundle modules and all their imports into one module, in the order of their execution.
 
     Parameters
     ----------
     folder : Path
-        Of the static files.
+        Folder of the static files.
     names : iterable of str
-        Of modules below it.
+        Paths of modules relative to it.
 
     Raises
     ------
     ValueError
-        A module imports or exports in a way that is not known here.
+        A module has an unsupported import or export.
     """
     order: list[str] = []
     sources: dict[str, str] = {}
@@ -53,27 +52,27 @@ def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
 
 
 def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
-    """Put style sheets into one.
+    """Bundle style sheets into one.
 
     Parameters
     ----------
     folder : Path
-        Of the static files.
+        Folder of the static files.
     names : iterable of str
-        Of style sheets below it.
+        Paths of style sheets relative to it.
     base : str
-        Address of that folder, for the pictures that they name.
+        URL of that folder, for the images that they refer to.
     """
     return "".join(_with_addresses(name, (folder / name).read_text("utf-8"), base) for name in names)
 
 
 def shortened(source: str) -> str:
-    """Leave out the indentation of a script, and the comments that have lines of their own."""
+    """Remove the indentation of a script, and the comments on lines of their own."""
     return _INDENTATION.sub("", _COMMENT.sub("", source))
 
 
 def _collect(folder: Path, name: str, *, sources: dict[str, str], order: list[str]) -> None:
-    """Read a module and what it imports; what is imported is in order before it."""
+    """Read a module and, recursively, its imports, which precede it in `order`."""
     if name in sources:
         return
     sources[name] = (folder / name).read_text("utf-8")

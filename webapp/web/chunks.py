@@ -1,4 +1,4 @@
-"""Files that come in chunks: where a chunk belongs, and the answer to one that does not fit."""
+"""Chunked uploads: the offset of a chunk, and the response to a wrong one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ OPERATION: dict[str, Any] = {
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
     },
 }
-"""What a route that takes a chunk reads, for the OpenAPI document."""
+"""Parameters and body of routes that take a chunk, for the OpenAPI document."""
 
 _JSON_BYTES = 100_000
 
@@ -38,12 +38,12 @@ def chunk_bytes() -> int:
 
 
 def limit_bytes() -> None:
-    """Refuse chunks that are too large while they are read; for `before_request`."""
+    """Limit the size of chunks, which is enforced while they are read; for `before_request`."""
     request.max_content_length = chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
 
 
 def given_offset() -> int:
-    """Read where the sender believes its chunk belongs.
+    """Read the offset of the chunk from the request's header.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def given_offset() -> int:
 
 
 def tell_offset(error: WrongOffset) -> Response:
-    """Return the offset at which to resume; for `errorhandler`."""
+    """Make the response with the offset at which to resume; for `errorhandler`."""
     response = jsonify(error=as_json(error), offset=error.offset)
     response.status_code = 409
     response.headers[HEADER] = str(error.offset)

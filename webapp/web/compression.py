@@ -1,4 +1,4 @@
-"""Compresses text responses for clients that accept gzip."""
+"""Compress text responses for clients that accept gzip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from flask import Flask, Response, request
 
 _LEAST_BYTES = 1000
 _LEVEL = 4
-"""Of 1 to 9: a state of 7 MB takes a twentieth of a second."""
+"""Level of gzip, 1 to 9: a map state of 7 MB takes 0.05 s."""
 _MOST_PADDING = 100
 _TEXT = frozenset(
     {
@@ -24,7 +24,7 @@ _TEXT = frozenset(
 
 
 def init_app(app: Flask) -> None:
-    """Compress every answer that is worth it."""
+    """Register the compression of responses."""
     app.after_request(_compress)
 
 
@@ -34,12 +34,12 @@ def accepts_gzip() -> bool:
 
 
 def is_text(media_type: str | None) -> bool:
-    """Return whether compression makes files of this type smaller."""
+    """Return whether files of this type are worth compressing."""
     return media_type is not None and (media_type.startswith("text/") or media_type in _TEXT)
 
 
 def _compress(response: Response) -> Response:
-    """Compress an answer that is in memory; files and streams are sent as they are."""
+    """Compress a response in memory; files and streams are sent unchanged."""
     if not is_text(response.mimetype) or response.direct_passthrough or response.is_streamed:
         return response
     response.vary.add("Accept-Encoding")
@@ -54,11 +54,10 @@ def _compress(response: Response) -> Response:
 
 
 def gzipped(data: bytes) -> bytes:
-    """Compress, to a length that varies.
+    """Compress data to a randomised length, as a defence against BREACH.
 
-    Pages hold a secret, the CSRF token, and parts of the address that was asked for; the name in the header
-    of the compressed data is of random length, so that the length of an answer does not reveal whether such
-    a part is also in the secret.
+    Pages contain a secret, the CSRF token, and parts of the requested URL. The file name in the gzip header
+    has a random length, so that the length of a response does not reveal whether a part is in the secret.
     """
     name = secrets.token_hex(_MOST_PADDING)[: secrets.randbelow(_MOST_PADDING)]
     into = io.BytesIO()

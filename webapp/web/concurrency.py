@@ -1,4 +1,4 @@
-"""Limits how many requests of one kind run at once, and how many of those who are not signed in."""
+"""Limits of concurrent requests: of one kind, and of callers who are not signed in."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _WAIT_S = 1
 
 
 class ConcurrencyLimit:
-    """Limits one kind of request to a share of the threads, so that others are answered too.
+    """Limits one kind of request to a share of the threads, so that threads are left for others.
 
     Parameters
     ----------
     name : str
-        Of the kind of request.
+        Name of the kind of request.
     share : float
-        Of the threads of a process.
+        Share of the threads of a process, 0 to 1.
     """
 
     def __init__(self, name: str, *, share: float) -> None:
@@ -45,16 +45,16 @@ class ConcurrencyLimit:
         app.extensions.setdefault(_EXTENSION, {})[self._name] = threading.BoundedSemaphore(most)
 
     def semaphore(self) -> threading.BoundedSemaphore:
-        """Return the semaphore: one permit for each further request."""
+        """Return the semaphore; each request takes a permit."""
         return cast(threading.BoundedSemaphore, current_app.extensions[_EXTENSION][self._name])
 
     def acquire(self) -> threading.BoundedSemaphore:
-        """Take a permit, to be released; returns the semaphore.
+        """Take a permit; returns the semaphore, which the caller has to release.
 
         Raises
         ------
         Busy
-            None is free.
+            No permit is free.
         """
         free = self.semaphore()
         if not free.acquire(blocking=False):
@@ -63,12 +63,12 @@ class ConcurrencyLimit:
 
     @contextmanager
     def slot(self) -> Iterator[None]:
-        """Hold one permit for as long as the block lasts.
+        """Hold a permit within the block.
 
         Raises
         ------
         Busy
-            None is free.
+            No permit is free.
         """
         free = self.acquire()
         try:
@@ -81,7 +81,7 @@ _unauthenticated = ConcurrencyLimit("unauthenticated", share=0.5)
 
 
 def init_app(app: App) -> None:
-    """Keep half of the threads from the bodies of those who are not signed in; before any body is read."""
+    """Limit requests with a body by callers who are not signed in to half of the threads."""
     _unauthenticated.init_app(app)
     app.before_request(_take_permit)
     app.teardown_request(_give_back)
@@ -97,7 +97,7 @@ def _is_unauthenticated() -> bool:
     try:
         return signed_in() is None
     except NotSignedIn:
-        forget_caller()  # whoever needs to know who asks says that the token is unknown
+        forget_caller()  # a view that needs the caller reports the unknown token
         return True
 
 

@@ -1,4 +1,4 @@
-"""What a request works with: library, settings, the caller and the map; which views are public."""
+"""The context of a request: library, settings, caller and map; and the marking of public views."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ View = TypeVar("View", bound=Callable[..., Any])
 
 _MARK = "expmap_public"
 _PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
-"""That libraries make, and that hold nothing of anybody."""
+"""Public endpoints registered by libraries; they return no user data."""
 
 
 def account() -> Account:
-    """Return the account that asks.
+    """Return the caller's account.
 
     Raises
     ------
     NotSignedIn
-        Nobody is: the API answers 401, a page leads to the sign-in.
+        The caller is not signed in: the API answers 401, pages redirect to the sign-in.
     """
     found = sessions.signed_in()
     if found is None:
@@ -39,19 +39,19 @@ def account() -> Account:
 
 
 def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRecord:
-    """Find a map that the caller may use in a role.
+    """Find a map on which the caller has a role.
 
     Parameters
     ----------
     role : str
-        That is needed: `viewer`, `editor` or `owner`.
+        The required role: `viewer`, `editor` or `owner`.
     binned : bool
-        Whether a map in the bin counts.
+        Whether a map in the bin is accepted.
 
     Returns
     -------
     MapRecord
-        Of a session that is closed: for reading its fields.
+        Detached, as its session is closed: only for reading its fields.
 
     Raises
     ------
@@ -65,9 +65,9 @@ def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRe
 def reading_map(
     slug: str, role: Role = "viewer", *, binned: bool = False
 ) -> Iterator[tuple[Session, MapRecord]]:
-    """Find a map as `open_map` does, and read more of it in the same session.
+    """Find a map as `open_map` does, and yield it with its session for further reading.
 
-    After the block the record is only for reading its fields.
+    After the block the record is detached: only for reading its fields.
 
     Raises
     ------
@@ -82,12 +82,12 @@ def reading_map(
 
 
 def if_match() -> int | None:
-    """Return the newest revision that the caller knows, of the header `If-Match`; ETag quotes are allowed.
+    """Return the latest revision that the caller knows, from the header `If-Match`; ETag quotes are allowed.
 
     Raises
     ------
     UsageError
-        It is not a revision.
+        The header is not a revision.
     """
     text = request.headers.get("If-Match")
     if text is None:
@@ -101,18 +101,18 @@ def if_match() -> int | None:
 
 
 def public(view: View) -> View:
-    """Mark a view as open to everyone; put it right below the route."""
+    """Mark a view as public, without sign-in; a decorator to be placed directly below the route."""
     setattr(view, _MARK, True)
     return view
 
 
 def is_public(view: Callable[..., Any]) -> bool:
-    """Return whether a view is open to everyone."""
+    """Return whether a view is public."""
     return bool(getattr(view, _MARK, False))
 
 
 def init_app(app: Flask) -> None:
-    """Register the check of every request, before anything of its body is read."""
+    """Register the authentication of every request, before its body is read."""
     app.before_request(_check)
 
 

@@ -1,4 +1,4 @@
-"""Counts requests for rate limits: in the memory of a process, or in the database that machines share."""
+"""Counters of requests for rate limits: in the memory of a process, or in the database shared by machines."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from webapp.errors import StorageError
 from webapp.store.database import Database
 
 ADDRESS, SHARED_ADDRESS = "counting://", "counting-together://"
-"""Of the two storages, for those who choose one by its address."""
+"""Addresses of the two storages, by which `limits` selects one."""
 
 _TIDY_S = 60.0
 
 
 class CountingStorage(Storage):
-    """Counts by a clock that cannot be set: one that is set back would keep a full counter full.
+    """Counts in memory by the monotonic clock: if a clock were set back, a full counter would stay full.
 
-    The memory storage of `limits` goes by the time of day, and starts a thread at most requests.
+    The memory storage of `limits` uses the time of day, and starts a thread for most requests.
     """
 
     STORAGE_SCHEME = ["counting"]  # noqa: RUF012 - a list in `limits` too
@@ -33,11 +33,11 @@ class CountingStorage(Storage):
 
     @property
     def base_exceptions(self) -> type[Exception]:
-        """Return what an operation may raise."""
+        """Return the type of errors that operations may raise."""
         return ValueError
 
     def incr(self, key: str, expiry: float, *, amount: int = 1) -> int:  # type: ignore[override]
-        """Count a request in a window of so many seconds; returns how many there were in it."""
+        """Count a request in a window of `expiry` seconds; returns the number of requests in the window."""
         with self._turn:
             now = time.monotonic()
             if now >= self._tidy_at:
@@ -50,41 +50,41 @@ class CountingStorage(Storage):
             return count + amount
 
     def get(self, key: str) -> int:
-        """Return how many requests were counted in the window."""
+        """Return the number of requests in the window."""
         count, end = self._counts.get(key, (0, 0.0))
         return count if end > time.monotonic() else 0
 
     def get_expiry(self, key: str) -> float:
-        """Return when the window ends, seconds since 1970."""
+        """Return the end of the window, seconds since 1970."""
         _, end = self._counts.get(key, (0, 0.0))
         return time.time() + max(end - time.monotonic(), 0.0)
 
     def check(self) -> bool:
-        """Return whether it works."""
+        """Return whether the storage works."""
         return True
 
     def reset(self) -> int:
-        """Forget all counts; returns how many there were."""
+        """Delete all counters; returns their number."""
         with self._turn:
             count = len(self._counts)
             self._counts = {}
             return count
 
     def clear(self, key: str) -> None:
-        """Forget a count."""
+        """Delete a counter."""
         with self._turn:
             self._counts.pop(key, None)
 
 
 class SharedCounting(Storage):
-    """Counts in the database, where all machines count together, by its clock.
+    """Counts in the database, for all machines together, by the database's clock.
 
     Parameters
     ----------
     database : Database
-        Of which `request_counts` is not None. While it does not answer, a request that has to be counted is
-        refused as any other (`DatabaseUnavailable`): one that was let through might be one too many. While it
-        is read-only, each process counts for itself, so that reading goes on.
+        Its `request_counts` is not None. While it does not respond, a request that has to be counted fails
+        (`DatabaseUnavailable`), as it might exceed the limit. While it is read-only, each process counts for
+        itself, so that reading requests still work.
     """
 
     STORAGE_SCHEME = ["counting-together"]  # noqa: RUF012 - a list in `limits` too
@@ -99,32 +99,32 @@ class SharedCounting(Storage):
 
     @property
     def base_exceptions(self) -> type[Exception]:
-        """Return what an operation may raise."""
+        """Return the type of errors that operations may raise."""
         return StorageError
 
     def incr(self, key: str, expiry: float, *, amount: int = 1) -> int:  # type: ignore[override]
-        """Count a request in a window of so many seconds; returns how many there were in it."""
+        """Count a request in a window of `expiry` seconds; returns the number of requests in the window."""
         with self._database.translated_errors():
             hits = self._counts.hit(key, seconds=expiry, amount=amount)
         self._counts_alone = hits is None
         return self._own.incr(key, expiry, amount=amount) if hits is None else hits
 
     def get(self, key: str) -> int:
-        """Return how many requests were counted in the window."""
+        """Return the number of requests in the window."""
         if self._counts_alone:
             return self._own.get(key)
         with self._database.translated_errors():
             return self._counts.look(key)[0]
 
     def get_expiry(self, key: str) -> float:
-        """Return when the window ends, seconds since 1970 by the clock of this machine."""
+        """Return the end of the window, seconds since 1970 by the clock of this machine."""
         if self._counts_alone:
             return self._own.get_expiry(key)
         with self._database.translated_errors():
             return time.time() + self._counts.look(key)[1]
 
     def check(self) -> bool:
-        """Return whether the database answers."""
+        """Return whether the database responds."""
         try:
             self.get("")
         except StorageError:
@@ -132,18 +132,18 @@ class SharedCounting(Storage):
         return True
 
     def reset(self) -> int:
-        """Forget all counts; returns how many there were."""
+        """Delete all counters; returns their number."""
         with self._database.translated_errors():
             return self._counts.forget()
 
     def clear(self, key: str) -> None:
-        """Forget a count."""
+        """Delete a counter."""
         with self._database.translated_errors():
             self._counts.forget(key)
 
 
 def storage_address(database: Database) -> tuple[str, dict[str, Any]]:
-    """Choose a storage for a library; gives its address and its options."""
+    """Choose the storage for a library; returns its address and options."""
     if database.request_counts is None:
         return ADDRESS, {}
     return SHARED_ADDRESS, {"database": database}

@@ -1,4 +1,4 @@
-"""Errors as answers: the only place where one becomes a status, and its one shape in JSON.
+"""Error responses: the mapping of errors to HTTP statuses, and their common form in JSON.
 
 ::
 
@@ -62,7 +62,7 @@ _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
 
 
 def status_of(error: ExpMapError) -> HTTPStatus:
-    """Return the status of an error; a conflict of a request with `If-Match` is a 412."""
+    """Return the status of an error; a conflict is a 412 if the request has `If-Match`."""
     if isinstance(error, Conflict) and "If-Match" in request.headers:
         return HTTPStatus.PRECONDITION_FAILED
     return next(
@@ -71,10 +71,10 @@ def status_of(error: ExpMapError) -> HTTPStatus:
 
 
 def as_json(error: ExpMapError) -> dict[str, Any]:
-    """Return an error in the shape that all of the API uses, without the outer `error`."""
+    """Return an error in the common form of the API, without the outer `error`."""
     where = error.where
     if where is not None and isinstance(error, StorageError):
-        where = where.replace("\\", "/").rpartition("/")[2]  # the paths of the server stay private
+        where = where.replace("\\", "/").rpartition("/")[2]  # do not disclose paths of the server
     body = _shape(_code(type(error).__name__), language.translate(error.message), where=where)
     return body | {"hint": None if error.hint is None else language.translate(error.hint)}
 
@@ -108,14 +108,14 @@ def _own(error: ExpMapError) -> BaseResponse:
 
 
 def _of_system(error: OSError) -> BaseResponse:
-    """Answer a disk that is full, wherever that was found; anything else is a bug."""
+    """Answer an error of a full disk; any other OSError is a bug."""
     if not is_full(error):
         raise error
     return _own(storage_error(error, where=Path(error.filename or "").name))
 
 
 def _of_apiflask(error: HTTPError) -> Response:
-    """Answer what does not fit the schema of a request: the first thing that is wrong with it."""
+    """Answer a request that violates its schema, with the first problem found."""
     where, message = _first(error.detail)
     status = HTTPStatus(error.status_code)
     body = message or error.message or status.phrase.lower()
@@ -123,7 +123,7 @@ def _of_apiflask(error: HTTPError) -> Response:
 
 
 def _first(detail: Any, path: tuple[str, ...] = ()) -> tuple[str | None, str | None]:
-    """Find the first message in what marshmallow says, and the field that it is about."""
+    """Return the field and the text of the first message in marshmallow's errors."""
     if isinstance(detail, dict) and detail:
         key, inner = next(iter(detail.items()))
         return _first(inner, (*path, str(key)))
@@ -145,7 +145,7 @@ def _rate(error: RateLimitExceeded) -> Response:
 
 
 def _http(error: HTTPException) -> BaseResponse:
-    """Answer what Flask refuses; an unexpected exception is one of these, and is in the log by now."""
+    """Answer an HTTP error of Flask; this includes unexpected exceptions, which are already logged."""
     if error.response is not None or (error.code or 500) < 400:
         return Response.force_type(error.get_response(), request.environ)
     status = HTTPStatus(error.code or 500)
@@ -157,7 +157,7 @@ def _http(error: HTTPException) -> BaseResponse:
 
 
 def _in_words(status: HTTPStatus) -> dict[str, Any]:
-    """Say what a status means that Flask itself answers with."""
+    """Return the error body for a status that Flask itself raises."""
     words: dict[int, tuple[str, str | None]] = {
         400: (_("the request is not well-formed"), _("reload the page and try again")),
         404: (_("page not found"), None),
@@ -171,7 +171,7 @@ def _in_words(status: HTTPStatus) -> dict[str, Any]:
 
 
 def _code(name: str) -> str:
-    """Turn a name of a class or of a status into the code of an error."""
+    """Convert the name of a class or a status to an error code."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|\W+", "_", name).lower()
 
 

@@ -1,4 +1,4 @@
-"""Fields of schemas that are stricter than marshmallow's."""
+"""Schema fields that are stricter than marshmallow's."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
 
 class Boolean(apiflask.fields.Boolean):
-    """JSON's true and false, and no 0 or `"no"`; in forms and addresses `true`, `1`, `false` and `0`."""
+    """Accepts only true and false in JSON, and `true`, `1`, `false` and `0` in forms and query strings."""
 
     def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> bool:
         if isinstance(value, bool):
             return value
-        is_json = isinstance(data, dict)  # forms and addresses come as a view of many values
+        is_json = isinstance(data, dict)  # forms and query strings are MultiDict proxies
         if not is_json and isinstance(value, str) and value.lower() in _TEXTS:
             return _TEXTS[value.lower()]
         raise self.make_error("invalid", input=value)
 
 
 class RecordNumber(apiflask.fields.Integer):
-    """The number of a record or a revision: none is larger than a column can hold, on any database.
+    """The id of a record or a revision number, limited to the range of a column of every database.
 
     Parameters
     ----------
     least : int
-        -1 where it stands for "before the first one".
+        Minimum; -1 if that means "before the first one".
     """
 
     def __init__(self, *, least: int = 0, **options: Any) -> None:
@@ -39,14 +39,14 @@ class RecordNumber(apiflask.fields.Integer):
 
 
 class CheckedText(apiflask.fields.String):
-    """A text that a check accepts.
+    """A text that has to pass a check.
 
     Parameters
     ----------
     check : callable
-        Returns whether it can be used.
+        Returns whether a text is valid.
     refusal : str
-        What is said of others.
+        Error message for invalid texts.
     """
 
     def __init__(self, *, check: Callable[[str], bool], refusal: str, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""What makes the pages an application that can be installed and that opens without a network."""
+"""Progressive web app: manifest, service worker, and the pages that work offline."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OFFLINE = (
     "missions/index.html",
     "operate/offline.html",
 )
-"""Templates of the pages that open without a network: `KEPT_PAGES` of the service worker."""
+"""Templates of the pages that work offline: `KEPT_PAGES` of the service worker."""
 
 blueprint = Blueprint("installable", __name__)
 _GREEN = "#0b665c"
@@ -36,20 +36,20 @@ _ICONS = (
 
 @blueprint.get("/field")
 def field() -> str:
-    """Show the page that keeps photos until there is a network; it holds nothing of any map itself."""
+    """Show the page that stores photos until the device is online; it contains no data of any map."""
     return render_template("localize/field.html", colours=answer_colours(), services=offered_layers())
 
 
 @blueprint.get("/offline")
 def offline() -> str:
-    """Show the page that stands in for pages that a device has not kept, while there is no network."""
+    """Show the offline page, which replaces pages that the device has not cached."""
     return render_template("operate/offline.html")
 
 
 @blueprint.get("/manifest.webmanifest")
 @public
 def manifest() -> Response:
-    """Describe the application to the browser that installs it."""
+    """Send the web app manifest."""
     icons: list[dict[str, Any]] = [
         {"src": _image(name), "sizes": f"{side}x{side}", "type": "image/png", "purpose": purpose}
         for name, side, purpose in _ICONS
@@ -75,7 +75,7 @@ def manifest() -> Response:
 @blueprint.get("/sw.js")
 @public
 def service_worker() -> Response:
-    """Send the service worker from where it may look after all pages, with the files that it keeps."""
+    """Send the service worker, from a path whose scope is all pages, with the list of files to cache."""
     kept = json.dumps({"version": static_files.version(), "files": _kept_files()})
     with current_app.open_resource(f"{current_app.static_folder}/js/sw.js", "r", encoding="utf-8") as file:
         script = f"const SHELL = {kept};\n{file.read()}"
@@ -87,14 +87,14 @@ def _image(name: str) -> str:
 
 
 def _kept_files() -> list[str]:
-    """List the addresses of all that is needed for the pages that open without a network."""
+    """List the URLs of all files that the offline pages need."""
     plain = [name for name in static_files.files() if name.startswith(("img/", "vendor/leaflet/"))]
     made = {address for template in _OFFLINE for address in _bundles(template)}
     return [*(url_for("static", filename=name) for name in plain), *sorted(made)]
 
 
 def _bundles(template: str) -> tuple[str, str]:
-    """Return the addresses of the scripts and of the style sheets that a template names."""
+    """Return the URLs of the bundles of scripts and of style sheets that a template uses."""
     env = current_app.jinja_env
     assert env.loader is not None, "Flask always gives one"
     names: dict[str, Any] = {"scripts": [], "sheets": [], "leaflet": False}

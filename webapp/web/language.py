@@ -1,4 +1,4 @@
-"""The language of the pages: that of the account, else what the browser prefers."""
+"""The language of the pages: that of the account, else the one preferred by the browser."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from webapp.web.accounts import sessions
 TRANSLATIONS = Path(__file__).parent / "translations"
 
 _COUNTED = 200
-"""Numbers below it have all plurals of the languages of Europe."""
+"""Numbers below this use all plural forms of European languages."""
 
 
 def _own_name(code: str) -> str:
@@ -27,7 +27,7 @@ def _own_name(code: str) -> str:
 _TRANSLATED = sorted(path.parent.name for path in TRANSLATIONS.glob("*/LC_MESSAGES"))
 
 LANGUAGES = {code: _own_name(code) for code in ("en", *_TRANSLATED)}
-"""English and every folder of translations, each by its own name."""
+"""Codes of English and of all translations, with the languages' own names."""
 
 
 def init_app(app: Flask) -> None:
@@ -41,12 +41,12 @@ def current() -> str:
 
 
 def translate(message: str) -> str:
-    """Translate what an error says, where the catalogue has it; numbers and names in it keep it English."""
+    """Translate an error message if the catalogue has it; messages with numbers or names stay English."""
     return str(gettext(message)) if message else message
 
 
 def translate_job(job: dict[str, Any]) -> dict[str, Any]:
-    """Translate what a job is doing, and what stopped it; the rest of it stays as it is."""
+    """Translate the note and the error of a job."""
     error = job["error"]
     if error:
         error = error | {part: translate(error[part]) for part in ("message", "hint") if error.get(part)}
@@ -59,8 +59,8 @@ def script_catalogue() -> dict[str, Any]:
     Returns
     -------
     dict
-        `language`, `plurals` (the plural that each form is for, in the words of `Intl.PluralRules`), and
-        `messages`: text to translation, or to a list of them by plural form.
+        `language`, `plurals` (the category of each plural form, as named by `Intl.PluralRules`), and
+        `messages`: text to translation, or to a list of translations by plural form.
     """
     language = current()
     messages: dict[str, Any] = {}
@@ -89,10 +89,10 @@ def _choose() -> str | None:
     try:
         account = sessions.signed_in()
     except NotSignedIn:
-        account = None  # which the answer is going to say; it needs a language for that
+        account = None  # the error response needs a language as well
     chosen = session.get("language") if account is None else account.language
     if chosen in LANGUAGES:
         return chosen
-    # Not `best_match`: of "en-US, cs;q=0.5" it takes Czech, for which there is an exact match.
+    # Not `best_match`: for "en-US, cs;q=0.5" it returns Czech, the only exact match.
     preferred = [code.partition("-")[0].lower() for code, quality in request.accept_languages if quality > 0]
     return next((code for code in preferred if code in LANGUAGES), None)

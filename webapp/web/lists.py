@@ -1,4 +1,4 @@
-"""Lists that clients get in parts."""
+"""Pagination of lists."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 
 class ListPartQuery(Schema):
-    """Which part of a list is wanted."""
+    """The requested part of a list."""
 
     bin = Boolean(load_default=False, metadata={"description": "What is in the bin instead."})
     search = String(
@@ -40,7 +40,7 @@ class ListPartQuery(Schema):
 
 
 def wanted_part(query: dict[str, Any]) -> dict[str, Any]:
-    """Return what to ask the database for: one more than wanted shows whether any follow."""
+    """Return the parameters of the database query; its limit is one higher, to see whether others follow."""
     after, limit = query["after"], query["limit"]
     return {
         "binned": query["bin"],
@@ -51,6 +51,6 @@ def wanted_part(query: dict[str, Any]) -> dict[str, Any]:
 
 
 def split(found: list[Item], limit: int | None) -> tuple[list[Item], Item | None]:
-    """Split what was found into what is shown, and its last one where others follow."""
+    """Return the items to show, and the last of them if others follow."""
     shown = found[:limit]
     return shown, shown[-1] if len(found) > len(shown) else None

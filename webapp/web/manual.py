@@ -1,4 +1,4 @@
-"""The manual: the documentation as pages, and which chapter explains which page."""
+"""The manual: the documentation as pages, and the mapping of pages to chapters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from webapp.render import manual
 blueprint = Blueprint("manual_pages", __name__, url_prefix="/help")
 
 _FIRST = "make-a-map#1-a-new-map-and-its-image"
-"""After the installation: who sees the manual has signed in."""
+"""The chapter after the installation: readers of the manual are already signed in."""
 _OF_PAGES = {
     "map_pages.editor": "make-a-map#3-place",
     "map_pages.settings": "sharing",
@@ -31,7 +31,7 @@ _OF_PAGES = {
 
 @blueprint.get("")
 def index() -> Response:
-    """Lead to the first chapter."""
+    """Redirect to the first chapter."""
     return redirect(f"/help/{_FIRST}")
 
 
@@ -51,6 +51,6 @@ def picture(name: str) -> Response:
 
 
 def address() -> str:
-    """Return the address of the chapter that explains the page."""
+    """Return the URL of the chapter that explains the current page."""
     chapter = _OF_PAGES.get(request.endpoint or "") or _OF_PAGES.get(request.blueprint or "") or _FIRST
     return f"/help/{chapter}"

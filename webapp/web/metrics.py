@@ -1,7 +1,7 @@
-"""Figures of the server for Prometheus: `/metrics`, where the settings have a token for it.
+"""Metrics of the server for Prometheus: `/metrics`, if the settings have a token for it.
 
-The processes that answer share what they count by files of the client library, in a folder that the
-supervisor makes for them (`PROMETHEUS_MULTIPROC_DIR`). Database and disk are read when somebody asks.
+The web processes share their counters by files of the client library, in a folder that the supervisor makes
+for them (`PROMETHEUS_MULTIPROC_DIR`). Database and disk are read at each scrape.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ blueprint = Blueprint("metrics", __name__)
 _EXTENSION = "expmap_metrics"
 _METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"})
 _SECONDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
-"""Upper ends of the histograms' buckets."""
+"""Upper bounds of the histograms' buckets."""
 
 
 def init_app(app: Flask) -> None:
-    """Count requests, where the settings have a token.
+    """Register the counting of requests, if the settings have a token.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def init_app(app: Flask) -> None:
 
 
 def count_answer(seconds: Mapping[str, float | None]) -> None:
-    """Count an answer to where a photo was taken, by the seconds of the stages that it went through."""
+    """Record the durations of the stages of an answer to a query."""
     counted: _Metrics | None = current_app.extensions.get(_EXTENSION)
     if counted is not None:
         for stage, took in seconds.items():
@@ -58,7 +58,7 @@ def count_answer(seconds: Mapping[str, float | None]) -> None:
 
 
 def look_counter(app: App) -> Callable[[bool], None]:
-    """Make what counts whether a map was open already when it was asked about."""
+    """Make a function that counts hits and misses of the cache of open maps."""
     counted: _Metrics | None = app.extensions.get(_EXTENSION)
 
     def count(was_open: bool) -> None:
@@ -71,7 +71,7 @@ def look_counter(app: App) -> Callable[[bool], None]:
 @blueprint.get("/metrics")
 @public
 def show() -> Response:
-    """Give the figures to whoever has the token."""
+    """Send the metrics to callers with the token."""
     token = settings().serve.metrics_token
     if token is None:
         raise NotFound("this server gives no metrics", hint="set serve.metrics_token")
@@ -85,7 +85,7 @@ def show() -> Response:
 
 
 class _Metrics:
-    """What is counted."""
+    """Counters and histograms."""
 
     def __init__(self) -> None:
         with extra("cluster"):
@@ -142,11 +142,11 @@ class _Metrics:
         self.storage_seconds.labels(operation).observe(seconds)
 
     def looked(self, *, found: bool) -> None:
-        """Count a look for an object in the cache."""
+        """Count a lookup of an object in the cache."""
         self.storage_looks.labels("hit" if found else "miss").inc()
 
     def text(self, place: Library) -> bytes:
-        """Write all figures."""
+        """Return all metrics in Prometheus's text format."""
         counted = self._registry
         if shares_metrics():
             counted = self._client.CollectorRegistry()
@@ -158,13 +158,13 @@ class _Metrics:
 
 
 class _Now:
-    """What is read when it is asked for; `gauge` makes a figure of its name, description and value."""
+    """Collector of values read at each scrape; `gauge` makes a metric from name, description and value."""
 
     def __init__(self, place: Library, gauge: Callable[[str, str, float], Any]) -> None:
         self._library, self._gauge = place, gauge
 
     def collect(self) -> Iterator[Any]:
-        """Yield the figures of the database and of the disk."""
+        """Yield the metrics of the database, the cache and the disk."""
         try:
             with self._library.database.read() as session:
                 queue = job_views.queue_figures(session)
@@ -186,7 +186,7 @@ class _Now:
         try:
             disk = shutil.disk_usage(self._library.folder)
         except OSError:
-            return  # a folder that is gone has no size; the database, and what is refused, say more
+            return  # a missing folder has no size; other metrics show the failure
         yield self._gauge("expmap_disk_size_bytes", "Of the library's disk.", disk.total)
         yield self._gauge("expmap_disk_free_bytes", "Of the library's disk.", disk.free)
 
@@ -194,7 +194,7 @@ class _Now:
 def _count_request(response: Response) -> Response:
     metrics: _Metrics = current_app.extensions[_EXTENSION]
     route = "none" if request.url_rule is None else request.url_rule.rule
-    method = request.method if request.method in _METHODS else "other"  # clients send any
+    method = request.method if request.method in _METHODS else "other"  # clients can send any method
     metrics.requests.labels(method, route, response.status_code).inc()
     if "expmap_begun" in g:
         metrics.request_seconds.labels(route).observe(time.perf_counter() - g.expmap_begun)

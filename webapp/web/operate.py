@@ -1,4 +1,4 @@
-"""What keeps a server going: jobs, by the API and on the page of a map, and a check of its health."""
+"""Operation of a server: the API and page of jobs, and health checks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ health_pages = Blueprint("health", __name__)
 
 
 class JobQuery(Schema):
-    """Which jobs are listed."""
+    """Filter of jobs."""
 
     map = String(
         load_default=None,
@@ -41,7 +41,7 @@ class JobQuery(Schema):
 
 
 class ListedJob(JobSchema):
-    """A job, and whose it is."""
+    """A job, with its map's name and its starter."""
 
     map_name = String(allow_none=True)
     by = String(
@@ -51,7 +51,7 @@ class ListedJob(JobSchema):
 
 
 class JobList(Schema):
-    """Jobs, of one map the newest first, of all maps the active ones first."""
+    """Jobs: those of one map with the newest first, those of all maps with the active ones first."""
 
     jobs = List(Nested(ListedJob))
 
@@ -60,7 +60,7 @@ class JobList(Schema):
 @jobs_api.input(JobQuery, location="query", arg_name="query")
 @jobs_api.output(JobList)
 def listed(query: dict[str, str | None]) -> dict[str, Any]:
-    """List the last jobs of a map, or those of all maps that wait, run, or ended within the last day."""
+    """List the latest jobs of a map, or the jobs of all maps that wait, run, or ended within the last day."""
     slug, who = query["map"], account()
     record = None if slug is None else open_map(slug)
     with library().database.read() as session:
@@ -82,7 +82,7 @@ def one(job_id: int) -> dict[str, Any]:
 @jobs_api.post("/<id:job_id>/cancel")
 @jobs_api.output(ListedJob)
 def cancel(job_id: int) -> dict[str, Any]:
-    """Stop a job, one's own or one of a map that one may edit; what it has finished is kept."""
+    """Cancel a job of the caller, or of a map that the caller may edit; its finished steps are kept."""
     with library().database.write() as session:
         job = _job(session, job_id, role="editor")
         jobs.cancel(session, job)
@@ -92,14 +92,14 @@ def cancel(job_id: int) -> dict[str, Any]:
 @jobs_api.post("/<id:job_id>/retry")
 @jobs_api.output(ListedJob)
 def retry(job_id: int) -> dict[str, Any]:
-    """Queue a job again that failed or was cancelled."""
+    """Queue a failed or cancelled job again."""
     with library().database.write() as session:
         job = jobs.retry(session, _job(session, job_id, role="editor"))
         return _job_json(session, job)
 
 
 def _job(session: Session, job_id: int, *, role: Role) -> Job:
-    """Find a job on a map that the caller may use in a role, or their own on a map that they may see."""
+    """Find a job of a map on which the caller has a role, or the caller's own job on a visible map."""
     job = jobs.find(session, job_id)
     who = account()
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
@@ -127,7 +127,7 @@ def _job_json(session: Session, job: Job) -> dict[str, Any]:
 
 @jobs_pages.get("/maps/<slug>/jobs")
 def show_jobs(slug: str) -> str:
-    """Show what is worked on; the list itself comes from the API and is kept up to date."""
+    """Show the jobs of a map; the page fetches and updates the list by the API."""
     record = open_map(slug)
     return render_template("operate/jobs.html", map=record, tab="jobs")
 
@@ -135,16 +135,16 @@ def show_jobs(slug: str) -> str:
 @health_pages.get("/livez")
 @public
 def livez() -> dict[str, Any]:
-    """Answer 200 as long as the process answers at all: whoever gets nothing here may start it again."""
+    """Liveness probe: always answers 200; if there is no response, the process may be restarted."""
     return {"status": "ok"}
 
 
 @health_pages.get("/readyz")
 @public
 def readyz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Answer 200 when requests should be sent here, 503 when to other servers of the library.
+    """Readiness probe: answers 200 to receive requests, 503 if other servers of the library should.
 
-    What all of them share, such as the database, has no say: then no server at all would be left.
+    Shared services, such as the database, are not checked: their failure would make all servers unready.
     """
     if is_draining():
         return {"status": "draining"}, HTTPStatus.SERVICE_UNAVAILABLE
@@ -156,7 +156,7 @@ def readyz() -> tuple[dict[str, Any], HTTPStatus]:
 @health_pages.get("/healthz")
 @public
 def healthz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Answer 503 when something is not well, shared with other servers or not, else 200; for monitoring."""
+    """Health check for monitoring: answers 503 if anything fails, including shared services, else 200."""
     parts = {"database": _database_answers(), "disk": _disk_has_room()}
     if settings().serve.job_workers:
         parts["worker"] = any_alive(library().inner / "workers")
@@ -182,7 +182,7 @@ def _database_answers() -> bool:
 
 
 def _disk_has_room() -> bool:
-    """Return whether photos are still taken in."""
+    """Return whether there is enough free space for uploads."""
     try:
         return shutil.disk_usage(library().folder).free >= settings().upload.reserve_mb * 1e6
     except OSError:

@@ -1,4 +1,4 @@
-"""What every page needs besides its own content, and helpers for pages with forms."""
+"""Common template variables and filters of all pages, and helpers for pages with forms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def init_app(app: Flask) -> None:
 
 
 def map_tabs() -> list[tuple[str, str, str]]:
-    """List the pages of a map: last part of the address, icon, and name."""
+    """List the pages of a map: last part of the path, icon, and name."""
     return [
         ("edit", "pin", _("Edit")),
         ("localize", "target", _("Localize")),
@@ -57,7 +57,7 @@ def _common() -> dict[str, Any]:
 
 
 def _sentence(text: str) -> str:
-    """Begin with a capital letter: messages are written without one, as for a terminal."""
+    """Capitalise the first letter: messages begin with a small one, as is usual in a terminal."""
     return text[:1].upper() + text[1:]
 
 
@@ -70,17 +70,17 @@ def _exact(when: datetime) -> str:
 
 
 def text(name: str) -> str:
-    """Return a field of the form; empty when it was not sent."""
+    """Return a field of the form, or an empty text if it is missing."""
     return request.form.get(name, "")
 
 
 def own_path(address: str | None) -> str | None:
-    """Return path and query of an address that a client sent, so that it can lead nowhere else.
+    """Return path and query of a URL from a client, to prevent redirects to other sites.
 
     Returns
     -------
     str or None
-        None for what is not a path of this site.
+        None if it is not a path of this site.
     """
     parts = urlsplit((address or "").replace("\\", "/"))
     if not parts.path.startswith("/") or parts.path.startswith("//"):
@@ -89,5 +89,5 @@ def own_path(address: str | None) -> str | None:
 
 
 def back(endpoint: str, **values: Any) -> Response:
-    """Lead to a page after a form was done, so that reloading it does nothing twice."""
+    """Redirect to a page after a form was processed, so that a reload does not submit it again."""
     return redirect(url_for(endpoint, **values), code=303)

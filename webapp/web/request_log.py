@@ -1,10 +1,10 @@
-"""Each request has an id, a line of the log and a span: what was asked for, by whom, and how it ended.
+"""An id, a log line and a span for each request.
 
-The id is that of the header `X-Request-ID`, which a proxy may have set, or a new one. It is in the answer,
-and in all lines of the log that are written for the request.
+The id is that of the header `X-Request-ID`, which a proxy may have set, or a new one. It is in the response,
+and in all log lines that are written for the request.
 
-Addresses are logged as the routes have them, without what varies but the map: a link that lets somebody in is
-never part of it, nor is anything that a client wrote.
+The log has the pattern of the route instead of the path, and the map's slug, so that it contains neither
+secret links nor other data from clients.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 
 def init_app(app: Flask) -> None:
-    """Log every request."""
+    """Register the log of requests."""
     app.before_request(_begin)
     app.after_request(_end)
     app.teardown_request(_leave)

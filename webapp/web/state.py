@@ -1,4 +1,4 @@
-"""What the application was made with."""
+"""The library, settings and parts of the application."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ KEY = "expmap"
 
 
 PublicList = Callable[[Session], Sequence[Any]]
-"""Reads what of one kind is open to everybody."""
+"""Reads all public items of one kind."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What the application is put together of.
+    """The parts of which the application is composed.
 
     Attributes
     ----------
     public_lists : mapping of str to callable
-        What the page of public content lists besides maps and answers, by the name its template has for it.
+        Public items other than maps and answers for the page of public shares, by the name in its template.
     path_parameters : mapping of str to mapping
-        Parts of addresses, as the OpenAPI document describes them, by name.
+        Descriptions of path parameters for the OpenAPI document, by name.
     operations : mapping of str to mapping
-        What routes read that no schema of theirs describes, by endpoint.
+        Parameters and bodies of routes that their schemas do not describe, by endpoint.
     """
 
     blueprints: tuple[Blueprint, ...]
@@ -41,7 +41,7 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class AppState:
-    """Kept in the extensions of the application."""
+    """State stored in the extensions of the application."""
 
     library: Library
     settings: Settings

@@ -1,7 +1,7 @@
-"""The files that pages are made of: browsers ask for few, compressed ones, and keep them for good.
+"""Static files: bundled, compressed, and cached permanently by browsers.
 
-Their addresses have the version of all files in them, so that another content has another address. The
-scripts of a page are one file, and its style sheets are one.
+Their URLs contain the version of all files, so that they change with the content. The scripts of a page are
+bundled into one file, and its style sheets into another.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ _SUFFIXES = frozenset({".css", ".js", ".png", ".svg"})
 _LEFT_OUT = frozenset({"js/sw.js"})
 
 EVERY_SCRIPT = ("shared/shell",)
-"""Of every page, below `static/js/`."""
+"""Scripts of every page, relative to `static/js/`."""
 _EVERY_SHEET = ("tokens", "base", "controls", "components", "print")
 LIBRARIES = {
     "three": "vendor/three/three.module.min.js",
     "three/orbit-controls": "vendor/three/OrbitControls.js",
 }
-"""Files of the names by which scripts import vendored modules."""
+"""Names by which scripts import vendored modules, with the files."""
 _MIME = {"js": "text/javascript", "css": "text/css"}
 _MOST_KEPT = 100
-"""Files, and bundles, that are kept compressed."""
+"""Maximum number of compressed files, and of bundles, in the cache."""
 _DAY_S = 86400
 
 
 def init_app(app: Flask) -> None:
-    """Register the addresses, and what templates need to name them."""
+    """Register the routes, and the template functions that return their URLs."""
     app.add_url_rule(f"{_ADDRESS}/<path:filename>", "static", _file)
     app.register_blueprint(_blueprint)
     app.url_defaults(_add_version)
@@ -56,33 +56,33 @@ def init_app(app: Flask) -> None:
 
 
 def version() -> str:
-    """Return the version of the files: another content has another one."""
+    """Return the version of the files, a hash of their contents."""
     return _present().version
 
 
 def files() -> list[str]:
-    """List the names of the files that belong to pages, below the folder of static files."""
+    """List the files that belong to pages, relative to the folder of static files."""
     return [name for name, _size, _time in _present().facts]
 
 
 def script_bundle(scripts: Sequence[str] = ()) -> str:
-    """Return the address of all scripts of a page as one file.
+    """Return the URL of the bundle of all scripts of a page.
 
     Parameters
     ----------
     scripts : sequence of str
-        Of the page, below `static/js/`, without `.js`; what every page has comes before them.
+        Scripts of the page, relative to `static/js/`, without `.js`; those of every page precede them.
     """
     return _bundle_address("js", [f"js/{name}" for name in (*EVERY_SCRIPT, *scripts)])
 
 
 def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
-    """Return the address of all style sheets of a page as one file.
+    """Return the URL of the bundle of all style sheets of a page.
 
     Parameters
     ----------
     sheets : sequence of str
-        Of the page, below `static/css/`, without `.css`; what every page has comes before them.
+        Sheets of the page, relative to `static/css/`, without `.css`; those of every page precede them.
     leaflet : bool
         Whether the page has a Leaflet map.
     """
@@ -92,9 +92,9 @@ def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
 
 
 def import_map() -> Markup:
-    """Return what an import map says, for a page whose scripts import vendored modules.
+    """Return the import map for a page whose scripts import vendored modules.
 
-    The page may have it inline: its hash goes into the policy of this request.
+    The page may contain it inline: its hash is added to the content security policy of this request.
     """
     addresses = {name: url_for("static", filename=file) for name, file in LIBRARIES.items()}
     text = json.dumps({"imports": addresses})
@@ -113,7 +113,7 @@ def _add_version(endpoint: str, values: dict[str, Any]) -> None:
 
 @public
 def _file(version: str, filename: str) -> Response:
-    """Send a file of pages."""
+    """Send a static file."""
     mime = mimetypes.guess_type(filename)[0]
     if filename not in files() or not is_text(mime) or not accepts_gzip():
         return _kept(send_from_directory(_present().folder, filename), version)
@@ -123,7 +123,7 @@ def _file(version: str, filename: str) -> Response:
 @_blueprint.get(f"{_ADDRESS}/bundles/<path:names>.<kind>")
 @public
 def bundle(version: str, names: str, kind: str) -> Response:
-    """Send scripts or style sheets of a page as one file."""
+    """Send a bundle of scripts or style sheets."""
     wanted = tuple(f"{name}.{kind}" for name in names.split(","))
     if kind not in _MIME or not set(wanted) <= set(files()):
         raise NotFound
@@ -136,7 +136,7 @@ def bundle(version: str, names: str, kind: str) -> Response:
 @_blueprint.get("/favicon.ico")
 @public
 def favicon() -> Response:
-    """Send the icon to those who look for it where it was in the past."""
+    """Send the icon at the traditional path, which some clients request."""
     return send_file(_present().folder / "img" / "icon-192.png", max_age=_DAY_S)
 
 
@@ -146,7 +146,7 @@ def _gzipped(data: bytes, mime: str | None, of: str) -> Response:
 
 
 def _kept(response: Response, of: str) -> Response:
-    """Let browsers keep what is asked for by the present version; under an old one it may have changed."""
+    """Allow permanent caching under the current version only; under an old one the content may differ."""
     response.vary.add("Accept-Encoding")
     response.headers["Cache-Control"] = _IMMUTABLE if of == version() else "no-cache"
     return response
@@ -154,7 +154,7 @@ def _kept(response: Response, of: str) -> Response:
 
 @dataclass(frozen=True, slots=True)
 class _Present:
-    """The files as they are now; name, size and time of each say whether the content has to be read again."""
+    """The current files; the content is read again only if a name, size or modification time has changed."""
 
     folder: Path
     facts: tuple[tuple[str, int, int], ...]
@@ -162,7 +162,7 @@ class _Present:
 
 
 def _present() -> _Present:
-    """Look once for each request."""
+    """Return the current files, which are scanned once per request."""
     if "static_files" not in g:
         assert current_app.static_folder is not None, "make_app always gives one"
         folder = Path(current_app.static_folder)

@@ -1,4 +1,4 @@
-"""What messages say of an answer, which is the object of `expmap localize --json`."""
+"""Values of messages, computed from an answer, which is the object of `expmap localize --json`."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from expmap_ros.geodesy import Origin
 Form = Mapping[str, Any]
 
 AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
-"""Standard deviation on each axis of a round normal distribution whose 68 % radius is 1."""
+"""Standard deviation on each axis of an isotropic normal distribution whose 68 % radius is 1."""
 
 KNOWN_YAW = math.radians(10.0) ** 2
-"""Variance of a direction: answers do not say it, headings are usually right to a few degrees."""
+"""Assumed variance of a yaw, square radians: headings in answers are usually right to a few degrees."""
 
 UNKNOWN_YAW = math.pi**2
-"""Variance of a direction that is not known, square radians."""
+"""Variance of an unknown yaw, square radians."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapPose:
-    """Where the camera is in the frame of the map.
+    """Pose of the camera in the frame of the map.
 
     Attributes
     ----------
     x, y : float
         Metres east and north of the origin.
     yaw : float or None
-        Where the camera looks, radians from east towards north.
+        Viewing direction of the camera, radians from east towards north.
     variance : float
         Of x, and of y, square metres.
     """
@@ -41,7 +41,7 @@ class MapPose:
     variance: float
 
     def covariance(self) -> list[float]:
-        """The 36 numbers of a PoseWithCovariance; what an image leaves open has the variance 0."""
+        """Return the 36 numbers of a PoseWithCovariance; z, roll and pitch have variance 0."""
         matrix = [0.0] * 36
         matrix[0] = matrix[7] = self.variance
         matrix[35] = KNOWN_YAW if self.yaw is not None else UNKNOWN_YAW
@@ -50,16 +50,16 @@ class MapPose:
 
 @dataclass(frozen=True, slots=True)
 class MapFrame:
-    """How positions of the map become metres: by an origin on the Earth, or by the size of a pixel.
+    """Converts positions on the map to metres, by an origin on the Earth or by the size of a pixel.
 
-    Without an origin x and y count from the top left corner of the image: right of it, and above it.
+    Without an origin, x and y are measured from the top left corner of the image, to the right and upwards.
     """
 
     origin: Origin | None
     metres_per_pixel: float | None = None
 
     def point(self, hypothesis: Form) -> tuple[float, float] | None:
-        """Metres; None where neither is known."""
+        """Return a position in metres; None if neither is known."""
         if self.origin is not None and hypothesis["lat"] is not None:
             return self.origin.metres_of(hypothesis["lat"], hypothesis["lon"])
         if self.metres_per_pixel is not None:
@@ -67,7 +67,7 @@ class MapFrame:
         return None
 
     def radius(self, hypothesis: Form) -> float | None:
-        """Metres of the 68 % radius; None where it is not known."""
+        """Return the 68 % radius in metres; None if unknown."""
         if hypothesis["radius_m"] is not None:
             return float(hypothesis["radius_m"])
         if hypothesis["radius_px"] is not None and self.metres_per_pixel is not None:
@@ -75,7 +75,7 @@ class MapFrame:
         return None
 
     def pose(self, hypothesis: Form) -> MapPose | None:
-        """The pose of a hypothesis; None where its position or its accuracy is not known in metres."""
+        """Return the pose of a hypothesis; None if its position or accuracy is not known in metres."""
         point, radius = self.point(hypothesis), self.radius(hypothesis)
         if point is None or radius is None:
             return None
@@ -91,7 +91,7 @@ def is_off_map(form: Form) -> bool:
 
 
 def poses_in_map(form: Form) -> tuple[list[int], list[float]]:
-    """List the best photo of each place, and the probability of the place; `[0], [0.0]` for nowhere."""
+    """List the best photo and the probability of each place; `[0], [0.0]` if there is none."""
     places = [h for h in form["hypotheses"] if h["experiences"]]
     if not places:
         return [0], [0.0]
@@ -99,7 +99,7 @@ def poses_in_map(form: Form) -> tuple[list[int], list[float]]:
 
 
 def headline(form: Form) -> str:
-    """Say it in a line."""
+    """Summarise an answer in one line."""
     if is_off_map(form):
         off = form["off_map_probability"]
         return "not on this map" if off is None else f"not on this map ({off:.0%})"

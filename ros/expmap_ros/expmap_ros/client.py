@@ -1,4 +1,4 @@
-"""The robots' client: its own distribution where that is installed, and else that of the program."""
+"""The robots' client: from its own distribution if installed, otherwise from the program."""
 
 try:
     from expmap_robot import RobotClient, RobotOptions

@@ -1,7 +1,7 @@
-"""Node `fix_bridge`: sure answers as poses of the robot, for robot_localization or another filter.
+"""Node `fix_bridge`: reliable answers as poses of the robot, for robot_localization or another filter.
 
-Answers that are not sure, or not accurate, are left out: a filter cannot take back a wrong fix. The pose is
-that of the robot, not of its camera. Without a filter the node publishes the transform from map to odometry.
+Improbable or inaccurate answers are left out, since a filter cannot undo a wrong fix. The pose is that of the
+robot, not of its camera. Without a filter, the node can publish the transform from map to odometry.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ PARAMETERS = (
 
 _TRANSFORMS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 _PERIOD_S = 0.1
-"""So often the transform is published."""
+"""Interval at which the transform is published."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """Where the camera is on the robot: metres forward and left, radians to the left."""
+    """Mounting of the camera on the robot: metres forward and left, radians to the left."""
 
     forward: float
     left: float
     yaw: float
 
     def robot_pose(self, camera: MapPose) -> MapPose:
-        """Where the robot is; without a direction it is somewhere around the camera."""
+        """Return the pose of the robot; without a yaw, that of the camera with a larger variance."""
         if camera.yaw is None:
             around = self.forward**2 + self.left**2
             return replace(camera, variance=camera.variance + around)
@@ -62,7 +62,7 @@ class CameraMount:
 
 
 class FixBridge(ManagedNode):
-    """Subscribes to answers, publishes poses of the robot, and where odometry is on the map if asked."""
+    """Subscribes to answers, publishes poses of the robot, and optionally the transform map to odometry."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("fix_bridge", PARAMETERS, **options)
@@ -93,7 +93,7 @@ class FixBridge(ManagedNode):
         self._newest: tuple[float, Planar] | None = None
 
     def activate(self) -> None:
-        """Listen to answers."""
+        """Subscribe to answers."""
         self.listen(String, "/pose_estimator/answer", self._take, quality=running.RESULTS)
         if self._tf:
             self.listen(TF_MESSAGE, "/tf", self._follow, quality=_TRANSFORMS)
@@ -110,7 +110,7 @@ class FixBridge(ManagedNode):
             self._fit()
 
     def _follow(self, message: Any, _: object) -> None:
-        """Take note where odometry says that the robot is."""
+        """Store the pose of the robot from odometry."""
         for one in message.transforms:
             if (one.header.frame_id, one.child_frame_id) == self._tf:
                 at, yaw = one.transform.translation, yaw_of(one.transform.rotation)
@@ -118,14 +118,14 @@ class FixBridge(ManagedNode):
                 self._fit()
 
     def _fit(self) -> None:
-        """Compute the transform, once odometry has come for the time of the newest sure answer."""
+        """Compute the transform, once odometry is available for the time of the newest reliable answer."""
         if self._waiting is None or (odometry := self._history.at(self._waiting[0])) is None:
             return
         self._newest = (self._waiting[0], map_to_odometry(self._waiting[1], odometry))
         self._waiting = None
 
     def _broadcast(self) -> None:
-        """Publish the transform, unless the answer behind it is too old to be relied on."""
+        """Publish the transform, unless the answer that it is based on is too old."""
         if self._newest is None or self._tf is None:
             return
         now = self.get_clock().now()

@@ -1,4 +1,4 @@
-"""Where something stands that a camera on a robot sees, if the ground is level."""
+"""Projects pixels of a camera on a robot to the ground, assumed to be level."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class GroundCamera:
     Attributes
     ----------
     forward, left, up : float
-        Where it is, metres from the point of the ground that is the robot's position.
+        Its position, metres from the robot's position on the ground.
     pitch, yaw : float
-        Where it looks, radians below the horizon, and to the left.
+        Its viewing direction, radians below the horizon, and to the left.
     """
 
     forward: float
@@ -42,7 +42,7 @@ class GroundCamera:
         Returns
         -------
         (float, float) or None
-            Metres ahead and to the left of the robot; None where the ray does not meet the ground within
+            Metres ahead and to the left of the robot; None if the ray does not meet the ground within
             `farthest_m` of the camera.
         """
         right, down = (column - lens.cx) / lens.fx, (row - lens.cy) / lens.fy

@@ -24,14 +24,14 @@ PARAMETERS = (
 )
 
 PHOTOS = (".jpg", ".jpeg", ".png")
-"""Endings of what a folder is searched for; JPEG and PNG are what a CompressedImage may hold."""
+"""Suffixes of photos in a folder; a CompressedImage may hold JPEG and PNG."""
 
 Frame = tuple[Pixels | None, bytes | None]
-"""Blue, green, red; or a file as it is."""
+"""Decoded pixels (blue, green, red), and the bytes of the file if there is one."""
 
 
 class ImagePublisher(ManagedNode):
-    """Publishes images at an even rate; the newest one waits for those who subscribe later."""
+    """Publishes images at a constant rate; the newest one is kept for late subscribers."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("image_publisher", PARAMETERS, **options)
@@ -52,7 +52,7 @@ class ImagePublisher(ManagedNode):
         self._next = next(self._frames)
 
     def activate(self) -> None:
-        """Publish."""
+        """Start to publish."""
         self._timer = self.repeat(1.0 / self._values["rate_hz"], self._publish)
 
     def _all_frames(self) -> Generator[Frame]:
@@ -105,7 +105,7 @@ def _opened(name: int | str, source: str) -> cv2.VideoCapture:
 
 
 def _recorded(capture: cv2.VideoCapture, *, loop: bool) -> Generator[Frame]:
-    """Read a video or a camera to its end; a video may begin again."""
+    """Read a video or a camera to its end; repeat it if `loop`."""
     try:
         while True:
             begun = False

@@ -1,4 +1,4 @@
-"""What localizes images: a map in this process, or a server."""
+"""Localizers of images: a map in this process, or a server."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 class NoAnswer(Exception):
-    """The localizer cannot answer now, or not this image."""
+    """The localizer cannot answer at present, or cannot localize this image."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """An image, and what is known of it."""
+    """An image to localize, with its metadata."""
 
     photo: bytes
     ending: str
@@ -34,20 +34,20 @@ class Question:
     with_matches: bool = False
 
     def continues(self, last: Question | None) -> bool:
-        """Return whether it goes on after that image: a bag that begins again does not."""
+        """Return whether this image follows the last one; false, for instance, when a bag restarts."""
         return last is not None and self.fov_deg == last.fov_deg and self.time_s >= last.time_s
 
 
 @dataclass(frozen=True, slots=True)
 class Localized:
-    """An answer: the object of `localize --json`, and the picture of the matches, red, green, blue."""
+    """An answer: the object of `localize --json`, and a picture of the matches (red, green, blue)."""
 
     form: Mapping[str, Any]
     matches: Pixels | None = field(default=None, compare=False)
 
 
 class Localizer(Protocol):
-    """What a node asks."""
+    """Interface through which a node localizes images."""
 
     origin: Origin | None
 
@@ -60,11 +60,11 @@ class Localizer(Protocol):
         """
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release resources."""
 
 
 class MapLocalizer:
-    """A map file, opened in this process by the program's own interface."""
+    """A map file, opened in this process through `webapp.api`."""
 
     def __init__(self, cfg: Path, *, method: str, features: str, top: int, sequence: bool) -> None:
         from webapp.api import MapPixel, OpenOptions, open_map
@@ -113,7 +113,7 @@ class MapLocalizer:
 
 
 class ServerLocalizer:
-    """A map of a server, asked by the robots' client, which needs the standard library only."""
+    """A map on a server, through the robots' client, which needs the standard library only."""
 
     origin: Origin | None = None
 
@@ -144,7 +144,7 @@ class ServerLocalizer:
         return Localized(response.body)
 
     def _name_of(self, question: Question) -> str:
-        """Name of the sequence of an image, which the server knows the images before by."""
+        """Return the name of the sequence of an image, by which the server finds the earlier images."""
         if not question.continues(self._last):
             self._sequence = secrets.token_hex(16)
         self._last = question

@@ -1,4 +1,4 @@
-"""The lifecycle that all nodes have: configured, a node holds what it needs; active, it works."""
+"""The lifecycle of all nodes: `configure` acquires resources, `activate` starts the work."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from expmap_ros.parameters import Parameter, ParameterError, declare
 AUTOSTART = Parameter(
     "autostart", True, "Configure and activate at the start; otherwise a lifecycle manager does."
 )
-"""Of every node."""
+"""Parameter of every node."""
 
 
 class ManagedNode(LifecycleNode, ABC):
-    """A node with a lifecycle, which starts itself unless it is told not to.
+    """A lifecycle node that starts itself unless `autostart` is false.
 
-    Nodes override `configure` and `activate`. What those make by the methods below is destroyed when the node
-    is cleaned up or deactivated; callbacks that run then end first.
+    Nodes override `configure` and `activate`. Everything that these create by the methods below is destroyed
+    when the node is cleaned up or deactivated, after running callbacks have ended.
     """
 
     def __init__(self, name: str, parameters: Sequence[Parameter], **options: Any) -> None:
-        self._configured = ExitStack()  # a node that could not be made is destroyed, too
+        self._configured = ExitStack()  # first, since a node whose creation fails is destroyed, too
         self._activated = ExitStack()
         self._problem: Exception | None = None
         self._is_starting = False
@@ -40,7 +40,7 @@ class ManagedNode(LifecycleNode, ABC):
 
     @abstractmethod
     def configure(self) -> None:
-        """Open what the node needs, and advertise what it publishes.
+        """Acquire resources, and advertise topics.
 
         Raises
         ------
@@ -49,10 +49,10 @@ class ManagedNode(LifecycleNode, ABC):
 
     @abstractmethod
     def activate(self) -> None:
-        """Listen."""
+        """Subscribe to topics, and start services and timers."""
 
     def start(self) -> None:
-        """Configure and activate, where `autostart` says so; raise what keeps it from that."""
+        """Configure and activate the node if `autostart` is true; raise the error if that fails."""
         if not self._values["autostart"]:
             return
         self._is_starting = True
@@ -62,17 +62,17 @@ class ManagedNode(LifecycleNode, ABC):
         self._is_starting = False
 
     def destroy_node(self) -> None:
-        """End the node."""
+        """Release all resources, and destroy the node."""
         self._close()
         super().destroy_node()
 
     def holds(self, close: Callable[..., Any], *arguments: Any) -> None:
-        """Have this called when the node is cleaned up."""
+        """Register a function to be called when the node is cleaned up."""
         self._configured.callback(close, *arguments)
 
     def advertise(self, kind: type, topic: str, quality: QoSProfile) -> Any:
-        """Make a publisher, until the node is cleaned up."""
-        own = copy(quality)  # rclpy writes what overrides it into the profile itself
+        """Create a publisher, which lives until the node is cleaned up."""
+        own = copy(quality)  # rclpy writes QoS overrides into the profile object
         made = self.create_publisher(kind, topic, own, qos_overriding_options=running.overridable())
         self._configured.callback(self.destroy_publisher, made)
         return made
@@ -86,7 +86,7 @@ class ManagedNode(LifecycleNode, ABC):
         quality: QoSProfile,
         group: CallbackGroup | None = None,
     ) -> None:
-        """Subscribe, until the node is deactivated; `take` is given messages and what is known of each."""
+        """Subscribe until the node is deactivated; `take` is called with each message and its info."""
         gate = _Gate()
         made = self.create_subscription(
             kind,
@@ -127,22 +127,22 @@ class ManagedNode(LifecycleNode, ABC):
         return self._attempt(self.activate, undo=self._activated)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening; what the node holds, it keeps."""
+        """Stop subscriptions, services and timers; keep resources."""
         self._activated.close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back what the node holds."""
+        """Release the resources of `configure`."""
         self._configured.close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back everything."""
+        """Release all resources."""
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give back everything, so that the node can be configured again."""
+        """Release all resources, so that the node can be configured again."""
         self._close()
         return TransitionCallbackReturn.SUCCESS
 
@@ -164,7 +164,7 @@ class ManagedNode(LifecycleNode, ABC):
 
 
 class _Gate:
-    """Lets a callback run until it is closed; closing waits for the one that runs."""
+    """Lets callbacks run until it is closed; closing waits for a running one."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()

@@ -1,4 +1,4 @@
-"""Messages that several nodes make."""
+"""Messages that several nodes publish."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ except ModuleNotFoundError:  # not built
 
 try:
     from tf2_msgs.msg import TFMessage
-except ModuleNotFoundError:  # of every distribution, but not among the wheels
+except ModuleNotFoundError:  # part of every ROS distribution, but not of the wheels
     TFMessage = None
 
 TF_MESSAGE: Any = TFMessage
-"""Type of `/tf`; None where it is not installed."""
+"""Type of `/tf`; None if not installed."""
 
 POSES_IN_MAP: type = PosesInMap or String
-"""Type of `/poses_in_map`: a text with the same two lists as JSON where `expmap_msgs` is not built."""
+"""Type of `/poses_in_map`: a String with the same two lists as JSON if `expmap_msgs` is not built."""
 
 
 def poses_in_map(poses: list[int], probabilities: list[float], *, header: Header) -> Any:
@@ -45,12 +45,12 @@ def pose_message(pose: MapPose, header: Header) -> PoseWithCovarianceStamped:
 
 
 def rotation(yaw: float) -> Quaternion:
-    """Turn about z, radians."""
+    """Return the rotation about z by an angle in radians."""
     return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
 
 
 def yaw_of(turn: Quaternion) -> float | None:
-    """Angle about z, radians; None for a quaternion of zeros, which some senders put for an unknown turn."""
+    """Return the angle about z, radians; None for an all-zero quaternion, which means unknown rotation."""
     if not (turn.x or turn.y or turn.z or turn.w):
         return None
     sin = 2.0 * (turn.w * turn.z + turn.x * turn.y)

@@ -1,8 +1,8 @@
 """Node `mission_bridge`: sends positions, detected objects and their images to a mission, through outages.
 
-Every message becomes one record in the spool of the robots' client, which sends it once, whatever happens to
-the network. What a publisher repeats to a bridge that was started again is known by what it says, and left
-out.
+Each pose or detection becomes a record in the spool of the robots' client, which sends it exactly once, even
+through network outages. Messages that publishers repeat after a restart of the bridge are recognised by
+their content, and left out.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from expmap_ros.sent import Identity, Numbering, SentMessages, object_identity, 
 
 try:
     from vision_msgs.msg import Detection2DArray, Detection3DArray
-except ModuleNotFoundError:  # not among the usual messages: markers are taken all the same
+except ModuleNotFoundError:  # optional: markers work without it
     Detection2DArray = Detection3DArray = None
 
 PARAMETERS = (
@@ -64,27 +64,27 @@ PARAMETERS = (
 )
 
 QUEUE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""So many messages wait while the disk is busy."""
+"""Queues up to this many messages while the disk is busy."""
 
 RAW_IMAGES = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-"""They need much memory."""
+"""A short queue, since raw images need much memory."""
 
 _STAMPS = 200
-"""For so many stamps, images and objects find each other."""
+"""Number of stamps for which images and objects are remembered, to be matched."""
 
 Track = tuple[str, str]
 """Source and name of a track."""
 
 Take = Callable[[Any, float], None]
-"""Is given a message, and when it was published: seconds since 1970."""
+"""Callback with a message and the time when it was published, seconds since 1970."""
 
 
 class Unplaced(Exception):
-    """Where an object is cannot be computed; the message says what is missing."""
+    """The position of an object cannot be computed; the message says what is missing."""
 
 
 class MissionBridge(ManagedNode):
-    """Subscribes to what a robot publishes, and keeps it for the server."""
+    """Subscribes to topics of a robot, and stores the data in a spool for the server."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("mission_bridge", PARAMETERS, **options)
@@ -96,7 +96,7 @@ class MissionBridge(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Open the spool, and send what waits in it.
+        """Open the spool, and start to send its content.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class MissionBridge(ManagedNode):
         self._diagnostics = self.advertise(DiagnosticArray, "/diagnostics", running.RESULTS)
 
     def activate(self) -> None:
-        """Listen to the robot."""
+        """Subscribe to the topics of the robot."""
         self._hear(NavSatFix, "/fix", self._take_fix)
         self._hear(Odometry, "/odom", self._take_odometry)
         if self._tf:
@@ -139,7 +139,7 @@ class MissionBridge(ManagedNode):
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
-        """Report what cannot be used, and go on."""
+        """Report unusable messages instead of raising errors."""
         try:
             yield
         except (InputError, DiskFull, StorageError, UnusableImage, Unplaced) as error:
@@ -148,7 +148,7 @@ class MissionBridge(ManagedNode):
             self.get_logger().error(str(error), throttle_duration_sec=10.0)
 
     def _published_s(self, info: Mapping[str, Any]) -> float:
-        """When a message was published: the same each time that it comes."""
+        """Return the time when a message was published, which is the same when it is repeated."""
         clock = self.get_clock()
         known: int = 0 if clock.ros_time_is_active else info["source_timestamp"]
         return float(known or clock.now().nanoseconds) * 1e-9
@@ -264,9 +264,9 @@ class MissionBridge(ManagedNode):
         self._written(identity)
 
     def _take_photo(self, image: Image | CompressedImage, at_s: float) -> None:
-        """Keep an image of detections: it belongs to the objects with the same stamp.
+        """Store an image of detections, which belongs to the objects with the same stamp.
 
-        One that comes again after a restart is recognized by the server, which knows photos by their content.
+        An image repeated after a restart is recognised by the server, which identifies photos by content.
         """
         time_s = _stamp_s(image.header, at_s)
         identity = ("photo", time_s)
@@ -305,7 +305,7 @@ def _name(seen: Sighting | Box) -> str:
 
 
 def _stamp_s(header: Header, published_s: float) -> float:
-    """When something was; when it was published, where nobody knew."""
+    """Return the time in a header; if that is zero, the time of publication."""
     return running.seconds(header.stamp) or published_s
 
 

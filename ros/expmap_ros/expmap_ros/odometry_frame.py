@@ -1,4 +1,4 @@
-"""Where the frame of odometry is in that of the map, by what both say of the robot at one moment."""
+"""The transform from the map to the odometry frame, from the robot's poses in both at one time."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from bisect import bisect
 from dataclasses import dataclass
 
 _KEPT_S = 30.0
-"""An answer is not older than this."""
+"""Length of the history, seconds; older answers are not used."""
 
 _FAR_S = 1.0
-"""Between two transforms that are farther apart nobody knows where the robot was."""
+"""Poses are not interpolated between transforms farther apart than this, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,26 +22,26 @@ class Planar:
     yaw: float
 
     def __matmul__(self, other: Planar) -> Planar:
-        """Express a pose in this one's frame in that in which this one is."""
+        """Compose poses: transform `other` from the frame of this pose to its parent frame."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         x, y = self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y
         return Planar(x, y, math.remainder(self.yaw + other.yaw, math.tau))
 
     def inverse(self) -> Planar:
-        """Return the pose of the frame in which this one is, seen from this one."""
+        """Return the inverse: the pose of the parent frame in the frame of this pose."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Planar(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
 
 class PoseHistory:
-    """Where the robot was lately, by odometry."""
+    """Recent poses of the robot, from odometry."""
 
     def __init__(self) -> None:
         self._times_s: list[float] = []
         self._poses: list[Planar] = []
 
     def add(self, time_s: float, pose: Planar) -> None:
-        """Take note of the newest pose; a clock that goes back begins anew."""
+        """Add the newest pose; clear the history if the clock goes back."""
         if self._times_s and time_s <= self._times_s[-1]:
             if time_s == self._times_s[-1]:
                 return
@@ -52,7 +52,7 @@ class PoseHistory:
             del self._times_s[:old], self._poses[:old]
 
     def at(self, time_s: float) -> Planar | None:
-        """Interpolate the pose at a time; None where it is not between two that are close."""
+        """Interpolate the pose at a time; return None if it is not between two poses within `_FAR_S`."""
         after = bisect(self._times_s, time_s)
         if after and self._times_s[after - 1] == time_s:
             return self._poses[after - 1]
@@ -68,5 +68,5 @@ class PoseHistory:
 
 
 def map_to_odometry(in_map: Planar, in_odometry: Planar) -> Planar:
-    """Return where the frame of odometry is in that of the map, if the robot is at both poses."""
+    """Return the pose of the odometry frame in the map frame, given the robot's pose in each."""
     return in_map @ in_odometry.inverse()

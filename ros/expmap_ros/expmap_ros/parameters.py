@@ -1,4 +1,4 @@
-"""Parameters of a node: declared with what they mean, and checked when it starts."""
+"""Parameters of a node: declared with descriptions, and checked when it starts."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ Value = bool | int | float | str
 
 
 class ParameterError(Exception):
-    """A parameter cannot be used; the message names it."""
+    """A parameter is invalid; the message names it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter, as the table in docs/ros.md has it.
+    """A parameter, as in the table in docs/ros.md.
 
     Attributes
     ----------
     limits : (least, most), optional
-        Of a number.
+        Range of a number.
     choices : tuple of str
-        All that a text may be.
+        Allowed values of a text; empty for any.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def descriptor(self) -> ParameterDescriptor:
-        """What `ros2 param describe` shows. Parameters are read once, so that none changes later."""
+        """Return the descriptor for `ros2 param describe`; read-only, since parameters are read once."""
         made = ParameterDescriptor(name=self.name, description=self.description, read_only=True)
         made.additional_constraints = f"one of {', '.join(self.choices)}" if self.choices else ""
         if self.limits is not None and isinstance(self.default, float):
@@ -74,7 +74,7 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> Mapping[str, Any]:
 
 
 def error_example(parameter: Parameter) -> str:
-    """Show a value of the right type, as it is written on a command line."""
+    """Return an example of a value of the right type, in the syntax of a command line."""
     return (
         f"{parameter.name}:={parameter.default!r}" if parameter.default != "" else f"{parameter.name}:='text'"
     )
@@ -86,7 +86,7 @@ def _limits(parameter: Parameter) -> str:
 
 
 def numbers(name: str, text: str, names: Sequence[str]) -> tuple[float, ...] | None:
-    """Read `50.0755,14.4378`, one number for each of `names`; None for an empty text.
+    """Parse `50.0755,14.4378`, one number for each of `names`; return None for an empty text.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def numbers(name: str, text: str, names: Sequence[str]) -> tuple[float, ...] | N
 
 
 def names(name: str, text: str, parts: Sequence[str]) -> tuple[str, ...] | None:
-    """Read `odom,base_link`, a word for each of `parts`; None for an empty text.
+    """Parse `odom,base_link`, one word for each of `parts`; return None for an empty text.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def names(name: str, text: str, parts: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def file_of(name: str, text: str) -> Path:
-    """Find a file that a parameter names.
+    """Return the path of the file given by a parameter.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def file_of(name: str, text: str) -> Path:
 
 
 def token_of(text: str) -> str:
-    """Read the token from the file that `token_file` names: parameters can be seen by everyone.
+    """Read the token from the file `token_file`; it is not itself a parameter, since those are public.
 
     Raises
     ------
@@ -145,4 +145,4 @@ SERVER = (
     Parameter("server_url", "", "Address of the server, such as https://maps.example.org."),
     Parameter("token_file", "", "File with the token that `expmap account token --name NAME` printed."),
 )
-"""Of every node that talks to a server."""
+"""Parameters of every node that uses a server."""

@@ -1,4 +1,4 @@
-"""Pictures in messages: image messages as photos of a usual format, and back, without cv_bridge."""
+"""Converts image messages to photos in common formats, and back, without cv_bridge."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class UnusableImage(Exception):
 
 
 def _as(*channels: int) -> Callable[[Pixels], Pixels]:
-    """Take these channels, in this order."""
+    """Return a function that selects these channels, in this order."""
     return lambda pixels: pixels[..., list(channels)]
 
 
@@ -32,12 +32,12 @@ _ENCODINGS: dict[str, tuple[int, Callable[[Pixels], Pixels]]] = {
     "bgr8": (3, _as(2, 1, 0)),
     "rgba8": (4, _as(0, 1, 2)),
     "bgra8": (4, _as(2, 1, 0)),
-    "yuv422": (2, _as(1)),  # luminance: localization looks at nothing else
+    "yuv422": (2, _as(1)),  # luminance: localization needs no colour
     "uyvy": (2, _as(1)),
     "yuv422_yuy2": (2, _as(0)),
     "yuyv": (2, _as(0)),
 }
-"""Bytes of a pixel, and how they become grey or red, green, blue."""
+"""Bytes per pixel, and the conversion to grey or red, green, blue."""
 
 
 def pixels_of(message: Image) -> Pixels:
@@ -67,13 +67,13 @@ def pixels_of(message: Image) -> Pixels:
 
 
 def photo_of(message: Image | CompressedImage) -> tuple[bytes, str]:
-    """Make a photo of an image message; a compressed image is one already.
+    """Convert an image message to a photo; a compressed image is returned unchanged.
 
     Returns
     -------
     data : bytes
     ending : str
-        Of its file name.
+        Suffix of its file name.
 
     Raises
     ------
@@ -88,9 +88,9 @@ def photo_of(message: Image | CompressedImage) -> tuple[bytes, str]:
 
 
 def png_of(pixels: Pixels) -> bytes:
-    """Write (height, width, 1 or 3) uint8 as PNG, quickly rather than small."""
+    """Encode (height, width, 1 or 3) uint8 as PNG; fast rather than small."""
     height, width, channels = pixels.shape
-    rows = np.zeros((height, 1 + width * channels), np.uint8)  # each row begins with its filter: none
+    rows = np.zeros((height, 1 + width * channels), np.uint8)  # each row begins with its filter type: 0, none
     rows[:, 1:] = pixels.reshape(height, -1)
     head = struct.pack(">IIBBBBB", width, height, 8, 2 if channels == 3 else 0, 0, 0, 0)
     chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 1)), (b"IEND", b""))
@@ -101,7 +101,7 @@ def png_of(pixels: Pixels) -> bytes:
 
 
 def image_of(pixels: Pixels, header: Any) -> Image:
-    """Make an image message of (height, width, 3) uint8, red, green, blue."""
+    """Convert (height, width, 3) uint8, red, green, blue, to an image message."""
     height, width, _ = pixels.shape
     message = Image(header=header, height=height, width=width, encoding="rgb8", step=3 * width)
     message.data.frombytes(np.ascontiguousarray(pixels).tobytes())

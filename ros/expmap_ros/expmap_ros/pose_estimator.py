@@ -1,7 +1,7 @@
-"""Node `pose_estimator`: where the newest image was taken, by a map file or a server.
+"""Node `pose_estimator`: localizes the newest image, with a map file or a server.
 
-While an image is being localized others arrive; of those only the newest is kept. Every message about an
-answer carries the stamp of its image.
+Of the images that arrive while another one is being localized, only the newest is kept. Every message about
+an answer has the stamp of its image.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class PoseEstimator(ManagedNode):
             )
 
     def activate(self) -> None:
-        """Listen to the camera."""
+        """Subscribe to the camera."""
         own = MutuallyExclusiveCallbackGroup()
         self.serve(Trigger, "~/where_am_i", self._where_am_i, group=own)
         self.repeat(1.0, self._report, group=own)

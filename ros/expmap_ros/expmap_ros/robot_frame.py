@@ -1,4 +1,4 @@
-"""What a robot reports in its own frame, on the Earth."""
+"""Georeferences poses and objects that a robot reports in its own frame."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ _SHAPES = (
     "text",
     "mesh",
 )
-"""Of markers, by their type: as imports call them."""
+"""Names of the marker types, by number; the same as in imports."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """An object that was seen.
+    """A detected object.
 
     Attributes
     ----------
     id : str
-        Empty where it has none.
+        Empty if it has none.
     x, y, z : float
         Metres in the frame of the header.
     size_m : tuple of float, optional
@@ -57,14 +57,14 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """What was detected in an image.
+    """A detection in an image.
 
     Attributes
     ----------
     foot : (float, float)
         Column and row of the middle of its lower edge, pixels.
     size_m : None
-        It cannot be seen.
+        Unknown for a detection in an image.
     """
 
     header: Header
@@ -76,7 +76,7 @@ class Box:
 
 
 class Place(NamedTuple):
-    """Where an object is: degrees, and metres above the origin of odometry."""
+    """Position of an object: degrees, and metres above the origin of odometry."""
 
     lat: float
     lon: float
@@ -85,12 +85,12 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LocalPose:
-    """Where a robot is in a frame of its own.
+    """Pose of a robot in a local frame.
 
     Attributes
     ----------
     frame, body : str
-        Names of that frame, and of the robot's.
+        Names of that frame, and of the robot's body frame.
     yaw : float or None
         Radians.
     covariance : sequence of 36 floats, or empty
@@ -106,7 +106,7 @@ class LocalPose:
 
 
 def pose_of(message: Odometry | TransformStamped) -> LocalPose:
-    """Read a pose."""
+    """Extract the pose from a message."""
     frames = (message.header.frame_id, message.child_frame_id)
     if isinstance(message, Odometry):
         at = message.pose.pose
@@ -117,7 +117,7 @@ def pose_of(message: Odometry | TransformStamped) -> LocalPose:
 
 
 class RobotFrame:
-    """The frame of odometry (x forward at the start, y left), laid on the Earth, and the robot in it.
+    """The georeferenced odometry frame (x forward at the start, y left), and the robot's pose in it.
 
     Parameters
     ----------
@@ -132,11 +132,11 @@ class RobotFrame:
         self._newest: LocalPose | None = None
 
     def follow(self, pose: LocalPose) -> None:
-        """Take note where the robot is, and what its frames are called."""
+        """Store the newest pose of the robot, with the names of its frames."""
         self._newest = pose
 
     def fields(self, pose: LocalPose) -> dict[str, Any]:
-        """Fields of a pose's record."""
+        """Return the fields of the record of a pose."""
         lat, lon = self._degrees(pose.x, pose.y)
         heading = None if pose.yaw is None else (self._heading_deg - math.degrees(pose.yaw)) % 360.0
         return {
@@ -149,11 +149,11 @@ class RobotFrame:
 
     @property
     def is_known(self) -> bool:
-        """Whether a pose of the robot has come."""
+        """Whether a pose of the robot is known."""
         return self._newest is not None
 
     def place(self, sighting: Sighting) -> Place | None:
-        """Locate an object; None where its frame is neither that of odometry nor the robot's own."""
+        """Locate an object; return None if its frame is neither that of odometry nor the robot's body."""
         robot = self._known_pose()
         if sighting.header.frame_id == robot.frame:
             return Place(*self._degrees(sighting.x, sighting.y), sighting.z)
@@ -162,7 +162,7 @@ class RobotFrame:
         return None
 
     def on_ground(self, forward: float, left: float) -> Place:
-        """Locate a point beside the robot, metres; its height is not known."""
+        """Locate a point relative to the robot, metres; its height is unknown."""
         return Place(*self._ahead(forward, left), None)
 
     def _ahead(self, forward: float, left: float) -> tuple[float, float]:
@@ -179,7 +179,7 @@ class RobotFrame:
         return self._origin.degrees_of(*_turned(x, y, self._yaw))
 
     def _covariance(self, matrix: Sequence[float]) -> list[float] | None:
-        """East, north and both, of a 6 x 6 matrix; zeros say that nobody knows."""
+        """Return [var east, var north, cov] of a 6 x 6 matrix; None if invalid: zeros mean unknown."""
         xx, yy, xy = float(matrix[0]), float(matrix[7]), float(matrix[1])
         if xx <= 0 or yy <= 0 or xy * xy > xx * yy or not math.isfinite(xx + yy):
             return None
@@ -190,7 +190,7 @@ class RobotFrame:
 
 
 def sightings_of(message: Any) -> Iterator[Sighting]:
-    """Objects of a MarkerArray or a Detection3DArray."""
+    """Yield the objects of a MarkerArray or a Detection3DArray."""
     if isinstance(message, MarkerArray):
         for marker in message.markers:
             if marker.action == Marker.ADD:
@@ -212,7 +212,7 @@ def _shape(marker: Marker) -> str:
 
 
 def boxes_of(message: Any) -> Iterator[Box]:
-    """What a Detection2DArray has."""
+    """Yield the detections of a Detection2DArray."""
     for detection in message.detections:
         at = detection.bbox.center.position
         foot = (at.x, at.y + detection.bbox.size_y / 2.0)
@@ -221,14 +221,14 @@ def boxes_of(message: Any) -> Iterator[Box]:
 
 
 def _header(detection: Any, message: Any) -> Header:
-    """Header of a detection; what it leaves empty is that of the message."""
+    """Return the header of a detection; empty fields are taken from the message."""
     own, whole = detection.header, message.header
     stamped = own if own.stamp.sec or own.stamp.nanosec else whole
     return Header(stamp=stamped.stamp, frame_id=own.frame_id or whole.frame_id)
 
 
 def _best(detection: Any) -> tuple[str, float | None]:
-    """Class and score of the best hypothesis of a detection; a score that is no probability is left out."""
+    """Return class and score of the best hypothesis of a detection; a score outside 0 to 1 becomes None."""
     best = max((r.hypothesis for r in detection.results), key=lambda h: h.score, default=None)
     if best is None:
         return "object", None
@@ -236,7 +236,7 @@ def _best(detection: Any) -> tuple[str, float | None]:
 
 
 def _size(detection: Any) -> tuple[float, float, float] | None:
-    """Sides of the box of a detection; zeros say nothing."""
+    """Return the size of the box of a detection; None if unknown, such as zeros."""
     size = detection.bbox.size
     sides = (size.x, size.y, size.z)
     return sides if all(0.0 < side < math.inf for side in sides) else None

@@ -1,4 +1,4 @@
-"""Starts a node as a program, and what all nodes share."""
+"""Runs a node as a program; helpers shared by all nodes."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from rclpy.signals import SignalHandlerOptions
 from expmap_ros.parameters import ParameterError
 
 IMAGES = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Of cameras: any publisher is understood, and only the newest image waits."""
+"""For cameras: compatible with any publisher, and only the newest image is queued."""
 
 RESULTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
 KEPT = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""The last one goes to those who come later, too."""
+"""Latched: late subscribers get the last message, too."""
 
 _LOOK_S = 0.25
-"""So long an interruption waits at most."""
+"""Maximum delay until an interruption is noticed."""
 
 _POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
@@ -39,16 +39,16 @@ _POLICIES = (
 
 
 class DrainingExecutor(MultiThreadedExecutor):
-    """Ends after its callbacks, and goes on when one of them destroys what it is about to wait for.
+    """Executor that shuts down after its callbacks, and survives entities destroyed while it waits.
 
-    That of rclpy first destroys what they wake it with: one that begins after that fails, and "exception was
-    never retrieved" is written when it is collected. And it ends with `InvalidHandle` where a callback, such
-    as that of a transition, destroys a subscription at a bad moment: it looks for events of subscriptions and
-    publishers without expecting that they are gone.
+    The executor of rclpy destroys its guard conditions first: a callback that begins after that fails, and
+    "exception was never retrieved" is logged when it is garbage-collected. It also ends with `InvalidHandle`
+    if a callback, such as that of a transition, destroys a subscription at the wrong moment, because it does
+    not expect the events of subscriptions and publishers to be destroyed.
     """
 
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> Any:
-        """Wait for what is ready; once more without what is gone by now."""
+        """Wait for ready callbacks; retry if an entity was destroyed meanwhile."""
         while True:
             try:
                 return super().wait_for_ready_callbacks(*args, **kwargs)
@@ -57,15 +57,15 @@ class DrainingExecutor(MultiThreadedExecutor):
                     raise
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
-        """Wait for the callbacks that are ready, and end."""
+        """Wait for pending callbacks, then shut down."""
         self._executor.shutdown(wait=True)
         return bool(super().shutdown(timeout_sec, wait_for_threads=wait_for_threads))
 
 
 def main(make: Callable[[], Node]) -> None:
-    """Run a node until it is interrupted; what it is doing then, it finishes.
+    """Run a node until it is interrupted; running callbacks are completed.
 
-    The exit code is 2 where a parameter is wrong, and 1 where something else keeps it from starting.
+    The exit code is 2 for an invalid parameter, and 1 if the node cannot start for another reason.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -93,7 +93,7 @@ def main(make: Callable[[], Node]) -> None:
 
 
 def _stop_when_interrupted() -> threading.Event:
-    """Have interruptions set an event from now on, so that none comes in the middle of anything."""
+    """Make signals set an event instead of interrupting the code that is running."""
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
@@ -107,17 +107,17 @@ def _refuse(text: str, *, code: int) -> int:
 
 
 def is_explained(error: Exception) -> bool:
-    """Return whether an error of the program says what is wrong, by whatever name it is installed."""
+    """Return whether an error is an `ExpMapError`, of either distribution, with a message for users."""
     return any(kind.__name__ == "ExpMapError" for kind in type(error).__mro__)
 
 
 def overridable() -> QoSOverridingOptions:
-    """Let parameters `qos_overrides.TOPIC...` change history, depth, reliability and durability."""
+    """Allow parameters `qos_overrides.TOPIC...` to change history, depth, reliability and durability."""
     return QoSOverridingOptions(_POLICIES)
 
 
 def seconds(stamp: Time) -> float:
-    """Seconds of a stamp; 0 where nobody knew the time."""
+    """Convert a stamp to seconds; 0 means that the time is unknown."""
     return float(stamp.sec + stamp.nanosec * 1e-9)
 
 

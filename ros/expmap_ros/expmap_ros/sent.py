@@ -1,4 +1,4 @@
-"""What the spool has already, so that a message that comes again is known, whatever came in between."""
+"""Detects repeated messages by the records that are already in the spool."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import Any
 Identity = tuple[Any, ...]
 
 _MOST = 20_000
-"""So many messages are known, the newest."""
+"""Maximum number of messages remembered, the newest."""
 
 
 class SentMessages:
-    """The newest messages that became records.
+    """The newest messages that were stored as records.
 
-    A message is known by what it says, not by its place in time: one that is late, or that was published
-    while the bridge was down, is new.
+    Messages are identified by content, not by order of time: one that is late, or that was published while
+    the bridge was down, is new.
 
     Parameters
     ----------
     records : iterable of mapping
-        Of the spool, the newest first.
+        Records of the spool, newest first.
     """
 
     def __init__(self, records: Iterable[Mapping[str, Any]]) -> None:
@@ -34,25 +34,25 @@ class SentMessages:
         return identity in self._known
 
     def add(self, identity: Identity) -> None:
-        """Know a message that has just become a record."""
+        """Remember a message that was just stored as a record."""
         self._known[identity] = None
         if len(self._known) > _MOST:
             del self._known[next(iter(self._known))]
 
 
 def pose_identity(source: str, track: str, time_s: float, *, lat: float, lon: float) -> Identity:
-    """Identify a pose: drivers that cut the fraction off their stamps send several with one stamp."""
+    """Identify a pose, including its position: drivers that truncate stamps send several with one stamp."""
     return (source, track, time_s, lat, lon)
 
 
 def object_identity(id: str, time_s: float) -> Identity:
-    """Identify a sighting: where it was depends on what the bridge knew of the robot at that moment."""
+    """Identify a sighting, without its position, which depends on the robot's pose known at the time."""
     return ("object", id, time_s)
 
 
 @dataclass(slots=True)
 class Numbering:
-    """Numbers the detections without an id that are alike, of one message or of all records."""
+    """Numbers equal detections without an id, within one message or among all records."""
 
     _seen: Counter[Identity] = field(default_factory=Counter)
 
@@ -61,7 +61,7 @@ class Numbering:
     ) -> Identity:
         """Identify the next detection without an id.
 
-        Where it was is left out: that depends on what the bridge knew of the robot at that moment.
+        The position is left out, since it depends on the robot's pose that the bridge knew at the time.
         """
         alike = ("detection", kind, time_s, confidence, size_m and tuple(size_m), in_image)
         self._seen[alike] += 1

@@ -1,7 +1,7 @@
 """Node `visualizer`: the map with its photos and the newest answer, as a picture and as markers.
 
-Two of them show one answer on two placements of the same photos: `place_by:=photo` puts a hypothesis where
-its best photo is on this map, whatever map has answered.
+Two of these nodes can show one answer on two placements of the same photos: `place_by:=photo` puts a
+hypothesis at the position of its best photo on this map, whichever placement was used to localize.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _PHOTO_M = 1.0
 
 
 class Visualizer(ManagedNode):
-    """Subscribes to answers, publishes them on the map; both wait for those who subscribe later."""
+    """Subscribes to answers, publishes them on the map; late subscribers get the newest ones."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("visualizer", PARAMETERS, **options)
@@ -70,7 +70,7 @@ class Visualizer(ManagedNode):
         self._markers = self.advertise(MarkerArray, "~/markers", running.KEPT)
 
     def activate(self) -> None:
-        """Show the map, and listen to answers."""
+        """Show the map, and subscribe to answers."""
         self._show({"hypotheses": [], "off_map_probability": None, "stamp": {}})
         self.listen(String, "/pose_estimator/answer", self._take, quality=running.RESULTS)
 
@@ -111,7 +111,7 @@ class Visualizer(ManagedNode):
         return {**hypothesis, **self._on_earth(x, y), **unknown}
 
     def _on_earth(self, x: float, y: float) -> dict[str, Any]:
-        """Map pixels and degrees, as a hypothesis has them."""
+        """Return a position in map pixels and degrees, as the fields of a hypothesis."""
         georeference = self._map.georeference
         lat, lon = (None, None) if georeference is None else georeference.latlon_of(MapPixel(x, y))
         return {"x_px": x, "y_px": y, "lat": lat, "lon": lon}
@@ -133,7 +133,7 @@ class Visualizer(ManagedNode):
         return markers
 
     def _hypothesis(self, number: int, hypothesis: Form, header: Header) -> list[Marker]:
-        """A disc of the 68 % radius, and an arrow where the camera looked."""
+        """Return a disc of the 68 % radius, and an arrow in the viewing direction if it is known."""
         point = self._frame.point(hypothesis)
         if point is None:
             return []

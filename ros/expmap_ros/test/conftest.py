@@ -1,4 +1,4 @@
-"""A small map, and nodes on this machine alone."""
+"""Fixtures: a small map, and nodes that communicate on this machine only."""
 
 import json
 import os
@@ -11,17 +11,17 @@ from ros.run_tests import DOMAINS
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 if worker := os.environ.get("PYTEST_XDIST_WORKER", "").removeprefix("gw"):
-    # Nodes of one test process would answer those of another.
+    # separate domains, since nodes of one test process would receive messages of another
     domain = int(os.environ.get("ROS_DOMAIN_ID", "0")) + DOMAINS * int(worker)
     os.environ["ROS_DOMAIN_ID"] = str(domain)
-# A shell starts what runs in the background without the interrupt, and the nodes would inherit that.
+# Shells ignore SIGINT in background processes, and the nodes would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import cv2
 import numpy as np
 import pytest
 
-with warnings.catch_warnings():  # of the parser of messages, in the wheels
+with warnings.catch_warnings():  # raised by the message parser in the wheels
     warnings.simplefilter("ignore", DeprecationWarning)
     import rosidl_parser.parser  # noqa: F401
 
@@ -30,7 +30,7 @@ from tests.robot.stand_in import StandIn
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let rclpy use its own deprecated call, by which it warns of nodes of an earlier test."""
+    """Ignore a deprecated call in rclpy, with which it warns about nodes of an earlier test."""
     config.addinivalue_line(
         "filterwarnings", "ignore:Deprecated in favor of .*RcutilsLogger.warning:DeprecationWarning"
     )
@@ -38,7 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(scope="session")
 def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map of six photos in a row, 100 pixels or some 7 m apart, and its photos."""
+    """Make a map of six photos in a row, 100 pixels or about 7 m apart, with the photos."""
     from webapp.api import GeoSource, PlaceOptions, place_photos
 
     folder = tmp_path_factory.mktemp("survey")
@@ -64,7 +64,7 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    """Nodes and a listener."""
+    """Provide nodes, and one that listens to them."""
     made = Bench()
     yield made
     made.close()
@@ -72,14 +72,14 @@ def bench() -> Iterator[Bench]:
 
 @pytest.fixture
 def server() -> Iterator[StandIn]:
-    """A server that keeps what it is sent."""
+    """Run a server that stores what it receives."""
     with StandIn() as running:
         yield running
 
 
 @pytest.fixture
 def values(server: StandIn, tmp_path: Path) -> dict[str, object]:
-    """Parameters of a mission_bridge."""
+    """Return the parameters of a mission_bridge."""
     (tmp_path / "token").write_text("secret")
     return {
         "server_url": server.url,

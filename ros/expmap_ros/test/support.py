@@ -1,4 +1,4 @@
-"""Pictures, places, and nodes that run in the process of the test."""
+"""Test pictures, positions, and nodes that run in the process of the test."""
 
 import json
 import time
@@ -21,7 +21,7 @@ DEADLINE_S = 120.0
 
 
 def textured(seed: int) -> np.ndarray:
-    """A picture (240, 320, 3) uint8 with structure of all sizes, unlike that of any other seed."""
+    """Return a picture (240, 320, 3) uint8 with structure at all scales, different for each seed."""
     rng = np.random.default_rng(seed)
     picture = np.zeros((240, 320), np.float32)
     for size in (5, 11, 23, 47):
@@ -32,7 +32,7 @@ def textured(seed: int) -> np.ndarray:
 
 
 def ids_and_probabilities(message: object) -> tuple[list[int], list[float]]:
-    """What `/poses_in_map` says, whatever its type is here."""
+    """Return the content of `/poses_in_map`, for either of its types."""
     if hasattr(message, "poses"):
         return list(message.poses), list(message.probabilities)
     said = json.loads(message.data)
@@ -40,17 +40,17 @@ def ids_and_probabilities(message: object) -> tuple[list[int], list[float]]:
 
 
 def header(number: int, frame: str = "odom") -> Header:
-    """The header of the message with a number."""
+    """Return the header of the message with a number."""
     return Header(stamp=Time(sec=1000 + number), frame_id=frame)
 
 
 def records(server: StandIn) -> list[dict]:
-    """What a server was sent."""
+    """Return the records that a server has received."""
     return [record for stored in server.records.values() for record in stored]
 
 
 class Bench:
-    """Nodes of a test, and one that listens and talks to them."""
+    """The nodes of a test, and one that communicates with them."""
 
     def __init__(self) -> None:
         self.context = rclpy.Context()
@@ -69,13 +69,13 @@ class Bench:
         return node
 
     def listen(self, kind: type, topic: str, qos: object = 10) -> list:
-        """The messages that come, as a list that grows."""
+        """Subscribe to a topic; return a list to which messages are appended."""
         heard: list = []
         self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 
     def until(self, holds: Callable[[], object], again: Callable[[], None] = lambda: None) -> None:
-        """Spin until something holds; `again` is done every half second: what was sent early is not heard."""
+        """Spin until `holds()`; call `again` every half second, since early messages may be lost."""
         end, next_time = time.monotonic() + DEADLINE_S, 0.0
         while not holds():
             assert time.monotonic() < end, "it never came"
@@ -85,7 +85,7 @@ class Bench:
             self.executor.spin_once(timeout_sec=0.05)
 
     def close(self) -> None:
-        """End all nodes."""
+        """Destroy all nodes."""
         self.executor.shutdown()
         for node in self._nodes:
             node.destroy_node()

@@ -43,7 +43,7 @@ def test_a_sure_answer_is_the_pose_of_the_robot_and_others_are_left_out(bench):
     bench.until(lambda: len(poses) >= 2, again)
     assert {pose.header.stamp.sec for pose in poses} == {5}
     pose = poses[0].pose
-    # the camera looks back, to the east, and is a metre ahead: the robot looks west, and is east of it
+    # the camera looks back, to the east, and is 1 m in front: the robot looks west, and is 1 m east of it
     assert (pose.pose.position.x, pose.pose.position.y) == pytest.approx((1.0, 0.0), abs=1e-9)
     assert abs(pose.pose.orientation.z) == pytest.approx(1.0)
     assert pose.covariance[0] == pytest.approx(4.0 * (2.0 * AXIS) ** 2)

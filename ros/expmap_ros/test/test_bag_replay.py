@@ -1,4 +1,4 @@
-"""A bag that is played to the bridge becomes the mission that an import of the bag becomes."""
+"""Playing a bag to the bridge gives the same mission as importing the bag."""
 
 import math
 import threading
@@ -39,7 +39,7 @@ KEPT = QoSProfile(
 
 @pytest.fixture
 def site(tmp_path):
-    """The application itself."""
+    """Run the web application."""
     site = Site(tmp_path / "library")
     http = make_server("127.0.0.1", 0, site.app, threaded=True)
     thread = threading.Thread(target=http.serve_forever, args=(0.05,))
@@ -54,7 +54,7 @@ def site(tmp_path):
 
 @pytest.fixture
 def bag(tmp_path):
-    """A robot drives a curve; each message is recorded a little after its stamp, and one fix is late."""
+    """Record a robot driving a curve; each message is recorded just after its stamp, and one fix is late."""
     m = Messages(ros1=False)
     messages = []
     for number in range(COUNT):
@@ -67,7 +67,7 @@ def bag(tmp_path):
             ("/odom", time_s + 0.13, m.odometry(time_s, pose, variance=0.25 * (number % 3))),
             ("/tf", time_s + 0.14, m.transforms([(time_s + 0.01, "odom", "base_link", pose)])),
         ]
-        if number % 5 == 0:  # two people who stand there, in different order, each a little off
+        if number % 5 == 0:  # two people who stand still, in varying order, with small errors
             off = number / 400
             seen = [
                 ("", "person", 0.5, m.pose(4.0 + off, -3.0, 0.2)),
@@ -83,7 +83,7 @@ def bag(tmp_path):
 
 
 def poses_of(site, mission):
-    """The tracks of a mission: by fix, by odometry, by transforms."""
+    """Return the tracks of a mission: from fixes, odometry and transforms."""
     with site.library.database.read() as session:
         found = tracks.list_tracks(session, mission)
         return {(t.source, t.name.endswith("tf")): tracks.read(session, t) for t in found}
@@ -126,7 +126,7 @@ def test_a_bag_that_is_played_is_the_mission_that_an_import_makes_of_it(bench, s
     for key, poses in sent.items():
         assert poses.times_s.tolist() == read[key].times_s.tolist()
         for field in ("latlon", "height_m", "heading_deg", "covariance_m2", "travelled_m"):
-            off = 1e-8 if field == "latlon" else 1e-3  # a millimetre either way
+            off = 1e-8 if field == "latlon" else 1e-3  # a millimetre in both cases
             ours, theirs = getattr(poses, field), getattr(read[key], field)
             np.testing.assert_allclose(ours, theirs, rtol=0, atol=off, err_msg=f"{key} {field}")
     assert sent["gps", False].latlon.tolist() == read["gps", False].latlon.tolist()

@@ -1,4 +1,4 @@
-"""Detections of vision_msgs become objects: in three dimensions, and in an image by where they stand."""
+"""Detections of vision_msgs become objects: 3D ones, and 2D ones by where they stand on the ground."""
 
 import hashlib
 import math
@@ -34,7 +34,7 @@ def solid(name, x, *, kind="victim"):
 
 
 def flat(name, column, row, *, height=40.0):
-    """A box whose lower edge is at `row`."""
+    """Return a box whose lower edge is at `row`."""
     made = vision.Detection2D(id=name, results=[hypothesis("cone", 0.5)])
     made.bbox.center.position.x, made.bbox.center.position.y = column, row - height / 2
     made.bbox.size_x, made.bbox.size_y = 20.0, height
@@ -49,7 +49,7 @@ def at_rest(number):
 
 @pytest.fixture
 def robot(bench, server, values):
-    """A bridge of a robot that stands at the start and looks north; its camera looks ahead, 1 m up."""
+    """Start a bridge for a robot at the start that faces north, with a camera 1 m up that looks ahead."""
     bench.start(MissionBridge, **values, start=f"{LAT},{LON},0", camera="0.5,0,1,0,0", max_range_m=30.0)
     odometry = bench.node.create_publisher(Odometry, "/odom", 10)
     bench.until(lambda: records(server), lambda: odometry.publish(at_rest(1)))
@@ -64,7 +64,7 @@ def objects(server):
 
 
 def saying(states, key):
-    """What the newest diagnostics say of something; 0 before there are any."""
+    """Return a value of the newest diagnostics; 0 before there are any."""
     return sum(int(v.value) for state in states[-1:] for v in state.status[0].values if v.key == key)
 
 
@@ -121,7 +121,7 @@ def test_detections_in_an_image_are_objects_where_they_stand(bench, server, robo
 
     bench.until(lambda: objects(server) and says("sky does not stand on the ground within 30 m"), again)
     (seen,) = objects(server).values()
-    # 50 pixels below the horizon at 500 pixels a unit: 10 m ahead of the camera, and 1 m to its right
+    # 50 pixels below the horizon with a focal length of 500: 10 m ahead of the camera, 1 m to its right
     assert (seen["id"], seen["class"], seen["confidence"]) == ("c1", "cone", 0.5)
     assert (seen["lat"] - LAT) * NORTH_M == pytest.approx(10.5, rel=1e-3)
     assert (seen["lon"] - LON) * EAST_M == pytest.approx(1.0, rel=5e-3)
@@ -136,7 +136,7 @@ def test_detections_in_an_image_are_objects_where_they_stand(bench, server, robo
 @pytest.mark.parametrize("pitch", [0.0, 0.3])
 def test_a_point_of_the_ground_is_found_again(pitch):
     camera = GroundCamera(0.5, 0.2, 1.2, pitch, math.radians(30))
-    x, y = 6.0, 1.0  # from the camera, ahead and left of where it looks
+    x, y = 6.0, 1.0  # relative to the camera: ahead, and left of its viewing direction
     ahead = x * math.cos(pitch) + camera.up * math.sin(pitch)
     below = camera.up * math.cos(pitch) - x * math.sin(pitch)
     column, row = LENS.cx - LENS.fx * y / ahead, LENS.cy + LENS.fy * below / ahead

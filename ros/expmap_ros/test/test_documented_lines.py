@@ -1,6 +1,6 @@
-"""The `ros2 run` lines of the documentation, and the launch files, start nodes as they are written.
+"""The `ros2 run` lines of the documentation, and the launch files, start nodes as written.
 
-`ros2` and `launch` have no wheels: nodes are started here with the arguments that these would give them.
+`ros2` and `launch` have no wheels: nodes are started here with the arguments that those would pass.
 """
 
 import json
@@ -38,7 +38,7 @@ LAUNCHES = ROOT / "ros" / "expmap_ros" / "launch"
 
 @pytest.fixture
 def folder(survey: Path, tmp_path: Path) -> Path:
-    """The files that the lines name."""
+    """Copy the files that the lines refer to."""
     shutil.copytree(survey, tmp_path / "here")
     (tmp_path / "here" / "token").write_text("secret")
     return tmp_path / "here"
@@ -48,7 +48,7 @@ def folder(survey: Path, tmp_path: Path) -> Path:
 def running(
     bench: Bench, programs: Mapping[str, Sequence[str]], folder: Path
 ) -> Iterator[Mapping[str, subprocess.Popen[str]]]:
-    """Start nodes by their names, wait until each is active, and interrupt them in the end."""
+    """Start nodes by name, wait until each is active, and interrupt them at the end."""
     nodes = {
         name: subprocess.Popen(
             [sys.executable, "-m", *words], cwd=folder, env=ENVIRON, stderr=subprocess.PIPE, text=True
@@ -74,7 +74,7 @@ def running(
 
 
 def is_active(asked) -> bool:
-    """Whether the answer has come, and says so."""
+    """Return whether the response has arrived and reports an active node."""
     return asked.done() and asked.result().current_state.id == State.PRIMARY_STATE_ACTIVE
 
 
@@ -89,7 +89,7 @@ def test_each_line_starts_a_node_that_is_active_and_ends_when_it_is_interrupted(
 
 
 def launched(path: Path, **arguments: str) -> dict[str, list[str]]:
-    """List what a launch file starts: the words after `python -m`, by the names of nodes."""
+    """List the nodes that a launch file starts: the words after `python -m`, by node name."""
     root = ET.parse(path).getroot()
     given = {arg.get("name"): arguments.get(arg.get("name"), arg.get("default")) for arg in root.iter("arg")}
     assert set(arguments) <= set(given)

@@ -1,4 +1,4 @@
-"""Metres around an origin agree with those of the program, which asks PROJ."""
+"""Metres around an origin agree with those of the program, which uses PROJ."""
 
 import math
 

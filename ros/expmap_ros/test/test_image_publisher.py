@@ -1,4 +1,4 @@
-"""Photos of a folder and a video are published, also to those who come later."""
+"""Photos of a folder and a video are published, also to late subscribers."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Nodes are managed: a lifecycle manager configures, activates and stops them, or they start themselves."""
+"""Lifecycle of nodes: a manager configures, activates and stops them, or they start themselves."""
 
 import gc
 import threading
@@ -26,7 +26,7 @@ SHUTDOWN = Transition.TRANSITION_INACTIVE_SHUTDOWN
 
 
 class Manager:
-    """What manages a node, by its services."""
+    """Lifecycle manager of a node, through its services."""
 
     def __init__(self, bench, name):
         self._bench = bench
@@ -35,7 +35,7 @@ class Manager:
         assert self._change.wait_for_service(timeout_sec=60)
 
     def __call__(self, transition):
-        """Ask for a transition; gives whether it succeeded, and the state after it."""
+        """Request a transition; return whether it succeeded, and the state after it."""
         done = self._change.call_async(ChangeState.Request(transition=Transition(id=transition)))
         self._bench.until(done.done)
         now = self._get.call_async(GetState.Request())
@@ -48,7 +48,7 @@ def test_a_managed_node_works_only_while_it_is_active(bench):
     manage = Manager(bench, "fix_bridge")
     poses = bench.listen(PoseWithCovarianceStamped, "/visual_pose")
     source = bench.node.create_publisher(String, "/pose_estimator/answer", 10)
-    for seconds in (5, 6):  # twice: what is cleaned up can be configured again
+    for seconds in (5, 6):  # twice: after the cleanup the node can be configured again
         assert node.count_publishers("/visual_pose") == 0
         assert manage(CONFIGURE) == (True, State.PRIMARY_STATE_INACTIVE)
         assert node.count_subscribers("/pose_estimator/answer") == 0
@@ -101,7 +101,7 @@ def test_a_callback_that_is_ready_at_the_end_ends_in_peace(bench, monkeypatch, c
         node.create_timer(0.001, work, callback_group=MutuallyExclusiveCallbackGroup())
     executor = DrainingExecutor(num_threads=2, context=bench.context)
     executor.add_node(node)
-    while executor._executor._work_queue.empty():  # both threads work, and the third callback waits
+    while executor._executor._work_queue.empty():  # both threads are busy, and the third callback is queued
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()
     node.destroy_node()
@@ -117,7 +117,7 @@ def test_what_a_callback_destroys_at_a_bad_moment_ends_no_node(bench, monkeypatc
     add, added = event.add_to_wait_set, []
 
     def destroy_first(wait_set):
-        """As another thread may, after the executor has listed what it waits for."""
+        """Destroy the subscription as another thread may, after the executor has listed its entities."""
         bench.node.destroy_subscription(subscription)
         added.append(event)
         add(wait_set)

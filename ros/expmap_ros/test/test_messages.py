@@ -1,4 +1,4 @@
-"""Messages that are built where there is no wheel of them, and what stands in for the one of our own."""
+"""Messages without wheels that are built here, and the substitute for our own message."""
 
 import json
 import subprocess

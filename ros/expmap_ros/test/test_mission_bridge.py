@@ -1,4 +1,4 @@
-"""What a robot publishes arrives at the server once, through cuts of the network and kills of the bridge."""
+"""Messages of a robot reach the server exactly once, despite network cuts and kills of the bridge."""
 
 import functools
 import hashlib
@@ -43,7 +43,7 @@ def has_records(server, count):
 
 
 def command(values):
-    """A bridge as a program, which is sent again what it may have missed."""
+    """Return the command of a bridge; with its QoS, publishers resend what it may have missed."""
     qos = ("durability:=transient_local", f"depth:={COUNT}")
     words = [f"{name}:={value}" for name, value in values.items()]
     words += [f"qos_overrides.{topic}.subscription.{policy}" for topic in TOPICS for policy in qos]
@@ -63,7 +63,7 @@ def unstamped_marker(number):
 
 
 def saying(states, key):
-    """What the newest diagnostics say of something."""
+    """Return a value of the newest diagnostics as a list, empty before there are any."""
     return [int(v.value) for state in states[-1:] for v in state.status[0].values if v.key == key]
 
 
@@ -71,12 +71,12 @@ def test_every_message_once_through_cuts_and_kills_however_late_it_is(bench, ser
     cut, block = Counter(), 0
 
     def reply(path, body):
-        """Cut two requests of each block: one before it is stored, and one when it is."""
+        """Cut two requests of each block: one before and one after it is stored."""
         if cut[block] == CUTS / KILLS:
             return None
         cut[block] += 1
         if cut[block] % 2 == 0:
-            server.store(body)  # and its answer is lost
+            server.store(body)  # but the answer is lost
         return 0, {}, {}
 
     server.script = reply
@@ -93,7 +93,7 @@ def test_every_message_once_through_cuts_and_kills_however_late_it_is(bench, ser
                 for publisher, make in topics:
                     publisher.publish(make(number))
             bench.until(functools.partial(has_records, server, 3 * block * size + 5))
-            bridge.kill()  # SIGKILL, while more is under way
+            bridge.kill()  # SIGKILL, while more messages are being processed
             bridge.wait()
             bridge = subprocess.Popen(start, env=environ)
         bench.until(functools.partial(has_records, server, 3 * COUNT))

@@ -1,4 +1,4 @@
-"""The packages fit together: versions, programs, the message, and the tables of the documentation."""
+"""The packages are consistent: versions, programs, the message, and the tables of the documentation."""
 
 import ast
 import importlib
@@ -73,7 +73,7 @@ def test_launch_files_start_nodes_with_parameters_they_have(path):
 
 
 def test_nodes_in_the_documentation_can_be_started_as_written():
-    """Each `ros2 run` and `python -m` line names a node, and parameters and topics that it has."""
+    """Each `ros2 run` and `python -m` line names an existing node, with its parameters and topics."""
     text = re.sub(r"\\\n\s*", " ", PAGE)
     lines = re.findall(
         r"^(?:ros2 run expmap_ros |\S*python -m expmap_ros\.)(\w+) --ros-args (.+)$", text, re.M

@@ -1,4 +1,4 @@
-"""Images go in, places come out, or an honest "not on this map"."""
+"""Images are answered with places, or with "not on this map"."""
 
 import json
 import math
@@ -45,7 +45,7 @@ def test_an_image_becomes_a_pose_a_fix_and_a_picture(bench, survey):
     pose, fix = poses[0], fixes[0]
     assert (pose.header.stamp, pose.header.frame_id) == (STAMP, "map")
     assert fix.header == HEADER
-    # the third photo is half a place left of the centre of the image
+    # the third photo is half the spacing of the photos left of the centre of the image
     assert math.hypot(pose.pose.pose.position.x + 50 * 0.07, pose.pose.pose.position.y) < 3.5
     assert math.hypot((fix.latitude - LAT + 0.000063) * 111e3, (fix.longitude - LON - 0.000294) * 71e3) < 3.5
     assert (

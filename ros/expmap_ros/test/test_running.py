@@ -1,4 +1,4 @@
-"""Nodes as programs: they end when they are interrupted, and say what is wrong in a line."""
+"""Nodes as programs: they end when interrupted, and report errors in one line."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def command(node, *parameters):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_node_ends_without_a_word(bench, number):
-    topic = f"/pose_before_signal_{int(number)}"  # nobody else's: once it is there, the node is made
+    topic = f"/pose_before_signal_{int(number)}"  # unique: once it exists, the node has been created
     words = [*command("fix_bridge", "origin:=50.0,14.0"), "-r", f"/visual_pose:={topic}"]
     node = subprocess.Popen(words, env=ENVIRON, stderr=subprocess.PIPE, text=True)
     bench.node.create_publisher(String, "/pose_estimator/answer", 10)

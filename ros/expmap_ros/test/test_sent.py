@@ -1,4 +1,4 @@
-"""Which messages of a spool are known again."""
+"""Messages that are in a spool are recognised when repeated."""
 
 from expmap_ros.sent import Numbering, SentMessages, object_identity, pose_identity
 

@@ -1,4 +1,4 @@
-"""The node leaves the map to a server: only the robots' client is needed then."""
+"""With a map on a server, the node needs only the robots' client."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""The transform from map to odometry: only by sure answers, at their time, and not for long."""
+"""The transform from map to odometry: only from reliable answers, at their time, for a limited time."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_sure_answers_say_where_odometry_is_on_the_map_and_not_for_long(bench):
             lambda: bridge.get_clock().now().nanoseconds == tenths * 100_000_000, lambda: clock.publish(now)
         )
 
-    # at 5 s odometry says (4, 2), looking along y
+    # at 5 s the odometry is (4, 2), facing along y
     tenths = iter(range(50, 300))
     ways = [moved(4, 3.0, 2.0, math.pi / 2), moved(5, 4.0, 2.0, math.pi / 2)]
     told = [answer(second=4, probability=0.6, heading=10.0), answer(second=4, heading=None)]
@@ -59,7 +59,7 @@ def test_sure_answers_say_where_odometry_is_on_the_map_and_not_for_long(bench):
 
     bench.until(corrections, tell)
     for one in corrections():
-        # the robot is at the origin and looks east, so odometry is turned by a quarter to the right
+        # the robot is at the origin and faces east, so the odometry frame is rotated by 90 degrees clockwise
         at = one.transform.translation
         assert one.child_frame_id == "odom"
         assert (at.x, at.y) == pytest.approx((-2.0, 4.0), abs=1e-6)

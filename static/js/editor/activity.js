@@ -1,4 +1,4 @@
-/** Current activity, in a corner of the image: files on their way, and jobs of the server. */
+/** Current activity, in a corner of the image: uploads, and jobs of the server. */
 
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { leftText } from "../shared/format.js";
@@ -95,7 +95,7 @@ export class Activity {
     ].filter(Boolean);
   }
 
-  /** The results for the files, in sentences; how many wait in the tray, as it is now. */
+  /** The results of the uploads in sentences, with the number of photos now in the tray. */
   _summary() {
     const { entries } = this.uploads;
     const results = entries.filter(({ state }) => state === "done").map(({ result }) => result);
@@ -183,7 +183,7 @@ export class Activity {
   }
 }
 
-/** What became of the photos of a street-level service. */
+/** Result of adding photos of a street-level service. */
 function streetSummary({ added, failed }) {
   const reasons = [...new Set(failed.map(({ reason }) => sentence(reason)))].slice(0, 3);
   return [
@@ -192,7 +192,7 @@ function streetSummary({ added, failed }) {
   ].filter(Boolean).join(" ");
 }
 
-/** Whether a photo of the tray knows a position that the image does not show. */
+/** Whether the GPS position of a photo in the tray is outside the image. */
 function isOutside(store, id) {
   const photo = store.photos.get(id);
   const { satellite } = store;
@@ -200,7 +200,7 @@ function isOutside(store, id) {
   return !isInside([photo.gps.x_px, photo.gps.y_px], satellite);
 }
 
-/** On a phone the card begins as one line, so that it leaves the image free. */
+/** The button that folds the card; on a phone it starts folded to leave the image visible. */
 function foldButton(card) {
   const button = h("button", { class: "icon-button ed-activity__fold", type: "button", "aria-controls": "activity" }, icon("chevron-down"));
   const fold = (folded) => {

@@ -12,10 +12,10 @@ const CORNERS = [[LEFT, TOP], [RIGHT, TOP], [RIGHT, BOTTOM], [LEFT, BOTTOM]];
 /** @type {Object<string, [number, number]>} */
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const STEP_PX = 8;
-/** Share of the view that is left free on each side: the dialog covers a part of it. */
+/** Initial margin on each side, as a fraction of the view: the dialog covers a part of it. */
 const OF_VIEW = 0.18;
 
-/** Calls `changed` whenever the person has changed it; `sides` are left, top, right and bottom, map pixels. */
+/** Calls `changed` whenever it changes; `sides` are left, top, right and bottom, map pixels. */
 export class AreaBox {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
@@ -32,7 +32,7 @@ export class AreaBox {
     this.ofView();
   }
 
-  /** Take most of what is in view of the image. */
+  /** Set it to most of the visible part of the image. */
   ofView() {
     const { width, height } = this.view.store.satellite;
     const [left, top, right, bottom] = this.view.inView(OF_VIEW);
@@ -60,7 +60,7 @@ export class AreaBox {
     return handle;
   }
 
-  /** A corner stops before it would come to the other side of another one. */
+  /** Move a corner; it cannot pass the opposite one. */
   _move(x, y, [toX, toY]) {
     const sides = [...this.sides];
     [sides[x], sides[y]] = [toX, toY];

@@ -1,4 +1,4 @@
-/** The dialog in which boxes over faces and number plates are drawn, or suggested: they are blurred in every picture. */
+/** The dialog to draw boxes over faces and number plates, or have them suggested, for blurring in every picture. */
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon, preventTextDrag } from "../shared/dom.js";
@@ -8,20 +8,20 @@ import { t, tn } from "../shared/i18n.js";
 const LEAST = 0.008;
 const NEW = { x: 0.4, y: 0.4, width: 0.2, height: 0.2 };
 const STEP = 0.01;
-/** A suggestion, which has a margin, is there already where another box covers so much of it. */
+/** A suggestion, which has a margin, is a duplicate if another box covers this fraction of it. */
 const COVERED = 0.4;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** A box of the server: what it is of, and how sure the network is, where it is a suggestion. @typedef {{x: number, y: number, width: number, height: number, kind?: "face"|"plate", score?: number}} Box */
+/** A box of the server; `kind`, and the network's confidence `score`, only for suggestions. @typedef {{x: number, y: number, width: number, height: number, kind?: "face"|"plate", score?: number}} Box */
 
 /**
- * Let somebody draw what is to be blurred, in one photo or in several, one after the other.
+ * Open the dialog for one photo, or for several, one after the other.
  * @param {Object[]} photos
  * @param {Object} server
- * @param {function(Object): Box[]} server.blurredNow what is blurred in a photo, as far as is known by now
+ * @param {function(Object): Box[]} server.blurredNow boxes of a photo, as last known
  * @param {function(Object): Promise<{boxes: Box[], left?: number, missing: string[]}>} server.suggest finds faces and number plates in a photo
- * @param {function(Object, Box[], Box[]): Promise<void>} server.save keeps all boxes of it, unless others are kept by now than it had
- * @param {?function(): Promise<void>} [server.searchAll] lets all photos of the map be searched, in the background
+ * @param {function(Object, Box[], Box[]): Promise<void>} server.save saves the boxes of a photo, unless the saved ones differ from the third argument
+ * @param {?function(): Promise<void>} [server.searchAll] starts a job that searches all photos of the map
  * @returns {HTMLDialogElement}
  */
 export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null }) {
@@ -46,8 +46,8 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
   const dialog = openDialog(t("Blur faces and plates"), body, { actions: several ? [skip, rest, send] : [send] });
   dialog.classList.add("dialog--wide");
   let at = 0;
-  let had = []; // what was blurred when the photo was shown
-  let sought = false; // whether what is suggested for the photo is shown
+  let had = []; // boxes when the photo was shown
+  let sought = false; // whether suggestions for the photo are shown
   const show = () => {
     const photo = photos[at];
     sought = false;
@@ -75,7 +75,7 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
     return several && seek();
   };
   const buttons = [find, skip, rest, send, all];
-  /** One at a time: faces of one photo are not to come to the next. */
+  /** One action at a time, so that boxes of one photo do not get into the next. */
   const run = async (does, pressed = null) => {
     for (const one of buttons) one.disabled = true;
     try {
@@ -101,7 +101,7 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
   });
   does(rest, async () => {
     while (dialog.open) {
-      if (!sought) await seek(); // it failed before
+      if (!sought) await seek(); // it failed earlier
       if (dialog.open) await keep();
       if (dialog.open) await next();
     }
@@ -111,7 +111,7 @@ export function blurDialog(photos, { blurredNow, suggest, save, searchAll = null
   return dialog;
 }
 
-/** Which things a server without this model does not look for. @param {string} model */
+/** Message that a model is missing on the server. @param {string} model */
 function notSearched(model) {
   const command = `expmap models fetch ${model}`;
   return model === "faces"
@@ -119,18 +119,18 @@ function notSearched(model) {
     : t("Number plates are not detected: the server needs {command}.", { command });
 }
 
-/** That more was found than a photo can have boxes. @param {number} left */
+/** Message that more was found than a photo can have boxes. @param {number} left */
 function notAll(left) {
   return tn("{n} more was found, but the photo cannot have more boxes: draw larger ones.", "{n} more were found, but the photo cannot have more boxes: draw larger ones.", left);
 }
 
-/** What a suggestion is of, and how sure the network is. @param {Box} box */
+/** Kind and confidence of a suggestion. @param {Box} box */
 function wordsOf({ kind, score }) {
   const percent = percentText(score);
   return kind === "face" ? t("Face, {percent}", { percent }) : t("Number plate, {percent}", { percent });
 }
 
-/** A list of what is suggested for a photo: what is ticked is among its boxes. */
+/** A list of suggestions for a photo; checked ones are among its boxes. */
 class Suggestions {
   /** @param {Boxes} boxes */
   constructor(boxes) {
@@ -170,7 +170,7 @@ export class Boxes {
     this.frame = frame;
     this.all = all;
     this.count = h("span", { class: "soft small", role: "status" });
-    /** Called when boxes came or went. */
+    /** Called when boxes were added or removed. */
     this.onchange = () => {};
     preventTextDrag(frame);
     frame.addEventListener("pointerdown", (event) => this._draw(event));
@@ -183,7 +183,7 @@ export class Boxes {
     this.frame.querySelector(".blur-box:last-of-type").focus();
   }
 
-  /** Take other boxes. @param {Object[]} all */
+  /** Replace all boxes. @param {Object[]} all */
   replace(all) {
     this.all = all;
     this._show();
@@ -196,7 +196,7 @@ export class Boxes {
     this.onchange();
   }
 
-  /** Those that are shown one by one. @returns {Object[]} */
+  /** Boxes that are shown as elements. @returns {Object[]} */
   _shown() {
     return this.all;
   }
@@ -227,7 +227,7 @@ export class Boxes {
     lay(element, box);
   }
 
-  /** Drag from one corner to the other. */
+  /** Draw a box by dragging from one corner to the other. */
   _draw(event) {
     if (event.button !== 0 || event.target.closest(".blur-box")) return;
     event.preventDefault();
@@ -248,7 +248,7 @@ export class Boxes {
     for (const [name, run] of [["pointermove", move], ["pointerup", end], ["pointercancel", end]]) this.frame.addEventListener(name, run);
   }
 
-  /** Shares of the picture's width and height. @param {PointerEvent} event */
+  /** Position as fractions of the picture's width and height. @param {PointerEvent} event */
   _at(event) {
     const { left, top, width, height } = this.frame.getBoundingClientRect();
     const share = (value) => Math.min(Math.max(value, 0), 1);
@@ -261,19 +261,19 @@ function between([x, y], [toX, toY]) {
   return { x: Math.min(x, toX), y: Math.min(y, toY), width: Math.abs(toX - x), height: Math.abs(toY - y) };
 }
 
-/** What is kept of a box. @param {Box} box */
+/** The saved fields of a box. @param {Box} box */
 function bare({ x, y, width, height }) {
   return { x, y, width, height };
 }
 
-/** Which share of a box another one covers. @param {Box} box @param {Box} other */
+/** Fraction of a box that another one covers. @param {Box} box @param {Box} other */
 function covered(box, other) {
   const side = (from, length) => Math.min(box[from] + box[length], other[from] + other[length]) - Math.max(box[from], other[from]);
   const [width, height] = [side("x", "width"), side("y", "height")];
   return (Math.max(width, 0) * Math.max(height, 0)) / (box.width * box.height);
 }
 
-/** Keep a box in the picture, and large enough to be seen. */
+/** Limit a box to the picture and to a minimum size. */
 function inside({ x, y, width, height }) {
   const [left, top] = [Math.min(Math.max(x, 0), 1 - LEAST), Math.min(Math.max(y, 0), 1 - LEAST)];
   const side = (length, from) => Math.min(Math.max(length, LEAST), 1 - from);

@@ -1,4 +1,4 @@
-/** Many photos placed at once: by their GPS, by a list of positions, by a track. */
+/** Placing many photos at once: by their GPS, by a list of positions, by a track. */
 
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h, icon, targetOf } from "../shared/dom.js";
@@ -41,7 +41,7 @@ export function bulkPlacing(page) {
   return { positions, track };
 }
 
-/** Say what placing did: in a line, and in full where something was left out. */
+/** Show the result of placing: a message, or a dialog if something was left out. */
 function report(result, title) {
   const placed = tn("{n} photo placed.", "{n} photos placed.", result.placed.length);
   const parts = [

@@ -1,4 +1,4 @@
-/** What is wrong with the map, with a button for what can be fixed. */
+/** Problems of the map, with buttons for those that can be fixed. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
@@ -72,7 +72,7 @@ export class ChecksPanel {
         actions));
   }
 
-  /** Point at the photos of a finding. */
+  /** Mark the photos of a finding. */
   _show(ids) {
     this.store.setCurrent(ids[0]);
     const pixels = ids.map((id) => this.store.position(id)).filter(Boolean);

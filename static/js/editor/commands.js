@@ -1,4 +1,4 @@
-/** What a person can do with the photos, for buttons, keys, clicks and gestures alike. */
+/** Actions on the photos, used by buttons, keys, clicks and gestures. */
 
 import { t, tn } from "../shared/i18n.js";
 import { clamped, wholeTurn } from "../shared/map/coords.js";
@@ -10,7 +10,7 @@ export class Commands {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {import("./edit-queue.js").EditQueue} edits
-   * @param {import("./photos/photo-order.js").PhotoOrder} order in which the photos are gone through
+   * @param {import("./photos/photo-order.js").PhotoOrder} order for stepping through the photos
    * @param {function(string): void} say announces to a screen reader
    */
   constructor(store, edits, order, say) {
@@ -18,12 +18,12 @@ export class Commands {
     this.edits = edits;
     this.order = order;
     this.say = say;
-    /** @type {?function(): void} takes the last message away */
+    /** @type {?function(): void} removes the last message */
     this._toast = null;
     edits.addEventListener("saved", (event) => this._follow(/** @type {CustomEvent} */ (event).detail));
   }
 
-  /** Put the current photo there, and continue with the next one of the tray. */
+  /** Place the current photo at a map pixel, and continue with the next one in the tray. */
   placeCurrent(pixel) {
     const { store } = this;
     const photo = store.current;
@@ -49,7 +49,7 @@ export class Commands {
     );
   }
 
-  /** Put photos on one spot, as when they are dragged there from the grid. @param {number[]} ids */
+  /** Place photos at one position, for example dragged there from the grid. @param {number[]} ids */
   placeAt(ids, pixel) {
     const { store } = this;
     const there = ids.filter((id) => store.photos.has(id));
@@ -63,13 +63,13 @@ export class Commands {
     }
   }
 
-  /** The floor that is shown, for what is put there; a further placement has the floors of the exact one. */
+  /** The floor field of a placed photo: the shown floor; other placements use the floors of the exact one. */
   _floor() {
     const { floor, floors, placement } = this.store;
     return floors.length && placement === null ? { floor } : {};
   }
 
-  /** Put photos on another floor, which is shown then. @param {number[]} ids @param {number} floor */
+  /** Move photos to another floor, and show it. @param {number[]} ids @param {number} floor */
   toFloor(ids, floor) {
     const { store } = this;
     const placed = ids.filter((id) => store.isPlaced(id) && store.floorOf(id) !== floor);
@@ -79,7 +79,7 @@ export class Commands {
     this.say(tn("{n} photo moved to {floor}.", "{n} photos moved to {floor}.", placed.length, { floor: store.floorNamed(floor)?.name ?? "" }));
   }
 
-  /** Put photos elsewhere. @param {Map<number, [number, number]>} positions */
+  /** Move photos. @param {Map<number, [number, number]>} positions */
   move(positions) {
     const { satellite } = this.store;
     const changes = [...positions].map(([id, pixel]) => {
@@ -89,14 +89,14 @@ export class Commands {
     if (changes.length) this._edit("move", changes);
   }
 
-  /** Set where a photo looks. @param {?number} degrees clockwise from north */
+  /** Set the heading of a photo. @param {?number} degrees clockwise from north */
   turn(id, degrees) {
     const heading_deg = degrees === null ? null : wholeTurn(degrees);
     this._edit("turn", [{ id, heading_deg }]);
     if (heading_deg !== null) this.say(t("Heading {degrees}°", { degrees: heading_deg }));
   }
 
-  /** Set where several photos look. @param {Map<number, ?number>} headings degrees clockwise from north, by id */
+  /** Set the headings of several photos. @param {Map<number, ?number>} headings degrees clockwise from north, by id */
   turnAll(headings) {
     const changes = [...headings].map(([id, degrees]) => ({ id, heading_deg: degrees === null ? null : wholeTurn(degrees) }));
     if (!changes.length) return;
@@ -124,13 +124,13 @@ export class Commands {
     this.say(tn("The note of {n} photo is changed.", "The notes of {n} photos are changed.", changed.length));
   }
 
-  /** Turn the current photo by some degrees; one without a heading starts at north. */
+  /** Turn the current photo by some degrees; without a heading, from north. */
   turnBy(degrees) {
     const { current, canEdit } = this.store;
     if (current && canEdit) this.turn(current.id, (this.store.heading(current.id) ?? 0) + degrees);
   }
 
-  /** Take photos off the image. */
+  /** Move photos back to the tray. */
   toTray(ids) {
     const placed = ids.filter((id) => this.store.isPlaced(id));
     if (!placed.length) return;
@@ -139,7 +139,7 @@ export class Commands {
     this.say(tn("{n} photo is back in the tray", "{n} photos are back in the tray", placed.length));
   }
 
-  /** Take photos out of the map. */
+  /** Remove photos from the map. */
   remove(ids) {
     if (!ids.length) return;
     const next = ids.includes(this.store.currentId) ? this._neighbour(1, (id) => !ids.includes(id)) : undefined;
@@ -150,14 +150,14 @@ export class Commands {
     if (next !== undefined) this.store.setCurrent(next);
   }
 
-  /** What Delete means: the selection, else the current photo. */
+  /** Photos that Delete applies to: the selection, else the current photo. */
   chosen() {
     const { selection, currentId } = this.store;
     if (selection.size) return [...selection];
     return currentId === null ? [] : [currentId];
   }
 
-  /** Go to the next or previous photo of those that pass the filters: of the tray while placing, else of all. */
+  /** Go to the next or previous photo that passes the filters: in the tray while placing, else of all. */
   step(direction) {
     const { order, store } = this;
     const placing = store.currentId === null || !store.isPlaced(store.currentId);
@@ -174,7 +174,7 @@ export class Commands {
     if (this.store.history[action] || (action === "undo" && this.edits.waiting)) this.edits.step(action);
   }
 
-  /** After undo and redo, show what they touched, and say which step it was: what was done last may be no step. */
+  /** After undo or redo, show the affected photo and name the step, which need not be the last action. */
   _follow({ item, answer }) {
     if (item.action !== "undo" && item.action !== "redo") return;
     const touched = (answer.photos || []).filter((photo) => !photo.removed);
@@ -184,17 +184,17 @@ export class Commands {
     this._show(item.action === "undo" ? t("Undone: {what}", { what }) : t("Redone: {what}", { what }));
   }
 
-  /** Say that a photo is placed nowhere but on the image. */
+  /** Warn that a photo cannot be placed outside the image. */
   warnOutside() {
     this.warn(t("That is outside the image."), t("Click on the image where the photo was taken."));
   }
 
-  /** Say why something was not done. @param {string} message @param {string} hint */
+  /** Show why something was not done. @param {string} message @param {string} hint */
   warn(message, hint) {
     this._show(message, { hint });
   }
 
-  /** One message at a time: the next step takes the last one, and its button, away. */
+  /** Show a message instead of the previous one, whose button may no longer apply. */
   _show(message, options = {}) {
     this._toast?.();
     this._toast = toast(message, options);

@@ -1,15 +1,15 @@
 /**
- * Edits on their way to the server: one after another, shown at once, kept while there is no connection.
+ * Queue of edits to be sent to the server: shown at once, sent one after another, kept while offline.
  *
- * Every edit is sent with the newest revision that its author had seen. What the author did to the same photo
- * just before does not count as news; what somebody else did is a conflict, and then nothing is overwritten.
+ * Every edit is sent with the newest revision that its author had seen. Earlier edits of the same photo by the
+ * author are no conflict; an edit by someone else is one, and then nothing is overwritten.
  */
 
 import { tn } from "../shared/i18n.js";
 import { pendingKey } from "../shared/map/map-store.js";
 
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
-/** Turns by key or hand come in many small steps: they are collected for so long. */
+/** Turns come in many small steps, which are collected for this time. */
 const COLLECT_MS = 450;
 
 /** @typedef {{id: number, x_px?: ?number, y_px?: ?number, heading_deg?: ?number, taken_at?: string, floor?: number, removed?: boolean}} Change */
@@ -17,23 +17,23 @@ const COLLECT_MS = 450;
 /**
  * @typedef {Object} Item
  * @property {"edit"|"remove"|"undo"|"redo"} action
- * @property {string} kind for the words on the undo button
+ * @property {string} kind for the label of the undo button
  * @property {?string} placement
  * @property {Change[]} changes fields by photo
  * @property {number} seen revision that the author had seen
- * @property {number} notBefore when it may be sent, in milliseconds
- * @property {boolean} [uncertain] whether an answer was lost
+ * @property {number} notBefore earliest time to send it, in milliseconds of `performance.now()`
+ * @property {boolean} [uncertain] whether a response was lost
  */
 
 /**
  * The queue. Fires `change` when its length or state changes, `saved` with the item and the answer, and `refused`
- * with `message` and `hint` when an edit was given up.
+ * with `message` and `hint` when an edit was rejected.
  */
 export class EditQueue extends EventTarget {
   /**
    * @param {import("../shared/map/map-store.js").MapStore} store
    * @param {Object} server `edit, remove, undo, redo` of endpoints.js
-   * @param {function(): Promise<void>} refresh takes everything that changed on the server
+   * @param {function(): Promise<void>} refresh fetches all changes from the server
    */
   constructor(store, server, refresh) {
     super();
@@ -70,7 +70,7 @@ export class EditQueue extends EventTarget {
     this._wake();
   }
 
-  /** Take photos out of the map. @param {number[]} ids */
+  /** Remove photos from the map. @param {number[]} ids */
   remove(ids) {
     const changes = ids.map((id) => ({ id, removed: true }));
     this._add({ action: "remove", kind: "remove", placement: null, changes, seen: this.store.revision, notBefore: 0 });
@@ -90,7 +90,7 @@ export class EditQueue extends EventTarget {
     this.dispatchEvent(new Event("change"));
   }
 
-  /** Lay all that waits over what the server said. */
+  /** Overlay the server's state with all unsaved edits. */
   _show() {
     const pending = new Map();
     for (const item of this.items) {
@@ -148,13 +148,13 @@ export class EditQueue extends EventTarget {
   _call(item) {
     const { action, kind, placement, changes } = item;
     const foreign = changes.some(({ id }) => this._changedByOthers(id, item.seen));
-    const seen = foreign ? item.seen : this.store.revision; // the server knows who it was, and refuses
+    const seen = foreign ? item.seen : this.store.revision; // so that the server refuses the edit
     if (action === "edit") return this.server.edit({ seen, kind, changes, ...(placement && { placement }) });
     if (action === "remove") return this.server.remove({ seen, ids: changes.map(({ id }) => id) });
     return this.server[action]();
   }
 
-  /** Take an answer in; a gap in the revisions means that somebody else was faster with something. */
+  /** Merge a response; a gap in the revisions means that someone else made changes meanwhile. */
   async _take(item, answer) {
     const gap = answer.revision > this.store.revision + 1;
     if (answer.revision !== null) {
@@ -180,7 +180,7 @@ export class EditQueue extends EventTarget {
     return Boolean(photo) && photo.revision > seen && this._own.get(id) !== photo.revision;
   }
 
-  /** Whether an edit whose answer was lost has been made. */
+  /** Whether an edit whose response was lost has been saved. */
   _arrived(item, before) {
     if (item.action === "undo" || item.action === "redo") return this.store.revision > before;
     return item.changes.every(({ id, removed, ...fields }) => {
@@ -192,9 +192,9 @@ export class EditQueue extends EventTarget {
     });
   }
 
-  /** @returns {Promise<number>} how long to wait before the next try, in milliseconds */
+  /** @returns {Promise<number>} milliseconds to wait before the next attempt */
   async _failed(item, error) {
-    if (!this.items.includes(item)) return 0; // it is saved; only the look at what else is new failed
+    if (!this.items.includes(item)) return 0; // it is saved; only fetching other changes failed
     const later = error.status === 0 || error.status >= 500 || error.status === 429 || error.status === 401;
     if (later) {
       item.uncertain = error.status === 0 || error.status >= 500;
@@ -211,7 +211,7 @@ export class EditQueue extends EventTarget {
     return 0;
   }
 
-  /** Give up an edit, and those after it that build on it. */
+  /** Discard an edit and later ones of the same photos. */
   _conflict(item, message, hint = null) {
     const ids = new Set(item.changes.map(({ id }) => id));
     const lost = this.items.filter((other) => other === item || other.changes.some(({ id }) => ids.has(id)));

@@ -1,4 +1,4 @@
-/** What the editor asks of the server, by name. */
+/** The editor's requests to the server, by name. */
 
 import { api, del, get, patch, post, put, upload } from "../shared/api.js";
 import { uploadEndpoints } from "../shared/uploads.js";
@@ -72,7 +72,7 @@ export function endpointsOf(slug) {
   };
 }
 
-/** Header that refuses a change of what was changed later than that. @param {number} revision */
+/** Header that makes the server refuse the request if there are changes after this revision. @param {number} revision */
 function ifMatch(revision) {
   return { "If-Match": String(revision) };
 }

@@ -1,4 +1,4 @@
-/** Mouse, pen and fingers on the image: place, choose, drag, turn, box; Leaflet keeps pan, wheel and pinch. */
+/** Mouse, pen and touch gestures on the image: place, select, drag, turn, box; Leaflet handles pan, wheel and pinch. */
 
 import { h } from "../shared/dom.js";
 import { clamped, imageAngle, isInside } from "../shared/map/coords.js";
@@ -7,10 +7,10 @@ import { rafThrottle } from "../shared/timing.js";
 const LONG_PRESS_MS = 500;
 const STILL = { mouse: 4, touch: 10 };
 const COARSE_STEP = 15;
-/** A second click so soon and so near is the same click: it places no second photo. */
+/** A second click within this time and distance is part of a double click: it places no second photo. */
 const DOUBLE_MS = 500;
 const DOUBLE_PX = 10;
-/** So many dots on each other are spread around their spot; where there are more, the view goes nearer. */
+/** Up to this many overlapping dots are spread in a circle; for more, the view zooms in. */
 const MOST_SPREAD = 40;
 const NEARER = 2;
 
@@ -26,9 +26,9 @@ export class EditGestures {
     this.dots = dots;
     this.commands = commands;
     this.store = commands.store;
-    /** @type {Array<{active: boolean, add: function(number[]): void}>} each takes the clicks while it is active */
+    /** @type {Array<{active: boolean, add: function(number[]): void}>} tools that receive the clicks while active */
     this.takers = [];
-    /** @type {?Object<string, *>} what the pointer is doing */
+    /** @type {?Object<string, *>} the present gesture */
     this.gesture = null;
     const { element } = view;
     element.addEventListener("pointerdown", (event) => this._down(event), { capture: true });
@@ -44,7 +44,7 @@ export class EditGestures {
     this._cursor();
   }
 
-  /** Stop what a hand is doing; nothing has been changed. */
+  /** Abort the gesture without any change. */
   cancel() {
     const { gesture } = this;
     if (!gesture) return;
@@ -61,7 +61,7 @@ export class EditGestures {
     if (this.gesture) {
       const second = event.pointerId !== this.gesture.id;
       this.cancel();
-      if (second) return; // finger: a pinch; otherwise the pointerup of the first press was lost
+      if (second) return; // a second finger: a pinch; otherwise the pointerup of the first press was lost
     }
     if (event.button !== 0) return;
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";
@@ -69,18 +69,18 @@ export class EditGestures {
     /** @type {Object<string, *>} */
     const gesture = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };
     Object.assign(gesture, this._meaning(event, point, pointer));
-    if (dots.isFanned && gesture.hit !== undefined) gesture.start = this.store.position(gesture.hit); // it is drawn elsewhere
+    if (dots.isFanned && gesture.hit !== undefined) gesture.start = this.store.position(gesture.hit); // a spread dot is not drawn at its position
     if (gesture.mode !== "pan") this.view.map.dragging.disable();
     if (pointer === "touch") gesture.timer = setTimeout(() => this._longPress(), LONG_PRESS_MS);
     this.gesture = gesture;
   }
 
-  /** What takes the clicks now. */
+  /** The active tool. */
   get _taker() {
     return this.takers.find(({ active }) => active) ?? null;
   }
 
-  /** What a press there would do when it moves. */
+  /** The gesture that a press starts if it moves. */
   _meaning(event, point, pointer) {
     const { store, dots } = this;
     if (this._taker) return { mode: "pan" };
@@ -181,7 +181,7 @@ export class EditGestures {
     }
   }
 
-  /** Spread dots that lie on each other; of too many of them, go nearer. */
+  /** Spread overlapping dots, or zoom in if there are too many. */
   _open(hits, point) {
     const { dots, store, view } = this;
     const { map } = view;

@@ -1,11 +1,11 @@
-/** The keys of the editor, and a switch for those that are single letters. */
+/** Help on the keys of the editor, with a switch for the single-letter shortcuts. */
 
 import { openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { singleKeys } from "../shared/single-keys.js";
 
-/** Show how everything is done. */
+/** Show the help. */
 export function showHelp() {
   const single = h("input", { type: "checkbox", checked: singleKeys.on });
   single.addEventListener("change", () => (singleKeys.on = single.checked));

@@ -1,4 +1,4 @@
-/** The keyboard: everything that a hand can do. */
+/** Keyboard shortcuts for all actions. */
 
 import { takesText } from "../shared/dom.js";
 import { singleKeys } from "../shared/single-keys.js";
@@ -39,7 +39,7 @@ function plain(event, page, typed) {
   return (onMap && onImage(event, page)) || anywhere(event, page) || (singleKeys.on ? single(event, page) : null);
 }
 
-/** Keys that mean something only while the image has the focus. */
+/** Keys that act only while the image has the focus. */
 function onImage(event, { crosshair, commands, view, dots }) {
   const { store } = commands;
   const arrow = ARROWS[event.key];

@@ -1,4 +1,4 @@
-/** Where the parts of the page are: how much room the photos have, and on a phone the sheet that they are. */
+/** Layout of the page: resizable parts, and on a phone a sheet for the photos. */
 
 import { byId, preventTextDrag, queryAll } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
@@ -6,7 +6,7 @@ import { connectTabs } from "../shared/tabs.js";
 
 const KEPT = "expmap.editor-layout";
 const KEY_STEP = 24;
-/** Edges that are dragged: what they resize, in which direction, and its smallest size; all in pixels. */
+/** Draggable edges: what they resize, along which axis and sign, minimum size in pixels, maximum as a fraction of the window. */
 const EDGES = {
   "side-edge": { name: "side", axis: "x", grows: 1, least: 200, most: 0.6 },
   "strip-edge": { name: "strip", axis: "y", grows: -1, least: 150, most: 0.5 },
@@ -14,7 +14,7 @@ const EDGES = {
 };
 
 /**
- * Connect what changes the layout; this browser remembers it.
+ * Connect the controls of the layout, which is kept in this browser.
  * @param {import("../shared/map/map-store.js").MapStore} store
  */
 export function connectLayout(store) {
@@ -30,7 +30,7 @@ function remembered() {
   try {
     return JSON.parse(localStorage.getItem(KEPT)) ?? {};
   } catch {
-    return {}; // somebody else's, or of another version
+    return {}; // invalid, or of another version
   }
 }
 
@@ -38,7 +38,7 @@ function remember(kept) {
   localStorage.setItem(KEPT, JSON.stringify(kept));
 }
 
-/** Photos beside the image, as a strip below it, or instead of it. */
+/** Photos next to the image, as a strip below it, or instead of it. */
 function views(kept) {
   const phone = matchMedia("(max-width: 47.99rem)");
   const buttons = queryAll("[data-view]", HTMLButtonElement, byId("photo-view"));
@@ -94,7 +94,7 @@ function edge(element, { name, axis, grows, least, most }, kept) {
   });
 }
 
-/** On a phone the photos lie over the image when they are wanted, and go when one is chosen. */
+/** On a phone the photos are a sheet over the image, which closes when one is chosen. */
 function sheet(store) {
   const [side, toggle] = [byId("side"), byId("side-toggle")];
   const phone = matchMedia("(max-width: 47.99rem)");

@@ -1,4 +1,4 @@
-/** The dialog for a list of positions: which column holds what, and what would move where. */
+/** The dialog for a list of positions: choice of columns, and a preview of the placing. */
 
 import { columnChoice } from "../shared/column-choice.js";
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
@@ -78,7 +78,7 @@ export function listDialog({ server, refresh, dots, view }, given, report) {
       if (mine !== turn) return;
       error.show(null);
       seen = answer;
-      // Where nothing is new, the list can only be meant to move what is placed.
+      // If all listed photos are placed, the list can only be meant to move them.
       movePlaced.checked = seen.photos.every(({ from_px: before }) => before !== null);
       const wanted = show();
       if (wanted.length) view.focus(wanted.map(({ x_px: x, y_px: y }) => [x, y]));

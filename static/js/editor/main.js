@@ -1,4 +1,4 @@
-/** The page on which photos are put on the image of a map: makes the parts and connects them. */
+/** The page to place photos on the image of a map: creates its parts and connects them. */
 
 import { byId, targetOf } from "../shared/dom.js";
 import { listenToDrops, listenToPastes, usable } from "../shared/drop-files.js";
@@ -96,7 +96,7 @@ function say(text) {
   byId("announcer").textContent = text;
 }
 
-/** There is a current photo whenever there can be one; placing ends for one that somebody else has placed. */
+/** Keep a current photo whenever there are photos; end placing if someone else has placed it. */
 function chooseFirst() {
   const choose = () => {
     const gone = store.currentId === null || !store.photos.has(store.currentId);
@@ -113,7 +113,7 @@ function chooseFirst() {
   choose();
 }
 
-/** Photos are uploaded; lists of positions and tracks open what they are for. */
+/** Upload photos; open the matching dialog for lists of positions and tracks. */
 function takeFiles() {
   const uploads = new Uploads(server, store);
   new Activity(store, uploads, page);
@@ -138,7 +138,7 @@ function takeFiles() {
   byId("folder-button").addEventListener("click", () => byId("folder-input").click());
 }
 
-/** A GPX file of waypoints is a list of positions. @param {File} file */
+/** Whether a file is a track; a GPX file with only waypoints is a list of positions. @param {File} file */
 async function isTrack(file) {
   return /\.gpx$/i.test(file.name) && (await file.text()).includes("<trkpt");
 }

@@ -1,4 +1,4 @@
-/** Colours on the dots for places that look alike, stand alone, or were seen in one direction only. */
+/** Colours of the dots for places that look alike, are isolated, or were seen in one direction only. */
 
 import { byId, h } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
@@ -11,7 +11,7 @@ const STATES = {
   good: { colour: "#2fa866", words: () => t("recognised reliably") },
 };
 
-/** The switch for the colours, and their legend. */
+/** The switch for the colours and their legend. */
 export class MapHealth {
   /** @param {Object} page store, server, refresh and dots */
   constructor({ store, server, refresh, dots }) {
@@ -37,7 +37,7 @@ export class MapHealth {
       const health = await this.server[question]();
       if (!this.toggle.checked) return;
       this.job = health.job;
-      if (health.revision === null && health.job === null) await this._ask("findHealth"); // for the first time
+      if (health.revision === null && health.job === null) await this._ask("findHealth"); // first time
       else this._show(health);
     } catch (error) {
       this.toggle.checked = false;
@@ -46,7 +46,7 @@ export class MapHealth {
     }
   }
 
-  /** Look again when the job that finds it out has ended. */
+  /** Reload the result when its job has ended. */
   _watch() {
     const job = this.store.jobs.find(({ id }) => id === this.job);
     if (!job || job.state === "queued" || job.state === "running") return;
@@ -61,7 +61,7 @@ export class MapHealth {
 
   _show({ photos, revision, current, job }) {
     const oneWay = photos.filter(({ state }) => state === "one-direction").length;
-    // Where most places are so, that is how the map was made, and no place of it is weaker than the others.
+    // If most places are so, the map is of a walk in one direction, and they are not weaker than the others.
     const isWalk = oneWay > photos.length / 2;
     const shown = (state) => (isWalk && state === "one-direction" ? "good" : state);
     const counts = new Map();

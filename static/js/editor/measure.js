@@ -4,7 +4,7 @@ import { byId } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
 import { latLngOf } from "../shared/map/coords.js";
 
-/** A line of points with its length, in metres where the map has a georeference. */
+/** A line of points with its length, in metres if the map has a georeference. */
 export class Measure {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
@@ -23,7 +23,7 @@ export class Measure {
     view.store.on("satellite", () => this.stop());
   }
 
-  /** Begin, perhaps at a map pixel. @param {?number[]} [pixel] */
+  /** Begin, optionally with a first point. @param {?number[]} [pixel] */
   start(pixel = null) {
     this.active = true;
     this.points = [];
@@ -52,7 +52,7 @@ export class Measure {
     this._show();
   }
 
-  /** The length for people. */
+  /** The length as text. */
   length() {
     const { georeference } = this.view.store;
     const legs = this.points.slice(1).map((to, n) => [this.points[n], to]);

@@ -1,4 +1,4 @@
-/** Lines about photos under a title that counts them, folded. */
+/** A folded list of lines under a title with their number. */
 
 import { h } from "../shared/dom.js";
 import { labelled, tn } from "../shared/i18n.js";
@@ -8,7 +8,7 @@ const SHOWN = 50;
 /**
  * @param {string} title
  * @param {string[]} lines
- * @returns {?HTMLElement} null where there are none
+ * @returns {?HTMLElement} null if there are none
  */
 export function nameList(title, lines) {
   if (!lines.length) return null;

@@ -1,4 +1,4 @@
-/** Notes on spots of the map, written in a dialog, and moved by dragging their marks. */
+/** Notes at positions on the map, edited in a dialog and moved by dragging their markers. */
 
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
@@ -18,7 +18,7 @@ export class Notes {
     this.store = store;
     this.server = server;
     this.view = view;
-    this._own = 0; // revision of the last change that was made here
+    this._own = 0; // revision of the last change made on this page
     const moved = (note, at) => this._send(() => server.changeNote({ ...note, x_px: at[0], y_px: at[1] }, this._seen));
     new NoteLayer(store, view.map, store.canEdit ? { open: (note) => this.edit(note), moved } : { open: (note) => noteDialog(store, note) });
     byId("note-button").addEventListener("click", () => {
@@ -32,7 +32,7 @@ export class Notes {
     this.edit({ id: null, title: "", text: "", x_px, y_px, photos: [...this.store.selection], floor: this.store.floor });
   }
 
-  /** The newest revision of which the notes are known: a later change of somebody else is not overwritten. */
+  /** The newest revision whose notes are known, so that a later change by someone else is not overwritten. */
   get _seen() {
     return Math.max(this.store.revision, this._own);
   }

@@ -1,4 +1,4 @@
-/** Several placements of the same photos: which one is shown, making and deleting one. */
+/** Placements of the photos: choosing, creating and deleting one. */
 
 import { confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
@@ -6,7 +6,7 @@ import { t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 
 /**
- * Connect the choice and its two menu items.
+ * Connect the selection and its two menu items.
  * @param {Object} page store, server and refresh
  */
 export function choosePlacement(page) {

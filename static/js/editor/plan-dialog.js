@@ -1,4 +1,4 @@
-/** The dialog for the next photos: how well the parts of the map are recognised, and a walk to the spots that help. */
+/** The dialog to plan the next photos: how well parts of the map are recognised, and a walk to useful spots. */
 
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";
@@ -79,7 +79,7 @@ function legendList() {
   return h("ul", { class: "ed-swatches small", "data-testid": "plan-legend" }, ...rows, h("li", { class: "soft" }, t("paler: less certain")));
 }
 
-/** How good the map is, by what that is known, and how good it may become. */
+/** Recognition rate now and expected, and what the estimate is based on. */
 function summary(slug, plan, current) {
   const way = plan.walk_m === null ? null : t("{distance} on foot", { distance: `${metresText(Math.round(plan.walk_m))} m` });
   const counted = tn("{n} spot", "{n} spots", plan.spots.length);
@@ -107,7 +107,7 @@ function spotList({ spots }, view) {
   return h("ol", { class: "small ed-rest", "aria-label": t("Spots") }, ...spots.map(row));
 }
 
-/** To the phone: as a file, or by the page for the field. */
+/** Ways to get the plan onto a phone: a GPX file, or the page for the field. */
 function ways(store, plan) {
   const slug = encodeURIComponent(store.slug);
   const known = plan.spots.some(({ lat }) => lat !== null);

@@ -1,4 +1,4 @@
-/** The dialog for the photos in the tray: where they were taken, judged by the photos that are placed. */
+/** The dialog that suggests places for the photos in the tray from the placed ones. */
 
 import { errorLine, openDialog } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
@@ -10,7 +10,7 @@ import { offer, placeButton, placeOnClick } from "./place-button.js";
 
 const SHOWN = 200;
 
-/** Suggestions less certain than so many times the median are to be looked at before they are placed. */
+/** Default limit for placing all at once: this many times the median radius. */
 const UNCERTAIN = 4;
 
 /** @param {Object} page store, server, refresh, dots and view @returns {HTMLDialogElement} */
@@ -136,7 +136,7 @@ function restDialog({ store, server, refresh, dots, view }) {
 }
 
 /**
- * Connect the bar above the tray that leads to suggestions, also to those of a job that ended while nobody looked.
+ * Connect the bar above the tray that leads to suggestions, also those of jobs that ended earlier.
  * @param {Object} page store, server, refresh, dots and view
  * @returns {function(): void} opens the dialog, unless it is open
  */
@@ -182,13 +182,13 @@ function unit(store) {
   return store.georeference.metresPerPixel || 1;
 }
 
-/** Up to which radius suggestions are placed at once, at first; rounded up. */
+/** Default limit of the radius for placing, rounded up. */
 function limitOf(suggested, metresPerPixel) {
   const most = UNCERTAIN * suggested[Math.floor(suggested.length / 2)].radius_px * metresPerPixel;
   return String(most < 10 ? Math.ceil(most * 10) / 10 : Math.ceil(most));
 }
 
-/** How many photos have a place now, and whether that is still of the map as it is. */
+/** Number of suggestions, and whether the map has changed since. */
 function summary({ suggested, current }) {
   const found = tn("{n} photo has a suggested place: see the hollow dots on the image.", "{n} photos have a suggested place: see the hollow dots on the image.", suggested.length);
   return h("p", {}, found, current ? "" : ` ${t("The map has changed since.")}`);

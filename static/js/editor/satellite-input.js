@@ -1,4 +1,4 @@
-/** A map without an image: says what to do, and takes an image file at once. */
+/** A map without an image: instructions, and an input for an image file. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";

@@ -1,4 +1,4 @@
-/** The dialog for photos that a street-level service has of an area: counted first, then added by a job. */
+/** The dialog to add photos of an area from a street-level service: counted first, then added by a job. */
 
 import { busy, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";
@@ -87,7 +87,7 @@ export async function streetDialog({ store, server, refresh, dots, view }) {
   });
 }
 
-/** Why nothing can be added, and what helps; null where it can. */
+/** Why nothing can be added, with a remedy; null if it can. */
 function reason(store, services) {
   const image = `/maps/${encodeURIComponent(store.slug)}/image`;
   if (!store.satellite || !store.georeference.grid) {

@@ -1,4 +1,4 @@
-/** The dialog for a GPX track: how the camera's clock was set, and where the photos would come. */
+/** The dialog to place photos by a GPX track: clock offset, time zone, and a preview. */
 
 import { errorLine, field, openDialog } from "../shared/dialogs.js";
 import { h } from "../shared/dom.js";

@@ -1,10 +1,10 @@
-/** Undo and redo with words for what they do, and whether everything is saved. */
+/** Undo and redo buttons with the name of the step, and the state of saving. */
 
 import { byId } from "../shared/dom.js";
 import { labelled, t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
 
-/** What an edit was, as the words on its button. */
+/** Names of edits for the buttons. */
 const KINDS = {
   place: (n) => tn("placing {n} photo", "placing {n} photos", n),
   move: (n) => tn("moving {n} photo", "moving {n} photos", n),
@@ -54,7 +54,7 @@ export function connectUndoRedo(commands) {
   render();
 }
 
-/** Words for what an edit was. @param {{kind: string, count: ?number}} step */
+/** Name of an edit. @param {{kind: string, count: ?number}} step */
 export function stepName({ kind, count }) {
   return (KINDS[kind] || (() => t("the last change")))(count ?? 1);
 }
@@ -68,7 +68,7 @@ function label(button, word, step, keys) {
 
 let timer = 0;
 
-/** Say that something waits, but not for the moment that saving takes. */
+/** Show the number of unsaved edits, but not during the short time of a normal save. */
 function saved(edits) {
   const line = byId("saved");
   clearTimeout(timer);

@@ -1,4 +1,4 @@
-/** Leads to the spots of a map's plan, one after the other, and ticks them off; the ticks stay on the device. */
+/** Guides to the spots of a map's plan one after the other and ticks them off; the ticks are kept on the device. */
 
 import { get } from "../shared/api.js";
 import { byId, h } from "../shared/dom.js";
@@ -10,9 +10,9 @@ import { directionName, lookText, reasonText } from "../shared/plan-words.js";
 
 const KEY = "expmap-plan-";
 
-/** @typedef {{x_px: number, y_px: number, heading_deg: ?number, revision: number}} Target the revision is that of the plan */
+/** @typedef {{x_px: number, y_px: number, heading_deg: ?number, revision: number}} Target `revision`: that of the plan */
 
-/** The part of the page about the plan; hidden where there is none. */
+/** The part of the page about the plan; hidden without one. */
 export class Guide {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
@@ -30,14 +30,14 @@ export class Guide {
     byId("plan-done").addEventListener("click", () => this._tick(this.current, true));
   }
 
-  /** Show the plan that the server has, or had when it was asked last. */
+  /** Show the server's plan, or offline the cached one. */
   async load() {
     const { plan, replaced } = await get(`/maps/${encodeURIComponent(this.slug)}/photo-plan`, { patient: false });
     byId("plan-replaced").hidden = !replaced;
     if (replaced || !plan?.spots.length) return;
     this.plan = plan;
     const kept = JSON.parse(localStorage.getItem(KEY + this.slug) || "{}");
-    /** @type {Object<number, number>} photos taken, by the number of the spot; those with all are done */
+    /** @type {Object<number, number>} number of photos taken, by the number of the spot */
     this.taken = kept.id === plan.id ? kept.taken : {};
     this.chosen = null;
     byId("plan").hidden = false;
@@ -45,13 +45,13 @@ export class Guide {
     this._show();
   }
 
-  /** The spot that is led to: the one that was chosen, else the first that is not done. */
+  /** The spot to go to: the chosen one, else the first that is not done. */
   get current() {
     const open = this.plan.spots.filter((spot) => !this._isDone(spot));
     return open.find(({ number }) => number === this.chosen) ?? open[0] ?? null;
   }
 
-  /** What the next photo is to show. @returns {?Target} */
+  /** Position and heading of the next photo. @returns {?Target} */
   get target() {
     const spot = this.plan && this.current;
     if (!spot) return null;
@@ -59,7 +59,7 @@ export class Guide {
     return { x_px: spot.x_px, y_px: spot.y_px, heading_deg: heading, revision: this.plan.revision };
   }
 
-  /** A photo of a spot was kept. @param {number} number of the spot */
+  /** Record that a photo was taken. @param {number} number of the spot */
   photographed(number) {
     this.taken[number] = (this.taken[number] ?? 0) + 1;
     this._keep();
@@ -119,7 +119,7 @@ export class Guide {
     this._lead();
   }
 
-  /** Say how far it is and which way; against the compass, or against north where there is none. */
+  /** Show distance and direction, relative to the compass heading, or to north without a compass. */
   _lead() {
     const spot = this.plan && this.current;
     if (!spot) return;

@@ -1,4 +1,4 @@
-/** The page for the field: photos are kept on the device, sent once there is a network, and answered on the map. */
+/** The page for the field: keeps photos on the device, sends them once online, and shows the answers on the map. */
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { followFloor } from "../shared/answer/answer-floor.js";
@@ -38,12 +38,12 @@ byId("spot-input", HTMLInputElement).addEventListener("change", takeAtSpot);
 byId("send").addEventListener("click", () => sender.send().catch(toastError));
 byId("clear").addEventListener("click", clear);
 byId("insecure").hidden = isSecureContext;
-navigator.storage?.persist?.(); // so that the browser does not make room by throwing photos away
+navigator.storage?.persist?.(); // so that the browser does not evict photos to free storage
 await render();
 sender.start().catch(toastError);
 const mapShown = chooseMap().catch((error) => (error.code === "offline" ? nothing(t("Open this page once while online: then the map is available offline.")) : toastError(error)));
 
-/** Keep what was taken, before anything else can go wrong. */
+/** Store new photos before sending them. */
 async function take(event) {
   const input = targetOf(event, HTMLInputElement);
   const files = [...input.files];
@@ -57,7 +57,7 @@ async function take(event) {
   }
 }
 
-/** Keep a photo of the spot that is led to, and go on to the next one. */
+/** Store a photo of the present spot of the plan, and go on to the next one. */
 async function takeAtSpot(event) {
   const input = targetOf(event, HTMLInputElement);
   const files = [...input.files];
@@ -65,7 +65,7 @@ async function takeAtSpot(event) {
   const { guide } = shown;
   const spot = guide?.target;
   if (!files.length || !spot) return;
-  const { number } = guide.current; // another one may be chosen while the photo is kept
+  const { number } = guide.current; // another spot may be chosen while the photo is stored
   try {
     await outbox.add(files, shown.slug, { spot });
     guide.photographed(number);
@@ -83,7 +83,7 @@ async function render() {
   status(entries);
 }
 
-/** Say how many photos wait, and why. */
+/** Show how many photos are waiting to be sent, and why. */
 async function status(given) {
   const entries = Array.isArray(given) ? given : await outbox.all();
   const waiting = entries.filter(({ state }) => state === "waiting").length;
@@ -108,7 +108,7 @@ function isSettled({ state }) {
   return state === "answered" || state === "added";
 }
 
-/** What is asked before there is a service worker is asked once more, so that it is kept. */
+/** Once the service worker is active, repeat requests made before it, so that it caches them. */
 function keepWhatIsSeen() {
   navigator.serviceWorker?.addEventListener("controllerchange", async () => {
     await mapShown;
@@ -120,7 +120,7 @@ function keepWhatIsSeen() {
   }, { once: true });
 }
 
-/** Show the maps that this device knows, and the one that was chosen last. */
+/** Fill the list of maps, which may come from the cache, and show the last one chosen. */
 async function chooseMap() {
   if (!navigator.serviceWorker?.controller) keepWhatIsSeen();
   const { maps } = await get("/maps", { patient: false });
@@ -138,7 +138,7 @@ async function chooseMap() {
 }
 
 function showMap(state) {
-  const satellite = state.satellite && { ...state.satellite, tiles: null }; // one picture is kept more easily than tiles
+  const satellite = state.satellite && { ...state.satellite, tiles: null }; // a single picture is easier to cache than tiles
   const store = new MapStore({ ...state, satellite, can_edit: false });
   const view = new MapView(byId("map-canvas"), store);
   new NorthUp(view);
@@ -164,7 +164,7 @@ function showMap(state) {
   if (!satellite) nothing(t("This map has no image yet."));
 }
 
-/** Who may add photos is led through the plan, where the map has one. */
+/** Guide people who may add photos through the map's plan, if it has one. */
 function leadThrough(view, state, pose) {
   byId("plan-editor", HTMLAnchorElement).href = `/maps/${encodeURIComponent(state.slug)}/edit`;
   shown.guide = new Guide(view, state, pose);

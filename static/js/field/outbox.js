@@ -1,10 +1,10 @@
 /**
- * Photos that wait to be sent, and the answers that came: on the device's disk, so that a closed page loses nothing.
+ * Photos waiting to be sent, and answers received, in IndexedDB, so that closing the page loses nothing.
  */
 
 /** @typedef {{key: string, account: number, map: string, name: string, at: string, photo: ?Blob, thumb: ?Blob,
  *   state: "waiting"|"answered"|"added"|"refused", answer: ?Object, error: ?string,
- *   spot: ?import("./guide.js").Target}} Entry a photo of a spot is added to the map, any other is localized */
+ *   spot: ?import("./guide.js").Target}} Entry a photo with a `spot` is added to the map, any other is localized */
 
 const DATABASE = "expmap-field";
 const STORE = "photos";
@@ -32,7 +32,7 @@ export class Outbox extends EventTarget {
   }
 
   /**
-   * Put photos in; when this returns, they are on the disk.
+   * Add photos; when the promise resolves, they are on disk.
    * @param {File[]} files
    * @param {string} map slug
    * @param {{spot?: ?import("./guide.js").Target}} [of]
@@ -53,7 +53,7 @@ export class Outbox extends EventTarget {
     return mine.sort((a, b) => (a.at < b.at ? -1 : a.at > b.at ? 1 : a.n - b.n));
   }
 
-  /** Change fields of a photo; one that was taken out meanwhile stays out. @param {string} key @param {Object} fields */
+  /** Change fields of a photo, unless it was removed meanwhile. @param {string} key @param {Object} fields */
   change(key, fields) {
     return this._write((store) => {
       const asked = store.get(key);
@@ -85,12 +85,12 @@ function done(request) {
   });
 }
 
-/** A random key, by which the server knows a photo that comes twice. */
+/** A random key, by which the server recognises a photo sent twice. */
 function newKey() {
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** A small picture for the list; null where the browser cannot show the format. */
+/** A thumbnail for the list; null if the browser cannot decode the format. */
 async function thumbOf(file) {
   try {
     const large = await createImageBitmap(file);

@@ -1,4 +1,4 @@
-/** The photos of this device as a list: what waits, what was answered, and what was refused. */
+/** The photos of this device as a list: waiting, answered, added or refused. */
 
 import { answerBadge } from "../shared/answer/answer-badge.js";
 import { h, icon, queryAll } from "../shared/dom.js";
@@ -27,7 +27,7 @@ export class PhotoList {
     this.list.replaceChildren(...[...entries].reverse().map((entry) => this._item(entry)));
   }
 
-  /** @param {?string} key of the entry whose answer is looked at */
+  /** @param {?string} key of the entry whose answer is shown */
   mark(key) {
     this.current = key;
     for (const item of queryAll("[data-key]", HTMLElement, this.list)) item.dataset.current = String(item.dataset.key === key);

@@ -1,4 +1,4 @@
-/** Where the phone is and which way it points, as far as the browser says. */
+/** Position and heading of the phone, as far as the browser knows them. */
 
 /** Fires `change`; `position` is {lat, lon, accuracy} or null, `heading` degrees clockwise from north or null. */
 export class PhonePose extends EventTarget {
@@ -12,7 +12,7 @@ export class PhonePose extends EventTarget {
     this.compass = false;
   }
 
-  /** Ask for both; to be called by a click, as browsers want it. */
+  /** Start both sensors; browsers require that a click calls this. */
   async start() {
     if (this.watching) return;
     this.watching = true;
@@ -28,14 +28,14 @@ export class PhonePose extends EventTarget {
     for (const name of ["deviceorientationabsolute", "deviceorientation"]) addEventListener(name, (event) => this._turn(event));
   }
 
-  /** A position that is denied stays so until one asks again; other problems pass by themselves. */
+  /** After a denial, stop until `start` is called again; other problems may be temporary. */
   _failed(problem) {
     const denied = problem.code === problem.PERMISSION_DENIED;
     if (denied) navigator.geolocation.clearWatch(this.watch);
     this._set({ problem: problem.message || String(problem.code), watching: this.watching && !denied });
   }
 
-  /** Safari gives the heading itself; others an angle against north only where it is absolute. */
+  /** Safari provides the heading; in other browsers, the angle refers to north only if it is absolute. */
   _turn(event) {
     const { alpha, absolute, webkitCompassHeading: compassDeg } = event;
     const screenTurn = screen.orientation?.angle ?? 0;

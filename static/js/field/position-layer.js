@@ -1,4 +1,4 @@
-/** Where the phone is, on the image: a dot, the circle of its accuracy, and which way it points. */
+/** The phone on the image: a dot at its position, the circle of its accuracy, and its heading. */
 
 import { byId } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
@@ -11,7 +11,7 @@ const RADIUS = 8;
 const BEAM = 34;
 const HALF_BEAM = Math.PI / 6;
 
-/** A layer of Leaflet, and the button that asks for the position. */
+/** A Leaflet layer, and the button that starts positioning. */
 export class PositionLayer extends CanvasLayer {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
@@ -23,7 +23,7 @@ export class PositionLayer extends CanvasLayer {
     this.pose = pose;
     this.georeference = view.store.georeference;
     this.pixelFrom = new PixelFromLatLon(this.georeference);
-    this.wanted = false; // to be brought into sight as soon as it is known
+    this.wanted = false; // whether to bring the position into view once it is known
     const button = byId("locate");
     button.hidden = !this.pixelFrom.plane;
     button.addEventListener("click", () => this._locate());

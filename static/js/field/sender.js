@@ -1,4 +1,4 @@
-/** Sends what waits in the outbox, one photo after the other, as soon as there is a network. */
+/** Sends the photos of the outbox one after the other, as soon as there is a network. */
 
 import { metaOf } from "../shared/dom.js";
 import { api, get } from "../shared/api.js";
@@ -7,7 +7,7 @@ const AGAIN_MS = 10_000;
 const LOCK = "expmap-field";
 const LATER = new Set(["offline", "not_ready", "too_many", "disk_full", "csrf"]);
 
-/** Fires `state` when it begins, ends, or has to wait; `problem` says why it waits. */
+/** Fires `state` when sending begins or ends; `problem` is the error that stopped it. */
 export class Sender extends EventTarget {
   /** @param {import("./outbox.js").Outbox} outbox */
   constructor(outbox) {
@@ -17,7 +17,7 @@ export class Sender extends EventTarget {
     this.problem = null;
   }
 
-  /** Send now, and whenever the network comes back. */
+  /** Send now, every 10 s, and whenever the network or the page comes back. */
   start() {
     addEventListener("online", () => this.send());
     document.addEventListener("visibilitychange", () => !document.hidden && this.send());
@@ -25,7 +25,7 @@ export class Sender extends EventTarget {
     return this.send();
   }
 
-  /** Send all that waits. Of several tabs, one sends; a tab that dies leaves the turn to the next one. */
+  /** Send all waiting photos. A lock lets only one tab send; it is released when the tab is closed. */
   async send() {
     if (this.busy) return;
     this.busy = true;
@@ -52,14 +52,14 @@ export class Sender extends EventTarget {
     }
   }
 
-  /** The page may be one that was kept long ago: it needs the word that the server trusts today. */
+  /** Check the account and renew the CSRF token: the page may come from the cache and be old. */
   async _signedIn() {
     const { account, csrf } = await get("/session", { patient: false });
     metaOf("csrf-token").content = csrf;
     return account === this.outbox.account;
   }
 
-  /** Send a photo; what can be better later stops here, what cannot is reported and left behind. */
+  /** Send a photo. Temporary errors are thrown, which stops sending; permanent ones are recorded in the entry. */
   async _one({ key, map, name, photo, spot }) {
     const body = new FormData();
     body.append("file", photo, name);

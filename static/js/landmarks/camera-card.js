@@ -1,4 +1,4 @@
-/** The card of a camera: its photo, and where that leads. */
+/** The card of a camera: its photo and actions. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { locale, t } from "../shared/i18n.js";
@@ -11,7 +11,7 @@ export function lengthText(length, unit) {
   return rounded.toLocaleString(locale, { minimumFractionDigits: digits });
 }
 
-/** Visitors may not learn the names of files. @param {{id: number, name: ?string}} camera */
+/** Name of a camera's photo; visitors do not get file names. @param {{id: number, name: ?string}} camera */
 export function nameOf({ id, name }) {
   return name ?? t("Photo {id}", { id });
 }
@@ -20,7 +20,7 @@ export function nameOf({ id, name }) {
 export class CameraCard {
   /**
    * @param {Object} page
-   * @param {?string} page.slug null for a visitor, who cannot edit
+   * @param {?string} page.slug null for visitors, who cannot edit
    * @param {string} page.unit
    * @param {{step: function(number): void, look: function(): void, close: function(): void}} on
    */

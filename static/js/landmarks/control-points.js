@@ -1,4 +1,4 @@
-/** The page of the control points: a point is named, clicked in photos and on the image, and judged. */
+/** The page of the control points: naming a point, clicking it in photos and on the image, and its residuals. */
 
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
@@ -53,7 +53,7 @@ async function start() {
 
   const undo = async () => {
     await sent;
-    // Another page may have edited the map since: that is not to be undone here.
+    // check again: another page may have edited the map since, which must not be undone here
     if ((await server.points()).can_undo) await server.undo();
     take(await server.points());
   };
@@ -80,7 +80,7 @@ async function start() {
     change({ photos: [...others, { id: photo.id, x: x / photo.width, y: y / photo.height }] });
   };
 
-  /** Show a point at once, and send it after what is being sent: the next click builds on it. @param {Point} point */
+  /** Show a point at once, and send it after pending requests. @param {Point} point */
   const keep = (point) => {
     const { name, ...fields } = point;
     points = [...points.filter((other) => other.name !== name), point].sort((a, b) => (a.name < b.name ? -1 : 1));
@@ -106,7 +106,7 @@ async function start() {
     return sent;
   };
 
-  /** Show what the server has; while a job lays the landmarks anew, ask again. */
+  /** Show the server's state; poll while a job recomputes the landmarks. */
   const take = (received) => {
     points = received.points;
     canUndo = received.can_undo;

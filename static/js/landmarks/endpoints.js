@@ -1,9 +1,9 @@
-/** What the page of the landmarks asks the server. */
+/** Requests of the landmarks page to the server. */
 
 import { del, file, get, post, put } from "../shared/api.js";
 
 /**
- * Addresses of one map.
+ * The requests about one map.
  * @param {string} slug
  */
 export function landmarksOf(slug) {
@@ -20,7 +20,7 @@ export function landmarksOf(slug) {
 }
 
 /**
- * Addresses of one share.
+ * The requests about one share.
  * @param {string} token
  */
 export function sharedLandmarks(token) {

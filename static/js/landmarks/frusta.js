@@ -1,4 +1,4 @@
-/** The cameras: a dot and a frustum each, the chosen one with its photo; a panorama is a larger dot alone. */
+/** The cameras: a dot and a frustum each, the chosen one with its photo; a panorama is only a larger dot. */
 
 import {
   BufferAttribute, BufferGeometry, Color, DoubleSide, Group, LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial,
@@ -10,7 +10,7 @@ const DOT_PX = 5;
 const PANORAMA_PX = 9;
 
 /**
- * Corners of a frustum: where the camera is, the corners of its picture from the top left, and a mark above it.
+ * Corners of a frustum: camera centre, image corners clockwise from the top left, and a mark above the image.
  * @param {Object} camera
  * @param {number} depth
  * @returns {Vector3[]}
@@ -64,9 +64,9 @@ export class Frusta {
   }
 
   /**
-   * Show a photo in its frustum; of a panorama only where it is.
+   * Show a photo in its frustum; of a panorama only its position.
    * @param {?Object} camera
-   * @param {function(): void} changed called when it has come
+   * @param {function(): void} changed called when the photo has loaded
    */
   choose(camera, changed) {
     this.chosen?.removeFromParent();

@@ -3,11 +3,11 @@
 import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, SRGBColorSpace, TextureLoader } from "three";
 
 /**
- * Make it.
+ * Make the ground plane.
  * @param {{corners: ?number[][], ground: number}} cloud
  * @param {?{url: string}} satellite
- * @param {function(): void} changed called when the image has come
- * @returns {?Mesh} null where the map has none
+ * @param {function(): void} changed called when the image has loaded
+ * @returns {?Mesh} null if the map has no image
  */
 export function groundOf({ corners, ground }, satellite, changed) {
   if (!satellite || !corners) return null;
@@ -19,6 +19,6 @@ export function groundOf({ corners, ground }, satellite, changed) {
   const texture = new TextureLoader().load(satellite.url, changed);
   texture.colorSpace = SRGBColorSpace;
   texture.anisotropy = 4;
-  // What is below the ground is seen, too: how high it is, is only known roughly.
+  // No depth: points below the ground stay visible, as its height is only roughly known.
   return new Mesh(geometry, new MeshBasicMaterial({ map: texture, side: DoubleSide, depthWrite: false }));
 }

@@ -1,4 +1,4 @@
-/** Keys that are held down: they turn, fly and zoom as long as they are. */
+/** Keys that turn, fly and zoom as long as they are held down. */
 
 const MOVES = {
   KeyW: ["forward", 1], KeyS: ["forward", -1], KeyA: ["right", -1], KeyD: ["right", 1], KeyE: ["up", 1], KeyQ: ["up", -1],
@@ -7,7 +7,7 @@ const MOVES = {
 };
 const FASTER = 4;
 
-/** Which way the keys want to go. */
+/** The movement that the held keys ask for. */
 export class HeldKeys {
   /**
    * @param {HTMLElement} element that has the focus
@@ -27,7 +27,7 @@ export class HeldKeys {
   }
 
   /**
-   * Sum of what is held, by kind of move; null where nothing is.
+   * Sum of the held keys by kind of movement; null if none is held.
    * @returns {?{forward: number, right: number, up: number, turn: number, tilt: number, zoom: number}}
    */
   get wanted() {

@@ -1,4 +1,4 @@
-/** The page of the landmarks: points and cameras from above and in space, and how they are made. */
+/** The page of the landmarks: points and cameras in two views, from above and in space, and the job that computes them. */
 
 import { Box3, Vector3 } from "three";
 import { busy, openDialog } from "../shared/dialogs.js";
@@ -19,7 +19,7 @@ import { Stage } from "./stage.js";
 const ASK_MS = 1000;
 const FRUSTUM = 0.012;
 const page = JSON.parse(byId("page").textContent);
-const map = page.slug ? landmarksOf(page.slug) : null; // a visitor only looks
+const map = page.slug ? landmarksOf(page.slug) : null; // null for visitors, who can only look
 const server = map ?? sharedLandmarks(page.token);
 const canvas = byId("scene", HTMLCanvasElement);
 const size = byId("point-size", HTMLInputElement);
@@ -41,7 +41,7 @@ async function start() {
   if (cloud.job !== null) follow(cloud.job);
 }
 
-/** Show how far a job is; what it has found is in the page that is loaded then. */
+/** Show the progress of a job, and reload the page when it is done. */
 async function follow(id) {
   byId("progress").hidden = false;
   for (;;) {
@@ -152,7 +152,7 @@ function show(cloud) {
   load(cloud, layer, stage).catch(toastError);
 }
 
-/** Fetch the points, one block after the other; what is there is shown. */
+/** Fetch the points block by block, showing each as it arrives. */
 async function load(cloud, layer, stage) {
   const status = byId("status");
   const number = (n) => n.toLocaleString(locale);
@@ -176,7 +176,7 @@ async function load(cloud, layer, stage) {
   canvas.dataset.points = String(layer.total);
 }
 
-/** The cameras and the points around them: single points far away do not count. */
+/** Box around the cameras with a margin; far outliers among the points are ignored. */
 function boxOf(cloud) {
   const box = new Box3();
   for (const { at } of cloud.cameras) box.expandByPoint(new Vector3().fromArray(at));
@@ -206,7 +206,7 @@ function prepareTools(cloud, ground) {
   byId("legend-tray").hidden = cloud.cameras.every(({ placed }) => placed);
 }
 
-/** Say which photos are not in the view, to people of the map. */
+/** Show which photos are not in the view; not to visitors. */
 function showLeftOut(cloud) {
   byId("new-photos").hidden = !cloud.new_photos || !page.can_edit;
   byId("new-photos-words").textContent = tn("{n} photo was added since.", "{n} photos were added since.", cloud.new_photos);

@@ -1,17 +1,17 @@
-/** Points as the server packs them: coordinates of all, then colours of all. */
+/** Unpacks the server's blocks of points: all coordinates, then all colours. */
 
 const BYTES = 10;
 
 /**
  * Unpack a block.
  * @param {ArrayBuffer} buffer
- * @returns {{count: number, steps: Uint16Array, colours: Uint8Array}} four numbers a point each: x, y, z and 0;
+ * @returns {{count: number, steps: Uint16Array, colours: Uint8Array}} four numbers per point: x, y, z and 0;
  *   red, green, blue and the number of photos that see it
  */
 export function unpack(buffer) {
   const count = buffer.byteLength / BYTES;
   const packed = new Uint16Array(buffer, 0, 3 * count);
-  const steps = new Uint16Array(4 * count); // graphics processors read groups of four bytes fastest
+  const steps = new Uint16Array(4 * count); // GPUs read attributes aligned to four bytes fastest
   for (let point = 0; point < count; point += 1) {
     for (let axis = 0; axis < 3; axis += 1) steps[4 * point + axis] = packed[3 * point + axis];
   }
@@ -19,7 +19,7 @@ export function unpack(buffer) {
 }
 
 /**
- * Heights between which most points are: their colours are spread over these.
+ * Range of heights of most points (3 % to 97 %), over which the colours are spread.
  * @param {Uint16Array} steps
  * @param {number} offset
  * @param {number} scale

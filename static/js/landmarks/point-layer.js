@@ -1,4 +1,4 @@
-/** The points, in blocks that come one after the other. Each block has points of everywhere. */
+/** The points, in blocks that are loaded one after the other. Each block is a sample of the whole cloud. */
 
 import { BufferAttribute, BufferGeometry, Group, Points, ShaderMaterial, Vector3 } from "three";
 import { rampColours } from "./height-ramp.js";
@@ -81,7 +81,7 @@ export class PointLayer {
     this.total += count;
   }
 
-  /** Draw a part of them, which has points of everywhere. @param {number} first @param {number} end */
+  /** Draw a part of the points, spread over the whole cloud. @param {number} first @param {number} end */
   show(first, end) {
     const at = (number, count) => Math.round((number / Math.max(1, this.total)) * count);
     for (const { geometry, userData: { count } } of this.object.children) {

@@ -1,4 +1,4 @@
-/** The canvas: two cameras, one from above and one in space; draws only when something has changed. */
+/** The 3D canvas: an orthographic view from above and a perspective view in space; drawn only on changes. */
 
 import { Group, MOUSE, OrthographicCamera, PerspectiveCamera, Scene, TOUCH, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/orbit-controls";
@@ -14,7 +14,7 @@ const CLICK_PX = 5;
 const PICK_PX = { mouse: 14, touch: 26, pen: 18 };
 const LONGEST_STEP_S = 0.1;
 
-/** What is seen of a scene, and how it is moved. */
+/** View of a scene, and its controls. */
 export class Stage {
   /**
    * @param {HTMLCanvasElement} canvas
@@ -64,14 +64,14 @@ export class Stage {
     return this.controls.object;
   }
 
-  /** Units of the scene that a pixel of the screen shows from above. */
+  /** Scene units per screen pixel in the view from above. */
   get unitPerPixel() {
     const { top, bottom, zoom } = this.views.above.object;
     return (top - bottom) / zoom / this.canvas.clientHeight;
   }
 
   /**
-   * Bring all of a box into view, in both views.
+   * Fit a box into both views.
    * @param {*} box a Box3
    */
   fit(box) {
@@ -100,9 +100,9 @@ export class Stage {
   }
 
   /**
-   * Move until a point can be seen; nothing moves where it can.
+   * Move until a point is visible, unless it is.
    * @param {number[]} point
-   * @param {DOMRect} cover part of the screen in which something is laid over the view, at its right or its bottom
+   * @param {DOMRect} cover part of the screen that is covered, at the right or the bottom of the view
    */
   reveal(point, cover) {
     const at = new Vector3().fromArray(point);
@@ -120,7 +120,7 @@ export class Stage {
     this.invalidate();
   }
 
-  /** Move sideways, by halves of what the view shows at its target. @param {number} right @param {number} up */
+  /** Pan, in units of half the view's size at its target. @param {number} right @param {number} up */
   _shift(right, up) {
     const { object, target } = this.controls;
     object.updateMatrixWorld();
@@ -133,7 +133,7 @@ export class Stage {
     target.add(move);
   }
 
-  /** Look from where a photo was taken. @param {Object} camera @param {number} ahead to what is looked at */
+  /** Look from a photo's camera. @param {Object} camera @param {number} ahead distance of the target */
   lookFrom({ at, rotation }, ahead) {
     const { object, target } = this.views.space;
     object.position.fromArray(at);
@@ -141,7 +141,7 @@ export class Stage {
     this.invalidate();
   }
 
-  /** Draw anew soon. */
+  /** Schedule a redraw. */
   invalidate() {
     this._changed = true;
     this._schedule();
@@ -151,7 +151,7 @@ export class Stage {
     if (!this._frame) this._frame = requestAnimationFrame((now) => this._draw(now));
   }
 
-  /** Which camera is near a point of the canvas. @param {PointerEvent} event */
+  /** The nearest camera to a point of the canvas, or null. @param {PointerEvent} event */
   _pick({ offsetX, offsetY, pointerType }) {
     if (!this.frusta?.object.visible) return null;
     const { clientWidth: width, clientHeight: height } = this.canvas;
@@ -212,7 +212,7 @@ export class Stage {
     else if (this._running) this._schedule();
   }
 
-  /** Draw some of the points; while nothing changes, each frame adds some more to what is there. */
+  /** Draw some of the points; while nothing changes, each frame adds more. */
   _render() {
     const anew = this._changed;
     this._changed = false;
@@ -229,13 +229,13 @@ export class Stage {
     if (anew) this.on.moved();
   }
 
-  /** Draw fewer points a frame where that is slow, and more where it is quick. */
+  /** Adapt the number of points per frame to the frame time. */
   _adapt(took) {
     if (took > SLOW_MS) this._budget = Math.max(LEAST_POINTS, 0.7 * this._budget);
     else if (took < QUICK_MS) this._budget = Math.min(1.25 * this._budget, Math.max(FIRST_POINTS, this.points?.total ?? 0));
   }
 
-  /** Move as the keys want, for some seconds. */
+  /** Move as the keys ask for, during some seconds. */
   _step({ forward, right, up, turn, tilt, zoom }, seconds) {
     const { object, target } = this.controls;
     const away = object.position.distanceTo(target);

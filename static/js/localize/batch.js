@@ -1,4 +1,4 @@
-/** Many photos, each localized by itself: a table of the answers, and all of them on the map. */
+/** Localizes many photos separately: a table of the answers, and all of them on the map. */
 
 import { answerBadge } from "../shared/answer/answer-badge.js";
 import { lengthText, probabilityColours } from "../shared/answer/answer-format.js";
@@ -14,12 +14,12 @@ import { sentence } from "../shared/toast.js";
 const INDEXING_MS = 3000;
 const RADIUS_PX = 9;
 
-/** The tab *Several*; hidden until several photos were asked about. */
+/** The tab *Several*, hidden until several photos were chosen. */
 export class Batch {
   /**
    * @param {Object} page server, store, options, slug
    * @param {import("../shared/map/map-view.js").MapView} view
-   * @param {{show: function(): void, open: function(number): void}} tab shows this tab; opens an answer
+   * @param {{show: function(): void, open: function(number): void}} tab `show` this tab; `open` an answer
    */
   constructor({ server, store, options, slug }, view, { show, open }) {
     this.server = server;
@@ -34,7 +34,7 @@ export class Batch {
     this._places = [];
     store.on("floor", () => this._showFloor());
     this.ids = [];
-    /** Whether an answer is known as latitude and longitude, which all but a table needs. */
+    /** Whether an answer has a latitude and longitude, which all downloads but the table need. */
     this.onEarth = false;
     byId("batch-stop").addEventListener("click", () => this.stop());
     byId("batch-print").addEventListener("click", () => printDialog(store, this._range()));
@@ -68,7 +68,7 @@ export class Batch {
     byId("batch-stop").hidden = true;
   }
 
-  /** All answers on the map, while their table is seen. @param {boolean} seen */
+  /** Show or hide the answers on the map. @param {boolean} seen whether their table is shown */
   showMarks(seen) {
     if (seen) this.marks.addTo(this.view.map);
     else this.marks.remove();
@@ -87,7 +87,7 @@ export class Batch {
     }
   }
 
-  /** A map that is being indexed is asked again until it answers. */
+  /** Localize a photo; retry while the map is being indexed. */
   async _ask(row, file, signal) {
     for (;;) {
       try {
@@ -112,7 +112,7 @@ export class Batch {
     this._showFloor();
   }
 
-  /** Of places on several floors those on the one that is shown. */
+  /** Show only the answers on the shown floor. */
   _showFloor() {
     this.marks.clearLayers();
     for (const { mark, floor } of this._places) if (!this.store.floors.length || floor === this.store.floor) this.marks.addLayer(mark);
@@ -122,7 +122,7 @@ export class Batch {
     byId("batch-count").textContent = t("{done} of {all} localized", { done, all });
   }
 
-  /** The answers, by their ids. */
+  /** Range of the answers' ids. */
   _range() {
     return { first: Math.min(...this.ids), last: Math.max(...this.ids) };
   }
@@ -138,7 +138,7 @@ export class Batch {
   }
 }
 
-/** A line of the table. */
+/** A row of the table. */
 class Row {
   constructor(file, open) {
     this.name = file.name;

@@ -1,4 +1,4 @@
-/** What the localization page asks of the server, by name. */
+/** Requests of the localization page to the server, by name. */
 
 import { api, del, file, get, post, upload } from "../shared/api.js";
 

@@ -1,4 +1,4 @@
-/** Why the answer is as it is: matches, distances, seconds, and the field of view, which can be given here. */
+/** Details behind the answer: matches, distances, times, and the field of view, which can be entered here. */
 
 import { numberText } from "../shared/answer/answer-format.js";
 import { byId, h } from "../shared/dom.js";
@@ -44,7 +44,7 @@ function withTerm(text) {
   return h("span", {}, text, " ", term("inliers"));
 }
 
-/** Notes of method `landmarks` where the map has none, in the user's language. */
+/** Translation of the notes of method `landmarks` when it gives no position. */
 function noteText(note) {
   const known = {
     "the landmarks around this place are not reconstructed yet: ask again in a minute": t("The landmarks around this place are being reconstructed. Ask again in a minute."),

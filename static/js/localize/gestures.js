@@ -1,4 +1,4 @@
-/** Clicks and keys on the map: choose a hypothesis, draw the circle of a hint, say where the photo was taken. */
+/** Clicks and keys on the map: select a hypothesis, draw the circle of a hint, correct the position. */
 
 import { byId, icon, takesText } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -11,11 +11,11 @@ const FAST_STEP = 48;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const USUAL_RADIUS = 0.12;
 
-/** Turns what a hand does on one map into what the session knows. */
+/** Turns gestures on one map into changes of the session. */
 export class AnswerGestures {
   /**
    * @param {import("../shared/map/map-view.js").MapView} view
-   * @param {Object} marks layer of marks.js
+   * @param {Object} marks an `AnswerLayer`
    * @param {import("../shared/answer/query-session.js").QuerySession} session
    * @param {function(string): void} say
    */
@@ -40,7 +40,7 @@ export class AnswerGestures {
     if (this.press) {
       const second = event.pointerId !== this.press.id;
       this._end();
-      if (second) return; // finger: a pinch; otherwise the pointerup of the first press was lost
+      if (second) return; // a second finger: a pinch; otherwise the pointerup of the first press was lost
     }
     const pointer = event.pointerType === "touch" ? "touch" : "mouse";
     const point = this.view.map.mouseEventToContainerPoint(event);
@@ -79,7 +79,7 @@ export class AnswerGestures {
     this.view.map.dragging.enable();
   }
 
-  /** A circle around a pixel, through another one or of a usual size. */
+  /** A circle around a pixel, through another one or of default size. */
   _circle(centre, edge = null) {
     const { satellite } = this.view.store;
     const [x, y] = clamped(centre, satellite);
@@ -123,7 +123,7 @@ export class AnswerGestures {
   }
 }
 
-/** Say what a click means just now, and let Escape end it. @param {import("../shared/answer/query-session.js").QuerySession} session */
+/** Show what a click means; Escape ends the mode, digits select a hypothesis. @param {import("../shared/answer/query-session.js").QuerySession} session */
 export function instructions(session) {
   const box = byId("instruction");
   const words = {

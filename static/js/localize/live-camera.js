@@ -1,7 +1,7 @@
 /**
- * The live camera: frames are localized one after another, never more than one under way, and the marker follows.
- * They are one sequence for the server: each counts for those after it.
- * Nothing of it is kept; the last picture can be.
+ * The live camera: frames are localized one at a time, and the marker follows.
+ * The server treats them as one sequence, in which earlier frames serve as evidence for later ones.
+ * No frame is stored, unless the user keeps the last one.
  */
 
 import { byId, h, iconAddress } from "../shared/dom.js";
@@ -14,7 +14,7 @@ const QUALITY = 0.85;
 const PAUSE_MS = 100;
 const AFTER_ERROR_MS = 1500;
 
-/** Looks through the camera while it is switched on. */
+/** Localizes the frames of the camera while it is on. */
 export class LiveCamera {
   /** @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object, options: Object, asking: Object}} page */
   constructor({ session, server, options, asking }) {
@@ -28,7 +28,7 @@ export class LiveCamera {
     this.canvas = document.createElement("canvas");
     byId("live").addEventListener("click", () => (this.stream ? this.stop() : this.start()));
     addEventListener("pagehide", () => this.stop());
-    byId("live").hidden = !navigator.mediaDevices?.getUserMedia; // browsers have it on https only
+    byId("live").hidden = !navigator.mediaDevices?.getUserMedia; // only available with https
   }
 
   async start() {
@@ -53,7 +53,7 @@ export class LiveCamera {
     this._loop(this.stream);
   }
 
-  /** Stop looking; the last picture stays, with its answer. */
+  /** Stop the camera; the last picture and its answer stay. */
   stop() {
     if (!this.stream) return;
     for (const track of this.stream.getTracks()) track.stop();
@@ -86,7 +86,7 @@ export class LiveCamera {
     }
   }
 
-  /** The picture of this moment as a JPEG file; null as long as there is none. */
+  /** The current frame as a JPEG file; null before the first one. */
   _frame() {
     const { videoWidth: width, videoHeight: height } = this.video;
     if (!width) return null;

@@ -1,4 +1,4 @@
-/** Sends photos, waits for an index that is still being built, and shows what comes back. */
+/** Sends photos, waits for an index that is being built, and shows the answers. */
 
 import { verdictText } from "../shared/answer/verdict.js";
 import { openDialog } from "../shared/dialogs.js";
@@ -9,10 +9,10 @@ import { labelled, t, tn } from "../shared/i18n.js";
 import { sentence, toast } from "../shared/toast.js";
 
 const MOST_OF_ONE_SPOT = 8;
-/** A first place that is less probable is worth further photos. */
+/** Below this probability of the first place, more photos are suggested. */
 const SURE = 0.8;
 
-/** Asks one question at a time; the newest one counts. */
+/** Sends one query at a time; a newer one cancels it. */
 export class Localizer extends EventTarget {
   /**
    * @param {{session: import("../shared/answer/query-session.js").QuerySession, store: import("../shared/map/map-store.js").MapStore, server: Object,
@@ -51,7 +51,7 @@ export class Localizer extends EventTarget {
     return this._run((signal) => this.server.ask(files, this.options.values(), showProgress, signal));
   }
 
-  /** Ask about the same photo, with the options as they are now. */
+  /** Localize the same photo with the present options. */
   again() {
     const { query } = this.session;
     if (this.waiting) return this._run(this.waiting);
@@ -71,7 +71,7 @@ export class Localizer extends EventTarget {
     }
   }
 
-  /** Let go of a question that is on its way. */
+  /** Cancel a pending query. */
   cancel() {
     this._abort?.abort();
     this.waiting = null;
@@ -79,7 +79,7 @@ export class Localizer extends EventTarget {
     byId("notes").replaceChildren();
   }
 
-  /** Localize again, with further photos of the same spot. @param {File[]} files */
+  /** Localize again with more photos from the same spot. @param {File[]} files */
   async _add(files) {
     const { session } = this;
     const { query, answer } = session;
@@ -91,13 +91,13 @@ export class Localizer extends EventTarget {
       this._problem(error);
       return;
     }
-    if (session.query !== query) return; // something else was asked meanwhile
+    if (session.query !== query) return; // another query was sent meanwhile
     const all = [...first, ...files];
     if (all.length > MOST_OF_ONE_SPOT) toast(tn("At most {n} photo from one spot is used.", "At most {n} photos from one spot are used.", MOST_OF_ONE_SPOT));
     const asked = this.ask(all.slice(0, MOST_OF_ONE_SPOT));
     const ours = session.query;
     if ((await asked) || this.waiting || session.query !== ours) return;
-    session.setQuery(query); // the answer that there was still holds
+    session.setQuery(query); // failed: restore the previous answer
     session.setAnswer(answer);
     history.replaceState(null, "", `?query=${query.id}`);
     this._offerMore(answer);
@@ -137,7 +137,7 @@ export class Localizer extends EventTarget {
     this.say(verdictText(answer));
   }
 
-  /** What limits the answer. */
+  /** Show notes on limits of the answer. */
   _notes(answer) {
     const notes = [];
     if (answer.calibrated === false) notes.push(t("The probabilities are those of a typical map: the calibration of this map is still running."));
@@ -146,11 +146,11 @@ export class Localizer extends EventTarget {
     this._offerMore(answer);
   }
 
-  /** Offer what may make an answer surer. */
+  /** Offer ways to a more certain answer. */
   _offerMore(answer) {
     const { files, options } = this.session.query;
     const photos = files?.length || options.photos;
-    const whole = Boolean(files) || photos === 1; // the server keeps one photo of several
+    const whole = Boolean(files) || photos === 1; // of several photos, the server keeps only one
     const buttons = [];
     if (whole && photos < MOST_OF_ONE_SPOT) buttons.push(chooseMore((chosen) => this._add(chosen)));
     if (whole && ["auto", "verified"].includes(answer.method) && this.options.offers("method", "thorough")) {
@@ -189,7 +189,7 @@ export class Localizer extends EventTarget {
     return this.store.jobs.find(({ kind, state }) => kind === "index" && (state === "running" || state === "queued"));
   }
 
-  /** Before the first question the page says how far the index is. */
+  /** Show the progress of indexing before the first query. */
   _indexing() {
     const job = this._indexJob();
     byId("soon").hidden = Boolean(job);
@@ -198,7 +198,7 @@ export class Localizer extends EventTarget {
     byId("indexing").replaceChildren(...(job ? [h("div", {}, t("The map is being indexed."), " ", left), indexBar(job)] : []));
   }
 
-  /** The index that a question waits for may be there now. */
+  /** Send a waiting query once the index is ready. */
   _jobs() {
     this._indexing();
     if (!this.waiting) return;
@@ -218,7 +218,7 @@ export class Localizer extends EventTarget {
     else bar.value = share;
   }
 
-  /** Ask whether several photos are of one spot. @returns {Promise<?boolean>} null: neither */
+  /** Ask whether several photos are of one spot. @returns {Promise<?boolean>} null if the dialog is closed */
   _together(count) {
     return new Promise((resolve) => {
       let answer = null;
@@ -239,7 +239,7 @@ function indexBar(job) {
   return bar;
 }
 
-/** Whether nothing more needs to be known; `vote` has no probabilities to decide by. */
+/** Whether an answer is certain enough; `vote` has no probabilities to judge by. */
 function isSure({ method, hypotheses: [first], off_map_probability: off }) {
   return method === "vote" || Math.max(first?.probability ?? 0, off) >= SURE;
 }

@@ -1,4 +1,4 @@
-/** The page Localize: makes the parts and connects them. */
+/** The page Localize: creates its parts and connects them. */
 
 import { colours } from "../shared/answer/answer-format.js";
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
@@ -96,7 +96,7 @@ function askAgain() {
   if (!camera.stream) asking.again();
 }
 
-/** The chosen place is in sight, without moving what is in sight already. */
+/** Bring the chosen place into view. */
 function look() {
   if (session.position) view.reveal(session.position, { margin: 70 });
 }
@@ -117,7 +117,7 @@ function legend() {
   session.on("answer", () => (byId("legend").hidden = !session.answer));
 }
 
-/** A map without an image or without placed photos says what it needs. */
+/** Show what is missing on a map without an image or placed photos. */
 function whetherItCanAnswer() {
   const render = () => {
     const placed = store.order.some((id) => store.isPlaced(id));

@@ -10,7 +10,7 @@ import { matchView } from "./match-view.js";
 
 const ROOM_IN_PANEL = 0.85;
 
-/** Shows matches of the answer that is open. */
+/** Shows matches of the present answer. */
 export class MatchPanel {
   /** @param {{session: import("../shared/answer/query-session.js").QuerySession, store: import("../shared/map/map-store.js").MapStore, server: Object}} page */
   constructor({ session, store, server }) {
@@ -49,7 +49,7 @@ export class MatchPanel {
     this._choices();
   }
 
-  /** Photos that speak for the chosen place and whose matches are known. */
+  /** List the photos that support the chosen place and whose matches are loaded. */
   _choices() {
     const speaking = new Set(this.session.hypothesis?.experiences || []);
     const there = this.known.filter(({ experience }) => speaking.has(experience) && this.store.photos.has(experience));
@@ -100,7 +100,7 @@ export class MatchPanel {
   }
 }
 
-/** Where in a panorama its inliers are, degrees clockwise from its middle. */
+/** Mean direction of the inliers in a panorama, degrees clockwise from its middle. */
 function middleOf({ photo_xy: points, inlier }, width) {
   const some = inlier.some(Boolean) ? points.filter((_, n) => inlier[n]) : points;
   const angles = some.map(([x]) => (2 * Math.PI * x) / width);

@@ -1,4 +1,4 @@
-/** Two photos and the lines between what was recognised in both; zoomed by wheel, pinch, drag and double-click. */
+/** Two photos with lines between matching keypoints; zoomed by wheel, pinch, drag and double-click. */
 
 import { colours } from "../shared/answer/answer-format.js";
 import { h, svg as element } from "../shared/dom.js";
@@ -19,8 +19,8 @@ const FAINT = 0.35;
 /**
  * Make the picture.
  * @param {Pair} pair
- * @param {{all: boolean, shape: number}} options `all`: matches that are no inliers too; `shape`: width over height
- *   of the room there is, which decides whether the photos stand side by side or one above the other
+ * @param {{all: boolean, shape: number}} options `all`: outliers, too; `shape`: width over height of the
+ *   available space, which decides whether the photos are side by side or one above the other
  * @returns {HTMLElement}
  */
 export function matchView({ query, photo, lines }, { all, shape }) {
@@ -46,13 +46,13 @@ export function matchView({ query, photo, lines }, { all, shape }) {
   return box;
 }
 
-/** Both at one height side by side, or at one width one above the other: whichever shows them larger. */
+/** Side by side at equal height, or one above the other at equal width: whichever shows the photos larger. */
 function layout(query, photo, shape) {
   const ratios = [query, photo].map(({ width, height }) => width / height);
   const sideBySide = { width: ratios[0] + ratios[1] + GAP, height: 1 };
   const above = { width: 1, height: 1 / ratios[0] + 1 / ratios[1] + GAP };
   const scale = ({ width, height }) => Math.min(shape / width, 1 / height);
-  // Areas that the first photo would have in a room `shape` wide and 1 high.
+  // Compare the areas of the first photo in a space `shape` wide and 1 high.
   const sideBySideIsLarger = ratios[0] * scale(sideBySide) ** 2 >= (1 / ratios[0]) * scale(above) ** 2;
   const unit = 1000;
   if (sideBySideIsLarger) {
@@ -69,7 +69,7 @@ function layout(query, photo, shape) {
   return { frame: { width: unit, height: above.height * unit }, places };
 }
 
-/** Where a keypoint is in the picture; keypoints count from pixel centres. @param {number[]} keypoint */
+/** Position of a keypoint in the drawing; keypoint coordinates refer to pixel centres. @param {number[]} keypoint */
 function shown([x, y], { width, height }, place) {
   return [place.x + ((x + 0.5) / width) * place.width, place.y + ((y + 0.5) / height) * place.height];
 }

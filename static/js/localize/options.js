@@ -1,4 +1,4 @@
-/** What is known besides the photo, and how to look: the form of the menu. */
+/** The form of the options menu: method, features and prior knowledge about the photo. */
 
 import { lengthText } from "../shared/answer/answer-format.js";
 import { byId } from "../shared/dom.js";
@@ -6,7 +6,7 @@ import { t } from "../shared/i18n.js";
 
 const USUAL = { method: "auto", features: "auto", fov: "", heading_deg: "" };
 
-/** The options of the next question. */
+/** The options of the next query. */
 export class Options {
   /**
    * @param {import("../shared/answer/query-session.js").QuerySession} session
@@ -61,7 +61,7 @@ export class Options {
     return [...this._field(name).options].some((option) => option.value === value);
   }
 
-  /** Set one of the fields. */
+  /** Set a field. */
   set(name, value) {
     this._field(name).value = value;
     this._count();

@@ -1,4 +1,4 @@
-/** Where photos come from: the file dialog, the phone's camera, a drop anywhere on the page, the clipboard, the map. */
+/** Sources of photos: file dialog, phone camera, drop anywhere on the page, clipboard, examples of the map. */
 
 import { busy } from "../shared/dialogs.js";
 import { byId, queryAll, takesText } from "../shared/dom.js";
@@ -7,7 +7,7 @@ import { toastError } from "../shared/toast.js";
 
 /**
  * @param {function(File[]): void} take
- * @param {function(string): Promise<Blob>} example photo of a name that comes with the map
+ * @param {function(string): Promise<Blob>} example fetches an example photo of the map by name
  */
 export function listenToSources(take, example) {
   for (const button of queryAll("[data-example]", HTMLButtonElement)) {
@@ -16,7 +16,7 @@ export function listenToSources(take, example) {
       const chosen = example(name).then((photo) => take([new File([photo], name, { type: photo.type })]));
       busy(button, () => chosen).catch(toastError);
     });
-    button.disabled = false; // until now a click would have been lost
+    button.disabled = false; // disabled until this listener is attached
   }
   for (const input of [byId("query-input", HTMLInputElement), byId("shot-input", HTMLInputElement)]) {
     input.addEventListener("change", () => {

@@ -1,4 +1,4 @@
-/** The place that is looked at: coordinates to copy, and the buttons that take the photo over into the map. */
+/** The selected place: coordinates to copy, and buttons to add the photo to the map. */
 
 import { lengthText, numberText } from "../shared/answer/answer-format.js";
 import { placeName } from "../shared/answer/answer-list.js";
@@ -33,7 +33,7 @@ function title({ spot, hypothesis }) {
   return hypothesis ? placeName(hypothesis) : t("Do you know where it was taken?");
 }
 
-/** @type {?AbortController} of the request that is on its way */
+/** @type {?AbortController} of the pending request */
 let asked = null;
 
 async function showCoordinates({ session, server }) {
@@ -59,7 +59,7 @@ async function showCoordinates({ session, server }) {
   }
 }
 
-/** How the camera was held, where it was solved from landmarks, with standard deviations. */
+/** Camera pose with standard deviations, if it was computed from landmarks. */
 function poseRows({ spot, hypothesis }) {
   const camera = spot ? null : hypothesis?.camera;
   if (!camera) return [];
@@ -121,7 +121,7 @@ function toggle(session) {
   else byId("map-canvas").focus({ preventScroll: true });
 }
 
-/** A spot that is clicked is on the floor that is shown. */
+/** Floor of a clicked position: the shown one. */
 function shownFloor({ floor, floors }) {
   return floors.length ? floor : null;
 }

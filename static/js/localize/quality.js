@@ -19,7 +19,7 @@ async function start() {
   follow(id);
 }
 
-/** Show how far a job is until it has ended; what it has found is in the page that is loaded then. */
+/** Show the progress of a job until it ends, and reload the page when it is done. */
 async function follow(id) {
   document.getElementById("progress").hidden = false;
   if (button) button.hidden = true;

@@ -1,4 +1,4 @@
-/** What was asked of this map before: thumbnails, each a link to its answer. */
+/** Earlier queries of this map: thumbnails, each a link to its answer. */
 
 import { answerBadge } from "../shared/answer/answer-badge.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";
@@ -7,7 +7,7 @@ import { toastError } from "../shared/toast.js";
 
 const PAGE = 30;
 
-/** The list in the second tab; it is read when it is shown. */
+/** The list in the tab *History*, loaded when it is shown. */
 export class QueryHistory {
   /**
    * @param {{session: import("../shared/answer/query-session.js").QuerySession, server: Object}} page
@@ -23,7 +23,7 @@ export class QueryHistory {
     session.on("query", () => this._mark());
   }
 
-  /** Read it again when it is shown the next time, or now. */
+  /** Reload the list now if it is visible, else when it is shown next. */
   refresh() {
     this.stale = true;
     if (!byId("panel-history").hidden) this.show();

@@ -1,4 +1,4 @@
-/** The photo that was asked about, large enough to be recognised, and what can be done with its answer. */
+/** The query photo, and the menu of actions on its answer. */
 
 import { copy } from "../shared/clipboard.js";
 import { confirmDialog } from "../shared/dialogs.js";

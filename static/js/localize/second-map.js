@@ -8,9 +8,9 @@ import { MapView } from "../shared/map/map-view.js";
 import { AnswerGestures } from "./gestures.js";
 
 /**
- * Connect the choice of the second placement.
+ * Connect the selection of the second placement.
  * @param {{store: MapStore, session: import("../shared/answer/query-session.js").QuerySession, say: function(string): void}} page
- * @param {{follow: function(MapView): void}[]} followed what the second map does as the first: north up, layers
+ * @param {{follow: function(MapView): void}[]} followed controls that also apply to the second map: north up, layers
  */
 export function connectSecondMap({ store, session, say }, followed) {
   const select = byId("beside", HTMLSelectElement);
@@ -42,7 +42,7 @@ export function connectSecondMap({ store, session, say }, followed) {
   choices();
 }
 
-/** The map appears with the first placement that is chosen, and is hidden when none is. */
+/** Make the second map; it is hidden while no placement is chosen. */
 function make({ store, session, say }, followed) {
   const label = t("The same photos in another placement");
   const canvas = h("div", { class: "ed-canvas", id: "map-canvas-2", tabindex: 0, role: "application", "aria-label": label });

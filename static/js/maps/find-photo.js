@@ -1,4 +1,4 @@
-/** "Which map is this?": a photo is looked for on all maps, in a dialog of the list of maps. */
+/** "Which map is this?": a dialog that searches for a photo on all maps. */
 
 import { upload } from "../shared/api.js";
 import { busy, errorLine, openDialog } from "../shared/dialogs.js";
@@ -33,7 +33,7 @@ export function findPhoto() {
 async function search(file, results, error) {
   error.show(null);
   const picture = h("img", { class: "find-photo", src: URL.createObjectURL(file), alt: file.name });
-  picture.addEventListener("error", () => picture.remove()); // no format of this browser
+  picture.addEventListener("error", () => picture.remove()); // format unknown to this browser
   results.replaceChildren(picture, h("progress", { class: "progress", "aria-label": t("Searching the maps") }));
   try {
     const found = await upload("/find", { body: form(file) });
@@ -59,7 +59,7 @@ function verdict({ maps, no_map_probability: none, not_searched: skipped, less_a
   return h("h3", { "data-testid": "find-verdict" }, words);
 }
 
-/** The likeliest maps, each with its button, and what is left for none. */
+/** The most probable maps, each with a button, and the probability of none. */
 function list({ maps, no_map_probability: none }, file, error) {
   const rows = maps.slice(0, SHOWN).map(({ slug, name, probability }) => {
     const show = h("button", { class: "button", type: "button", "aria-label": t("Show on {name}", { name }) }, t("Show"));
@@ -92,7 +92,7 @@ function notSearched({ not_searched: skipped, less_alike: further }) {
     h("ul", {}, ...skipped.map(({ name, reason, hint }) => h("li", {}, labelled(name, [reason, hint].filter(Boolean).join("; "))))))];
 }
 
-/** Ask that map, which keeps the photo in its history, and go there. */
+/** Localize the photo on a map, which stores it in the history, and open the answer. */
 async function open(slug, file) {
   const { id } = await upload(`/maps/${slug}/localize`, { body: form(file) });
   location.assign(`/maps/${slug}/localize?query=${id}`);

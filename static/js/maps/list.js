@@ -1,4 +1,4 @@
-/** What people do with whole maps: in the list, in the bin, and on the settings page. */
+/** Actions on whole maps: in the list, in the bin, and on the settings page. */
 
 import { queryAll } from "../shared/dom.js";
 import { del, page, patch, post, upload } from "../shared/api.js";
@@ -9,9 +9,9 @@ import { toastError } from "../shared/toast.js";
 import { findPhoto } from "./find-photo.js";
 
 const cards = document.getElementById("maps");
-const more = document.getElementById("more"); // leads to the part that follows, where there is one
-let searched = new URLSearchParams(location.search).get("search") ?? ""; // what the server has looked for
-let asked = 0; // an answer that another question has overtaken is not shown
+const more = document.getElementById("more"); // link to the next part of the list, if any
+let searched = new URLSearchParams(location.search).get("search") ?? ""; // text that the server has searched for
+let asked = 0; // number of requests, to discard responses to outdated ones
 const tools = document.getElementById("list-tools") && new ListTools(cards, {
   kept: "expmap.maps-sort",
   orders: { name: byName, photos: largest("photos") },
@@ -38,7 +38,7 @@ if (finder instanceof HTMLButtonElement) {
 }
 connectImport(document.getElementById("import"), document.getElementById("import-file"));
 
-/** The buttons below an element. @param {HTMLElement} place */
+/** Connect the buttons in an element. @param {HTMLElement} place */
 function connect(place) {
   for (const button of queryAll("[data-action]", HTMLButtonElement, place)) {
     button.addEventListener("click", () => {
@@ -46,11 +46,11 @@ function connect(place) {
       button.closest("details")?.removeAttribute("open");
       actions[button.dataset.action](slug, name).catch(toastError);
     });
-    button.disabled = false; // until now a click would have been lost
+    button.disabled = false; // disabled until this listener is attached
   }
 }
 
-/** Cards have come. @param {HTMLElement[]} come */
+/** Connect new cards. @param {HTMLElement[]} come */
 function goOn(come) {
   for (const card of come) connect(card);
   tools?.refresh({ whole: more.hidden, searched });
@@ -73,7 +73,7 @@ async function showMore() {
   queryAll("a, button", HTMLElement, come[0])[0]?.focus();
 }
 
-/** Fetch a part of the list; null where another question has overtaken this one. @param {string} address */
+/** Fetch a part of the list; null if a newer request was made meanwhile. @param {string} address */
 async function fetchCards(address) {
   asked += 1;
   const question = asked;
@@ -96,7 +96,7 @@ async function duplicate(slug) {
   goTo(await post(`/maps/${slug}/duplicate`, {}));
 }
 
-/** In the list it can be undone at once; the settings of a map are left with it. */
+/** Move a map to the bin; in the list this can be undone, on its settings page it is confirmed first. */
 async function bin(slug, name) {
   if (tools) return tools.toBin(tools.cards.filter(({ dataset }) => dataset.slug === slug));
   const title = t("Move {name} to the bin?", { name });
@@ -119,7 +119,7 @@ async function deleteForever(slug, name) {
   location.reload();
 }
 
-/** Work that takes a while gives a job: its page shows how far it is. */
+/** Open the new map, or the page of its jobs if one is running. */
 function goTo({ slug, job }) {
   location.assign(job ? `/maps/${slug}/jobs` : `/maps/${slug}/edit`);
 }

@@ -1,7 +1,7 @@
 /**
- * A new map, by its photos: they are sent to it at once, and its image is chosen when they are there.
+ * Creates a map from photos: they are uploaded at once, and its image is chosen afterwards.
  *
- * The map exists from the first photo on, so that a page that is closed has lost nothing that had arrived.
+ * The map exists from the first photo on, so that closing the page loses no uploaded photos.
  */
 
 import { patch, post } from "../shared/api.js";
@@ -41,7 +41,7 @@ listenToDrops(byId("drop"), take);
 listenToPastes(take);
 byId("again").addEventListener("click", () => uploads.retry());
 byId("stop").addEventListener("click", () => (uploads.busy ? uploads.cancel() : goOn()));
-for (const control of document.querySelectorAll("#new-map [disabled]")) control.removeAttribute("disabled"); // until now it would have been lost
+for (const control of document.querySelectorAll("#new-map [disabled]")) control.removeAttribute("disabled"); // disabled until listeners are attached
 name.focus();
 name.select();
 
@@ -98,7 +98,7 @@ function progress() {
   byId("again").hidden = uploads.busy || !entries.some(canGoAgain);
 }
 
-/** The photos are there: on to the image that they are put on. */
+/** Continue with the image of the map after the upload. */
 async function goOn() {
   const { slug } = await making;
   const failed = uploads.entries.filter(({ state }) => state === "failed");
@@ -109,12 +109,12 @@ async function goOn() {
 
 const arrived = ({ state }) => state === "done";
 
-/** Why a file was not taken. */
+/** Why a file was not added. */
 function reason({ file, error }) {
   return t("Not added: {name}. {reason}", { name: file.name, reason: [error.message, error.hint].filter(Boolean).map(sentence).join(". ") });
 }
 
-/** How many files there are besides those that are named. */
+/** Number of files that are not listed. */
 function more(failed) {
   const rest = failed.length - NOTES;
   return rest > 0 ? [tn("and {n} more", "and {n} more", rest)] : [];

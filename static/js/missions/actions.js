@@ -1,4 +1,4 @@
-/** What people do with a whole mission: import, correct, share, rename, delete. */
+/** Actions on a whole mission: import, fuse, share, rename, delete. */
 
 import { askDialog, busy, confirmDialog, openDialog } from "../shared/dialogs.js";
 import { byId, h, queryAll } from "../shared/dom.js";
@@ -11,7 +11,7 @@ import { ended, jobBar } from "./job-progress.js";
 import { sharesDialog } from "./share-mission.js";
 
 /**
- * Connect the buttons that the page has for who looks at it.
+ * Connect the buttons that the page contains, depending on permissions.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./track-lines.js").TrackLines} lines
  * @param {import("./live-events.js").Live} live
@@ -21,7 +21,7 @@ export function connectActions(store, lines, live) {
   const refresh = () => live.refresh();
   const on = (name, run) => {
     for (const button of queryAll(`[data-does="${name}"]`, HTMLButtonElement)) {
-      button.disabled = false; // until now a click would have been lost
+      button.disabled = false; // disabled until this listener is attached
       button.addEventListener("click", () => {
         button.closest("details")?.removeAttribute("open");
         Promise.resolve(run(button)).catch(toastError);
@@ -47,13 +47,13 @@ export function connectActions(store, lines, live) {
   on("delete", () => bin(store, server, live));
 }
 
-/** The tracks that are there, for those who place another one beside them. */
+/** Points of the present tracks, shown for orientation when another one is placed. */
 function knownLines(store, lines) {
   const points = store.shown.map(({ key }) => lines.best(key)).filter(Boolean);
   return points.map(({ lat, lon }) => lat.map((value, n) => [value, lon[n]])).filter((line) => line.length);
 }
 
-/** What an import says when it is done; what could not be used was listed with its reason. */
+/** Show the result of an import, with the reasons for skipped data. */
 function tellImported(results) {
   const hint = results.flatMap(({ skipped }) => skipped).map(({ reason, count }) => `${reason} (${count.toLocaleString(locale)})`).join("; ");
   toast(resultText(results), { hint: hint || null });
@@ -85,7 +85,7 @@ async function bin({ mission }, server, live) {
   const title = t("Move {name} to the bin?", { name: mission.name });
   const text = t("It can be restored from there.");
   if (!(await confirmDialog({ title, text, action: t("Move to the bin") }))) return;
-  live.pause(); // the server no longer answers for what is in the bin
+  live.pause(); // the server refuses requests for a mission in the bin
   try {
     await server.bin();
   } catch (error) {

@@ -1,4 +1,4 @@
-/** Which ground the mission lies on: the image of its map or of another, else a plain plane; tiles where somebody chooses them. */
+/** Choice of the background: the image of the mission's map or of another, a plain plane, or tiles if chosen. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -10,7 +10,7 @@ const KEPT = "expmap-mission-ground";
 const OF_MAP = "map:";
 
 /**
- * Choose the ground, and let people choose another one. Tiles of other hosts are fetched only once they were chosen.
+ * Choose a ground, and let people change it. Tiles of other hosts are fetched only after they were chosen.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./mission-view.js").MissionView} view
  * @param {{services: Array<Object>, maps: Array<{slug: string, name: string}>, fit: function(): void}} page
@@ -39,12 +39,12 @@ export function chooseGround(store, view, { services, maps, fit }) {
     offer(name === "plain" && remembered() !== "plain" ? services[0] : null, () => choose(services[0].name));
     if (!name.startsWith(OF_MAP)) return put(make(name), done);
     return mapImage(name.slice(OF_MAP.length))
-      .then((satellite) => made === name && put(new ImageGround(satellite), done)) // else another one was chosen meanwhile
+      .then((satellite) => made === name && put(new ImageGround(satellite), done)) // unless another one was chosen meanwhile
       .catch((error) => {
         toastError(error);
         if (made !== name) return;
         if (view.ground) made = select.value = before;
-        else show("plain", done); // better than nothing at all
+        else show("plain", done); // fallback: some ground is needed
       });
   };
   const choose = (name) => {
@@ -67,10 +67,10 @@ export function chooseGround(store, view, { services, maps, fit }) {
   settle();
 }
 
-/** On the plain ground tiles are offered, with where they come from. */
+/** Offer tiles on the plain ground, naming their host. */
 function offer(service, take) {
   const box = document.getElementById("ground-offer");
-  if (!box) return; // visitors are asked nothing
+  if (!box) return; // pages for visitors lack it
   box.hidden = !service;
   if (!service) return;
   byId("ground-offer-text").textContent = t("No map shows this place. Tiles would be fetched from {host}.", { host: hostOf(service.url) });
@@ -81,12 +81,12 @@ function offer(service, take) {
   };
 }
 
-/** Of the address of tiles, which has braces. @param {string} url */
+/** Host of a tile address, which contains braces. @param {string} url */
 function hostOf(url) {
   return new URL(url.replaceAll(/[{}]/g, "")).host;
 }
 
-/** Browsers keep nothing for a page in another site's frame, and say so with an error. */
+/** The stored choice. In another site's frame, browsers may refuse storage with an error. */
 function remembered() {
   try {
     return localStorage.getItem(KEPT);
@@ -104,7 +104,7 @@ function remember(name) {
   }
 }
 
-/** Whether the mission's map has an image that knows where it is, and what there is to see begins on it. */
+/** Whether the mission's map has a georeferenced image that overlaps a track. */
 function isOnImage(mission) {
   const places = mission?.satellite?.georeference?.latlon_grid?.latlon.filter(Boolean);
   if (!places?.length) return false;
@@ -115,7 +115,7 @@ function isOnImage(mission) {
   return !known.length || known.some(meets);
 }
 
-/** Any place of what there is to see. @returns {?[number, number]} */
+/** Some position of the mission's data. @returns {?[number, number]} */
 function placeOf(store) {
   const { mission } = store;
   const bounds = store.tracks.find(({ track }) => track.bounds)?.track.bounds;

@@ -1,8 +1,8 @@
 /**
- * What tracks are drawn on: the image of a map, a plain plane in metres, or the tiles of a service.
+ * Backgrounds of tracks: the image of a map, a plain plane in metres, or the tiles of a service.
  *
- * Each ground turns latitude and longitude into flat coordinates (x to the right, y down), which are those of its
- * Leaflet map at zoom 0; on the screen they are only scaled and shifted, so a track is converted once.
+ * Each ground converts latitude and longitude to flat coordinates (x to the right, y down): pixels of its Leaflet map
+ * at zoom 0. On the screen they are only scaled and shifted, so a track is converted once.
  */
 
 import { Georeference, imageBounds, latLngOf, pixelOf } from "../shared/map/coords.js";
@@ -52,7 +52,7 @@ export class ImageGround {
   }
 }
 
-/** A plane that touches the Earth (WGS 84) at a place, in metres: x to the east, y to the south. */
+/** A plane tangent to the ellipsoid (WGS 84) at an origin, in metres: x to the east, y to the south. */
 export class PlainGround {
   constructor([lat, lon]) {
     this.name = "plain";
@@ -91,7 +91,7 @@ export class PlainGround {
   addTo() {}
 }
 
-/** Web Mercator with the tiles of a service that the owner configured. */
+/** Web Mercator with the tiles of a configured service. */
 export class TileGround {
   constructor(service) {
     this.name = service.name;
@@ -125,7 +125,7 @@ export class TileGround {
 
   addTo(map) {
     const { url, max_zoom: most } = this.service;
-    // services want to know which site shows their tiles, and no more than that
+    // tile services require the referring site; send no more than its origin
     L.tileLayer(url, { maxNativeZoom: most, maxZoom: 22, referrerPolicy: "strict-origin-when-cross-origin" }).addTo(map);
   }
 }

@@ -1,19 +1,19 @@
-/** Colours of tracks: by source, mission, time or speed; distinguishable for people who see colours differently, too. */
+/** Colours of tracks: by source, mission, time or speed; safe for colour blindness. */
 
 const SOURCES = { gps: "#0072b2", odometry: "#e69f00", visual: "#cc79a7", fused: "#009e73", manual: "#56b4e9" };
 const OTHERS = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442"];
 const STOPS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
 
-/** How many colours a scale has. */
+/** Number of colours of a scale. */
 export const STEPS = 48;
 
-/** Colours of a quantity, the lowest first (viridis: evenly brighter, whatever eyes look at it). */
+/** Colours of a quantity, the lowest first (viridis: perceptually uniform). */
 export const SCALE = Array.from({ length: STEPS }, (_, n) => between(n / (STEPS - 1)));
 
 /** Colour of a source. */
 export const sourceColour = (source) => SOURCES[source] || "#999999";
 
-/** Colour of the n-th of some things. */
+/** Colour of the n-th item. */
 export const nthColour = (n) => OTHERS[n % OTHERS.length];
 
 /** Step of the scale for a value. */
@@ -22,7 +22,7 @@ export function stepOf(value, [low, high]) {
   return Math.min(STEPS - 1, Math.max(0, Math.floor(share * STEPS)));
 }
 
-/** Black or white, whichever is read better on a colour. */
+/** Black or white, whichever has more contrast on a colour. */
 export function inkOn(colour) {
   const [r, g, b] = channels(colour);
   return 0.299 * r + 0.587 * g + 0.114 * b > 140 ? "#14181a" : "#ffffff";

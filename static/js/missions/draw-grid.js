@@ -1,4 +1,4 @@
-/** The grid of a plain ground: lines every round number of metres. */
+/** The grid of a plain ground, with a spacing of a round number of metres. */
 
 import { roundLength } from "../shared/map/coords.js";
 

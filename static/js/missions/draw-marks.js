@@ -1,4 +1,4 @@
-/** What lies over tracks and objects: how sure visual fixes are, the gap of closed tracks, where robots are. */
+/** Marks over tracks and objects: uncertainty of visual fixes, gap of closed tracks, positions of robots. */
 
 import { t } from "../shared/i18n.js";
 import { sourceColour } from "./colour-scales.js";
@@ -6,9 +6,9 @@ import { lengthText, percentText } from "./format.js";
 
 const ROBOT = 11;
 const SMALL_GAP_PX = 14;
-/** Corner of the map that the arrow to the north takes. */
+/** Corner of the map with the north arrow. */
 const NORTH = { width: 56, height: 100 };
-/** Sources of single places: the robot is elsewhere by now. */
+/** Sources of single positions, which do not show where the robot is now. */
 const SPARSE = new Set(["visual", "manual"]);
 
 /**
@@ -40,7 +40,7 @@ function drawFixes(pen, frame, fixes, time) {
   }
 }
 
-/** Where the truth is in 68 of 100 cases. */
+/** Circle of 68 % probability. */
 function circle(pen, { x, y }, { radius, colour }) {
   pen.beginPath();
   pen.arc(x, y, radius, 0, 2 * Math.PI);
@@ -53,7 +53,7 @@ function circle(pen, { x, y }, { radius, colour }) {
   pen.stroke();
 }
 
-/** A fix that the fusion left out. */
+/** A fix that the fusion rejected. */
 function cross(pen, { ink }, { x, y }) {
   pen.beginPath();
   for (const [dx, dy] of [[5, 5], [5, -5]]) {
@@ -67,7 +67,7 @@ function cross(pen, { ink }, { x, y }) {
   }
 }
 
-/** A dashed line from the end of a track to its start, with how far that is. */
+/** A dashed line from the end of a track to its start, with the distance. */
 function drawClosing(pen, frame, { closing }, { line, received }) {
   if (!closing || !line?.length) return;
   const end = line.length - 1;

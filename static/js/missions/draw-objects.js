@@ -1,10 +1,10 @@
-/** Detected objects as signs of their class; those that the filter leaves out, or that were seen later, are not shown. */
+/** Detected objects as symbols of their class; those filtered out or seen only later are not shown. */
 
 import { isOpen } from "./object-states.js";
 
 const RADIUS = 13;
 const INK = "#14181a";
-/** Objects with which people are done are pale. */
+/** Opacity of objects that are done. */
 const DONE_ALPHA = 0.45;
 const paths = new Map();
 
@@ -12,7 +12,7 @@ const paths = new Map();
  * @param {CanvasRenderingContext2D} pen
  * @param {Object} frame
  * @param {import("./mission-store.js").MissionStore} store
- * @returns {Array<{x: number, y: number, key: string}>} where they are on the screen
+ * @returns {Array<{x: number, y: number, key: string}>} positions on the screen
  */
 export function drawObjects(pen, frame, store) {
   const spots = [];
@@ -34,7 +34,7 @@ export function drawObjects(pen, frame, store) {
   return spots;
 }
 
-/** Where the chosen object was seen before. */
+/** Draw the earlier positions of the chosen object. */
 function drawTrail(pen, frame, trail) {
   const places = trail.map(({ lat, lon }) => frame.place(lat, lon)).filter(Boolean);
   if (places.length < 2) return;

@@ -1,4 +1,4 @@
-/** Tracks: their lines in colours with arrows of the direction, what is later than the moment faint. */
+/** Tracks as coloured lines with arrows of direction; the part after the chosen moment is faint. */
 
 import { nthColour, SCALE, sourceColour, stepOf, STEPS } from "./colour-scales.js";
 
@@ -33,7 +33,7 @@ export function drawTracks(pen, frame, { store, lines }) {
   for (const paint of drawn.toReversed()) drawArrows(pen, frame, paint, taken);
 }
 
-/** What the ends of the scale mean for a mission: times, or speeds. @returns {?[number, number]} */
+/** Values at the ends of the colour scale for a mission: times, or speeds. @returns {?[number, number]} */
 function rangeOf(store, lines, mission) {
   if (store.mode === "speed") return [0, lines.fastest];
   return store.mode === "time" && store.clock ? [store.timeIn(mission, 0), store.timeIn(mission, store.clock.span)] : null;
@@ -82,7 +82,7 @@ function drawLine(pen, frame, paint, mode) {
   }
 }
 
-/** Draw the segments that end at some points. */
+/** Draw the segments that end at given points. */
 function stroke(pen, { xs, ys }, ends, { width, colour }) {
   if (!ends.length) return;
   pen.beginPath();
@@ -110,7 +110,7 @@ function drawDots(pen, { size, ink }, { line, seen: { xs, ys }, until, own }) {
   }
 }
 
-/** Arrows at even distances along the line, and never two in one cell of the screen. */
+/** Draw arrows at even distances along the line, at most one per cell of the screen. */
 function drawArrows(pen, { size }, { line, seen: { xs, ys }, until }, taken) {
   const end = Math.min(until, line.length - 1);
   let along = ARROW_EVERY / 2;

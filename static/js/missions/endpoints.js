@@ -1,16 +1,16 @@
-/** What the pages of missions ask the server. */
+/** Requests of the missions pages to the server. */
 
 import { del, events, get, patch, post, upload } from "../shared/api.js";
 
 /**
- * The list of missions, or of those in the bin.
- * @param {{binned?: boolean, search?: string, after?: ?string, limit?: ?number, previews?: boolean}} [wish] `after`: `next` of the page before; without a limit, all
+ * The list of missions, or those in the bin.
+ * @param {{binned?: boolean, search?: string, after?: ?string, limit?: ?number, previews?: boolean}} [wish] `after`: `next` of the previous page; without a limit, all
  */
 export const missionList = ({ binned = false, search = "", after = null, limit = null, previews = false } = {}) => get(`/missions?${parameters({ bin: binned, search, after, limit, previews })}`);
 /** @param {{name: string, map: ?string, start: ?Object, note: string}} wish */
 export const makeMission = (wish) => post("/missions", wish);
 
-/** What can be asked of a file with tracks before it is in a mission. */
+/** Requests about an uploaded file with tracks before its import. */
 export const fileEndpoints = {
   begin: (about) => post("/mission-files", about),
   look: (id) => get(`/mission-files/${id}`),
@@ -29,7 +29,7 @@ export async function mapImage(slug) {
 }
 
 /**
- * What can be asked of one mission.
+ * The requests about one mission.
  * @param {number} id
  */
 export function endpointsOf(id) {
@@ -55,7 +55,7 @@ export function endpointsOf(id) {
     shares: () => get(`${base}/shares`),
     share: (wish) => post(`${base}/shares`, wish),
     revoke: (share) => del(`${base}/shares/${share}`),
-    /** Address of a file that the browser fetches by itself. */
+    /** Address of a file that the browser downloads. */
     file: (name) => `/api/v1${base}/${name}`,
     photo: (sha256) => `/api/v1${base}/photos/${sha256}/preview`,
   };

@@ -1,14 +1,14 @@
-/** How sure visual fixes are, and which ones the fusion left out: circles and crosses on the map. */
+/** Uncertainty of visual fixes, and fixes rejected by the fusion: circles and crosses on the map. */
 
 import { debounce } from "../shared/timing.js";
 import { toastError } from "../shared/toast.js";
 
 const MOST = 2000;
 const CALM_MS = 1500;
-/** Radius of the circle that holds 68 % of a normal distribution in two directions, in standard deviations. */
+/** Radius of the circle with 68 % of a two-dimensional normal distribution, in standard deviations. */
 const WITHIN_68 = 1.51;
 
-/** Keep the fixes of the page's own mission right. @param {import("./mission-store.js").MissionStore} store */
+/** Keep the fixes of the page's mission up to date. @param {import("./mission-store.js").MissionStore} store */
 export function showFixes(store) {
   const server = store.server(store.id);
   let seen = "";
@@ -34,13 +34,13 @@ async function radii(server) {
   return rows.map(([time, lat, lon, east, north]) => ({ time, lat, lon, radius_m: radiusOf(east, north), gated: false }));
 }
 
-/** Fixes of all sources that were farther off than good ones are. */
+/** Fixes of all sources that the fusion rejected as outliers. */
 async function leftOut(server) {
   try {
     const { gated } = await server.fusion();
     return gated.map(({ time_s: time, lat, lon }) => ({ time, lat, lon, radius_m: null, gated: true }));
   } catch (error) {
-    if (error.status === 404) return []; // the fused track came from elsewhere
+    if (error.status === 404) return []; // the fused track was imported
     throw error;
   }
 }

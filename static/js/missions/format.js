@@ -1,4 +1,4 @@
-/** Lengths, speeds, times and names of sources, for people. */
+/** Formats lengths, speeds, times and names of sources for display. */
 
 import { locale, t } from "../shared/i18n.js";
 
@@ -6,12 +6,12 @@ const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: 
 /** Times within a day are written without their date. */
 export const DAY_S = 86400;
 
-/** What took less has no times that mean something: many files have all points at one. */
+/** Shorter spans are ignored: many files have the same time at all points. */
 export const SHORTEST_S = 1;
 
 const dayTime = new Intl.DateTimeFormat(locale, { timeStyle: "medium" });
 
-/** A number, not more exact than it means something. */
+/** A number rounded to the given digits. */
 export function numberText(value, digits = 0) {
   return value.toLocaleString(locale, { maximumFractionDigits: digits });
 }
@@ -32,17 +32,17 @@ export function percentText(share) {
   return `${numberText(share * 100, share < 0.01 ? 2 : 1)}\u00a0%`;
 }
 
-/** When something was. @param {number} time Unix seconds */
+/** A date and time. @param {number} time Unix seconds */
 export function clockText(time) {
   return clock.format(new Date(time * 1000));
 }
 
-/** When it was on its day. @param {number} time Unix seconds */
+/** A time of day. @param {number} time Unix seconds */
 export function timeText(time) {
   return dayTime.format(new Date(time * 1000));
 }
 
-/** How long something took, as a clock shows it. @param {number} seconds */
+/** A duration as h:mm:ss or m:ss. @param {number} seconds */
 export function spanText(seconds) {
   const whole = Math.max(0, Math.round(seconds));
   const pad = (value) => String(value).padStart(2, "0");
@@ -50,7 +50,7 @@ export function spanText(seconds) {
   return hours ? `${hours}:${pad(minutes)}:${pad(whole % 60)}` : `${minutes}:${pad(whole % 60)}`;
 }
 
-/** What a source of positions is called. */
+/** Name of a source of positions. */
 export function sourceName(source) {
   const names = {
     gps: t("GPS"),
@@ -62,7 +62,7 @@ export function sourceName(source) {
   return names[source] || source;
 }
 
-/** What a track is called. */
+/** Name of a track. */
 export function trackName({ source, name }) {
   return name ? `${sourceName(source)} · ${name}` : sourceName(source);
 }

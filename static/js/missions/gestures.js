@@ -1,4 +1,4 @@
-/** Mouse, fingers and keys on the map. */
+/** Mouse, touch and keys on the map. */
 
 import { takesText, targetOf } from "../shared/dom.js";
 

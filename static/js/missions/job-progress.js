@@ -1,11 +1,11 @@
-/** A job of a mission: asked about until it has ended. */
+/** Polls a job of a mission until it has ended. */
 
 import { h } from "../shared/dom.js";
 import { duration, t } from "../shared/i18n.js";
 
 const ASK_MS = 700;
 
-/** A bar with words for a job. @returns {HTMLElement & {showJob: function(Object): void}} */
+/** A progress bar with text for a job. @returns {HTMLElement & {showJob: function(Object): void}} */
 export function jobBar(label) {
   const bar = h("progress", { class: "progress", "aria-label": label });
   const words = h("div", { class: "small soft number" }, label);
@@ -25,8 +25,8 @@ export function jobBar(label) {
  * @param {function(number): Promise<Object>} ask
  * @param {number} id
  * @param {function(Object): void} show called with each state
- * @returns {Promise<Object>} the job that is done
- * @throws {Error} what made it fail, with its hint
+ * @returns {Promise<Object>} the finished job
+ * @throws {Error} why it failed, with a hint
  */
 export async function ended(ask, id, show) {
   for (;;) {

@@ -1,4 +1,4 @@
-/** What the colours of the tracks mean. */
+/** Legend of the colours of the tracks. */
 
 import { byId, h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -6,7 +6,7 @@ import { nthColour, SCALE, sourceColour } from "./colour-scales.js";
 import { clockText, DAY_S, sourceName, spanText, speedText, timeText } from "./format.js";
 
 /**
- * Keep the legend right.
+ * Keep the legend up to date.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {import("./track-lines.js").TrackLines} lines
  */

@@ -1,4 +1,4 @@
-/** The list of missions: look for one, make one, import a file, rename, delete. */
+/** The list of missions: search, create, import files, rename, delete. */
 
 import { askDialog, busy, confirmDialog, errorLine, field, openDialog } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll, svg, targetOf } from "../shared/dom.js";
@@ -15,9 +15,9 @@ import { importDialog } from "./import/wizard.js";
 const { maps, binned } = JSON.parse(byId("page").textContent);
 const list = byId("missions");
 const PAGE = 50;
-let follow = null; // where the list continues
-let searched = ""; // what the server has looked for; empty: nothing
-let asked = 0; // an answer that another question has overtaken is not shown
+let follow = null; // cursor of the next page
+let searched = ""; // text that the server has searched for, or empty
+let asked = 0; // number of requests, to discard responses to outdated ones
 const tools = binned ? null : new ListTools(list, {
   kept: "expmap.missions-sort",
   orders: { name: byName, length: largest("length") },
@@ -37,7 +37,7 @@ show();
 
 function ready(button, run) {
   button.addEventListener("click", run);
-  button.disabled = false; // until now a click would have been lost
+  button.disabled = false; // disabled until this listener is attached
 }
 
 async function show() {
@@ -106,7 +106,7 @@ function card(mission) {
       owned && !binned && menu(mission)));
 }
 
-/** The track and the objects, on the image of the map where they are on it. */
+/** Thumbnail of the track and objects, on the image of the map if they are on it. */
 function picture({ preview }) {
   if (!preview) return h("div", { class: "map-card__picture" }, icon("route"));
   const twice = (name, path) => (path ? [svg("path", { class: name, d: path }), svg("path", { class: name, d: path })] : []);

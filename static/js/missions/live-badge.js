@@ -1,4 +1,4 @@
-/** Whether a mission is live: not ended, and heard of a moment ago. */
+/** Whether a mission is live: not ended, and with recent data. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -6,10 +6,10 @@ import { t } from "../shared/i18n.js";
 const LIVE_MS = 120_000;
 
 /**
- * Keep the badge true.
+ * Keep the badge up to date.
  * @param {Object} store of the mission
- * @param {function(): boolean} isConnected whether the page hears of it
- * @returns {function(): void} shows it anew
+ * @param {function(): boolean} isConnected whether the page receives events
+ * @returns {function(): void} updates the badge
  */
 export function liveBadge(store, isConnected) {
   const badge = byId("live-state");
@@ -23,7 +23,7 @@ export function liveBadge(store, isConnected) {
     if (badge.textContent !== text) badge.textContent = text;
     byId("follow-part").hidden = ended;
   };
-  store.on("poses missed", () => (heard = Date.now())); // their own times may be long ago: a recording that is played
+  store.on("poses missed", () => (heard = Date.now())); // their own times may be old if a recording is replayed
   store.on("missions grown", render);
   setInterval(render, LIVE_MS / 10);
   render();

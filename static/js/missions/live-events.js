@@ -1,12 +1,12 @@
 /**
- * A live mission: the server sends what is new as events; where no stream can be had, the page polls.
+ * A live mission: the server sends changes as events; if no stream is possible, the page polls.
  */
 
 const ASK_MS = 3000;
 const SLOWEST_MS = 30000;
 const ENDED_MS = 15000;
 
-/** Follows one mission; fires `state` with whether it hears the server, `gone` when the mission no longer exists. */
+/** Follows one mission; fires `state` when the connection is lost or restored, `gone` when the mission no longer exists. */
 export class Live extends EventTarget {
   /**
    * @param {import("./mission-store.js").MissionStore} store
@@ -21,7 +21,7 @@ export class Live extends EventTarget {
     this._following = false;
     this._stream = null;
     this._timer = 0;
-    this._turn = 0; // counts the times of opening and closing, of which an answer can be late for one
+    this._turn = 0; // incremented when opened or closed, to recognise late responses
     this._server = store.server(id);
     this._away = new AbortController();
     const { signal } = this._away;
@@ -30,13 +30,13 @@ export class Live extends EventTarget {
     addEventListener("pagehide", () => this._close(), { signal });
   }
 
-  /** Listen to what comes after the state that is known. */
+  /** Listen for changes after the known state. */
   start() {
     this._following = true;
     this._open();
   }
 
-  /** Ask for nothing until `start` is called. */
+  /** Send no requests until `start` is called. */
   pause() {
     this._following = false;
     this._close();
@@ -46,7 +46,7 @@ export class Live extends EventTarget {
     this._close();
     if (!this._following) return;
     const mission = this.store.missions.get(this.id);
-    // it may still be corrected, which needs no stream; but people go on with its tasks
+    // after its end only rare corrections come, for which polling suffices, unless it has objects to work on
     if (mission.ended_at && !mission.objects) {
       this._later(ENDED_MS);
       return;
@@ -63,7 +63,7 @@ export class Live extends EventTarget {
     this._away.abort();
   }
 
-  /** Take everything that changed until now, without the stream. */
+  /** Fetch all changes until now, without the stream. */
   async refresh() {
     const turn = this._turn;
     try {
@@ -94,7 +94,7 @@ export class Live extends EventTarget {
     this._tell(true);
   }
 
-  /** The browser comes back by itself, as long as the server does not refuse. */
+  /** The browser reconnects by itself unless the server refused, which closes the stream. */
   _lost(closed) {
     this.failures += 1;
     this._tell(navigator.onLine && this.failures < 3);

@@ -1,4 +1,4 @@
-/** The page of a mission: makes the parts and connects them. */
+/** The page of a mission: creates its parts and connects them. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -24,7 +24,6 @@ import { TaskList } from "./task-list.js";
 import { TrackLines } from "./track-lines.js";
 import { showTracks } from "./track-panel.js";
 
-/** A robot that was not heard for so long is not there any more. */
 
 const page = JSON.parse(byId("page").textContent);
 const store = new MissionStore(page.id, page.symbols);
@@ -32,7 +31,7 @@ const server = store.server(page.id);
 
 load();
 
-/** The mission comes first; what fails here is reported in place of the map. */
+/** Load the mission; an error is shown in place of the map. */
 async function load() {
   byId("loading").hidden = false;
   byId("failed").hidden = true;
@@ -72,7 +71,7 @@ function begin() {
   showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "tasks", "photos"], (name) => (byId("mission").dataset.tab = name));
-  byId("panel").inert = false; // until now a click would have been lost
+  byId("panel").inert = false; // inert until its listeners are attached
   showObject(store);
   const look = ({ lat, lon }) => view.ground && view.reveal(view.ground.flat(lat, lon));
   new ObjectTable(store, look);
@@ -98,7 +97,7 @@ function zoomButtons(view, fit) {
   byId("zoom-fit").addEventListener("click", () => fit());
 }
 
-/** A mission without positions says how they come; the first ones are shown, and followed until somebody looks elsewhere. */
+/** Show instructions while there are no positions, zoom to the first ones, and follow new ones if chosen. */
 function firstPositions(view, fit) {
   const follow = byId("follow", HTMLInputElement);
   let empty = false;
@@ -117,7 +116,7 @@ function firstPositions(view, fit) {
   render();
 }
 
-/** Whether the mission is live, and whether the page hears of it. */
+/** Show whether the mission is live and the page connected. */
 function state(live) {
   live.addEventListener("state", liveBadge(store, () => live.connected));
   live.addEventListener("gone", () => fail(t("This mission no longer exists.")));

@@ -1,13 +1,13 @@
-/** What the page of a mission knows: missions, tracks, objects; what is shown, how, and at which moment. */
+/** State of a mission's page: missions, tracks, objects; what is shown, how, and at which moment. */
 
 import { endpointsOf } from "./endpoints.js";
 import { Symbols } from "./symbols.js";
 
-/** Missions whose times lie farther apart than this many of their lengths are laid side by side. */
+/** If the total span exceeds this many times the longest mission, all are aligned to begin together. */
 const APART = 3;
 const BEST_FIRST = ["fused", "gps", "odometry", "visual", "manual"];
 
-/** The state of the page; fires an event named after what changed. */
+/** State of the page; fires an event named after what changed. */
 export class MissionStore extends EventTarget {
   /**
    * @param {number} id of the mission that the page is about
@@ -39,7 +39,7 @@ export class MissionStore extends EventTarget {
     for (const name of names.split(" ")) this.addEventListener(name, run);
   }
 
-  /** The mission that the page is about. */
+  /** The mission of the page. */
   get mission() {
     return this.missions.get(this.id) || null;
   }
@@ -89,13 +89,13 @@ export class MissionStore extends EventTarget {
     this.emit("mode");
   }
 
-  /** @param {?number} moment seconds since the begin of the time line; null: now */
+  /** @param {?number} moment seconds since the start of the timeline; null: now */
   setMoment(moment) {
     this.moment = moment;
     this.emit("moment");
   }
 
-  /** @param {number} mission @param {Array<Object>} objects as the server sends them */
+  /** @param {number} mission @param {Array<Object>} objects as returned by the server */
   setObjects(mission, objects) {
     for (const object of objects) this.objects.set(keyOf(mission, object.id), { ...object, mission, key: keyOf(mission, object.id) });
     this.emit("objects");
@@ -107,7 +107,7 @@ export class MissionStore extends EventTarget {
     this.emit("fixes");
   }
 
-  /** @param {?Set<string>} keys of the objects that the filter lets through; null: all */
+  /** @param {?Set<string>} keys of the objects that pass the filter; null: all */
   setMatching(keys) {
     this.matching = keys;
     this.emit("matching");
@@ -127,7 +127,7 @@ export class MissionStore extends EventTarget {
     this.emit("trail");
   }
 
-  /** Load all of a mission again; poses that have come meanwhile are fetched. */
+  /** Replace the state of a mission; fires `missed` for tracks with new poses, which must be fetched. */
   refresh(mission) {
     const before = new Map(this.missions.get(mission.id)?.tracks.map((track) => [track.id, track.poses]));
     this.setMission(mission);
@@ -155,7 +155,7 @@ export class MissionStore extends EventTarget {
   }
 
   /**
-   * The time line: from the first pose of what is shown to the last. Missions of different days begin together.
+   * The timeline from the first to the last pose of all missions. Missions far apart in time begin together.
    * @returns {?{first: number, span: number, aligned: boolean}} Unix seconds, seconds
    */
   get clock() {
@@ -175,7 +175,7 @@ export class MissionStore extends EventTarget {
     return moment + (clock.aligned ? timesOf(mission)?.[0] ?? clock.first : clock.first);
   }
 
-  /** The moment at which a mission's clock shows a time. */
+  /** The moment of the timeline for a time of a mission. */
   momentOf(mission, time) {
     const clock = this.clock;
     return time - (clock.aligned ? timesOf(mission)?.[0] ?? clock.first : clock.first);

@@ -1,4 +1,4 @@
-/** The map of a mission: Leaflet on one of the grounds, with scale bar, north, cursor position and credit. */
+/** The map of a mission: a Leaflet map on a ground, with scale bar, north arrow, cursor position and credit. */
 
 import { h, icon } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -8,12 +8,12 @@ import { lengthText } from "./format.js";
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const MOTION = { zoomAnimation: !calm.matches, fadeAnimation: !calm.matches, inertia: !calm.matches };
 const STRAIGHT_UP_DEG = 0.5;
-/** Room for what lies over the map: legend and buttons. */
+/** Padding for the legend and buttons over the map. */
 /** @type {L.FitBoundsOptions} */
 const MARGIN = { paddingTopLeft: [16, 56], paddingBottomRight: [64, 40] };
 const ACROSS = [0, 0.5, 1];
 
-/** The map; fires `ground` when it is another one, `move` when the view has changed. */
+/** The map; fires `ground` when the ground changes, `move` when the view has changed. */
 export class MissionView extends EventTarget {
   /** @param {HTMLElement} element */
   constructor(element) {
@@ -26,7 +26,7 @@ export class MissionView extends EventTarget {
     new ResizeObserver(() => this.map?.invalidateSize({ pan: false, animate: false })).observe(element);
   }
 
-  /** Lay everything on a ground; what was in the middle stays there. @param {Object} ground */
+  /** Show everything on another ground, keeping the view. @param {Object} ground */
   setGround(ground) {
     const seen = this.map && this.box(0);
     this.map?.remove();
@@ -67,7 +67,7 @@ export class MissionView extends EventTarget {
     return this.map.getScaleZoom((Math.min(x, y) * this.ground.metresPerUnit(at)) / metres, 0);
   }
 
-  /** What is in view, with a margin as a share of it. @returns {?{south, west, north, east}} degrees */
+  /** The visible area, with a margin as a fraction of it. @returns {?{south, west, north, east}} degrees */
   box(margin) {
     const bounds = this.map.getBounds().pad(margin);
     const [west, east, north, south] = [bounds.getWest(), bounds.getEast(), bounds.getNorth(), bounds.getSouth()];
@@ -77,12 +77,12 @@ export class MissionView extends EventTarget {
     return { south: Math.min(...lats), west: Math.min(...lons), north: Math.max(...lats), east: Math.max(...lons) };
   }
 
-  /** Metres that a pixel of the screen shows. */
+  /** Metres per screen pixel. */
   get metresPerPixel() {
     return this.ground.metresPerUnit(this.map.getCenter()) / this.map.getZoomScale(this.map.getZoom(), 0);
   }
 
-  /** Bring a flat place into view, and change nothing where it is in view already. */
+  /** Pan to a position in flat coordinates unless it is in view. */
   reveal(xy, { margin = 60 } = {}) {
     const at = this.ground.latLngOf(xy);
     const { x, y } = this.map.latLngToContainerPoint(at);

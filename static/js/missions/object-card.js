@@ -1,4 +1,4 @@
-/** The object that was chosen: its photo, where it is, and where it was seen before. */
+/** The chosen object: its photo, position and earlier sightings. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { t, tn } from "../shared/i18n.js";
@@ -43,10 +43,10 @@ export function showObject(store) {
   });
 }
 
-/** Says that somebody has set the state. */
+/** Changes when the state is set. */
 const stamp = ({ state, state_time_s: time }) => `${state} ${time}`;
 
-/** What people say of the object: the same field however often its card is rendered, so that no word is lost. */
+/** The field for a note; reused when the card is rendered again, so that no text is lost. */
 function noteField() {
   return h("input", { class: "input", type: "text", maxlength: 500, placeholder: t("Note"), "aria-label": t("Note"), autocomplete: "off" });
 }
@@ -72,7 +72,7 @@ function content(store, object, { sightings, note }) {
   ].filter(Boolean);
 }
 
-/** How far people are with it, and who said so. */
+/** History of the object's state, and buttons to change it. */
 function task(store, object, note) {
   const buttons = stateButtons(store, object, note);
   const changes = (object.changes || []).toReversed().map((change) =>
@@ -89,12 +89,12 @@ function seen({ first_time_s: first, last_time_s: last, count: times }) {
   return times > 1 ? `${tn("{n} time", "{n} times", times)}: ${when}` : when;
 }
 
-/** The standard deviation of a position along its worst direction. */
+/** The largest standard deviation of a position over all directions. */
 function sigmaOf([east, north, both]) {
   return Math.sqrt((east + north) / 2 + Math.hypot((east - north) / 2, both));
 }
 
-/** How far apart the first and the last position are. */
+/** Distance between the first and the last position. */
 function moved(sightings) {
   const [first, last] = [sightings[0], sightings.at(-1)];
   return metresBetween([first.lat, first.lon], [last.lat, last.lon]);

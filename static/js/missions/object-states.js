@@ -1,11 +1,11 @@
-/** How far people are with an object: its states, and the buttons that set the next one. */
+/** States of an object as a task, and the buttons that set the next one. */
 
 import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
 import { toastError } from "../shared/toast.js";
 import { clockText } from "./format.js";
 
-/** What comes next, the usual one first. */
+/** Possible next states, the usual one first. */
 const NEXT = {
   found: ["confirmed", "dismissed"],
   confirmed: ["cleared", "dismissed"],
@@ -13,7 +13,7 @@ const NEXT = {
   dismissed: ["found"],
 };
 
-/** What an object has to be for somebody to go there. */
+/** Whether an object still needs work. */
 export const isOpen = ({ state }) => state === "found" || state === "confirmed";
 
 export function stateName(state) {
@@ -30,17 +30,17 @@ export function stateBadge(state) {
   return h("span", { class: look, "data-testid": "object-state" }, stateName(state));
 }
 
-/** Who has set the state, and when; empty for what nobody has looked at. */
+/** Who set the state, and when; empty if it was never set. */
 export function stateText({ state_by: by, state_time_s: time }) {
   if (time === null || time === undefined) return "";
   return by ? t("{name}, {time}", { name: by, time: clockText(time) }) : clockText(time);
 }
 
 /**
- * The buttons that set the next state; none for those who may only look.
+ * The buttons that set the next state; none without permission to edit.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {Object} object
- * @param {?HTMLInputElement} [note] has what goes into the history; empty when it is there
+ * @param {?HTMLInputElement} [note] text for the history; cleared when it is saved
  */
 export function stateButtons(store, object, note = null) {
   if (!store.missions.get(object.mission)?.can_edit) return [];

@@ -1,4 +1,4 @@
-/** The table of the objects: filter by class and words, sort by each column, choose one to see it on the map. */
+/** The table of objects: filter by class and text, sort by column, select one to see it on the map. */
 
 import { byId, h, queryAll, targetOf } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
@@ -18,11 +18,11 @@ const VALUES = {
   confidence: (object) => object.confidence ?? -1,
 };
 
-/** Table, filter and sort; what the filter leaves out is not on the map either. */
+/** Table, filter and sort order; the filter also applies to the map. */
 export class ObjectTable {
   /**
    * @param {import("./mission-store.js").MissionStore} store
-   * @param {function(Object): void} look called with the object that was chosen here
+   * @param {function(Object): void} look called with the object chosen here
    */
   constructor(store, look) {
     this.store = store;
@@ -52,7 +52,7 @@ export class ObjectTable {
     this.render();
   }
 
-  /** Objects of missions that were not asked for yet. */
+  /** Load the objects of missions that were not loaded yet. */
   async _load() {
     for (const mission of this.store.missions.values()) {
       if (this.asked.has(mission.id) || !mission.objects) continue;

@@ -1,4 +1,4 @@
-/** Other missions over this one: chosen from the list, named in the address so that a link shows the same. */
+/** Other missions shown together with this one: chosen from a list, and kept in the address for links. */
 
 import { openDialog } from "../shared/dialogs.js";
 import { byId, h } from "../shared/dom.js";
@@ -10,7 +10,7 @@ import { Live } from "./live-events.js";
 /**
  * @param {import("./mission-store.js").MissionStore} store
  * @param {function(): void} fit shows everything
- * @returns {function(number): void} takes a mission away again
+ * @returns {function(number): void} removes a mission
  */
 export function otherMissions(store, fit) {
   const following = new Map();

@@ -1,4 +1,4 @@
-/** Photos of the mission, and where the map says that they were taken. */
+/** Photos of the mission and their localization on its map. */
 
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon } from "../shared/dom.js";
@@ -12,9 +12,9 @@ import { ended } from "./job-progress.js";
 const CALM_MS = 800;
 
 /**
- * Keep the list of photos right.
+ * Keep the list of photos up to date.
  * @param {import("./mission-store.js").MissionStore} store
- * @param {function({lat: number, lon: number}): void} look shows a place
+ * @param {function({lat: number, lon: number}): void} look shows a position
  */
 export function showPhotos(store, look) {
   const server = store.server(store.id);
@@ -45,7 +45,7 @@ function render(store, photos, look) {
   byId("photos").replaceChildren(...photos.map((photo, n) => row(store, named(photo, n), look)));
 }
 
-/** Visitors see neither the name of the file nor what its EXIF says. */
+/** A photo with replacements for file name and EXIF time, which visitors do not get. */
 function named(photo, n) {
   return { ...photo, name: photo.name ?? t("Photo {id}", { id: n + 1 }), time_s: photo.time_s ?? photo.fix?.time ?? null };
 }
@@ -69,7 +69,7 @@ function row(store, photo, look) {
   return h("li", { class: "mi-photo" }, h("button", { class: "lo-past", type: "button", onclick: show }, image, text), ask);
 }
 
-/** A photo of a mission on a map can be asked about, once. */
+/** Whether a photo can be localized: on a mission with a map, and only once. */
 function canAsk({ mission }, { fix, fix_state: state }) {
   return mission.can_edit && mission.map && !fix && state !== "queued";
 }

@@ -1,4 +1,4 @@
-/** The time line: the slider, and the replay that moves it. */
+/** The timeline: the slider, and the replay that moves it. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -23,7 +23,7 @@ export class Player {
     this.button.addEventListener("click", () => this.toggle());
     this.now.addEventListener("click", () => this.end());
     store.on("missions shown grown moment", () => this._render());
-    byId("time").inert = false; // until now a click would have been lost
+    byId("time").inert = false; // inert until its listeners are attached
     this._render();
   }
 
@@ -31,7 +31,7 @@ export class Player {
     return this._playing !== 0;
   }
 
-  /** Begin or stop the replay; at the end it restarts. */
+  /** Start or stop the replay; at the end it restarts. */
   toggle() {
     if (this.playing) return this.stop();
     const { clock, moment } = this.store;
@@ -48,7 +48,7 @@ export class Player {
     this._render();
   }
 
-  /** Show everything, and what comes. */
+  /** Show everything, including new data. */
   end() {
     this.stop();
     this.store.setMoment(null);
@@ -77,14 +77,14 @@ export class Player {
     button.querySelector(".mi-pause").toggleAttribute("hidden", !this.playing);
     this.now.setAttribute("aria-pressed", String(moment === null && !this.store.mission?.ended_at));
     if (!clock) return;
-    byId("time").classList.toggle("is-instant", clock.span < SHORTEST_S); // one pose has no course
+    byId("time").classList.toggle("is-instant", clock.span < SHORTEST_S); // a single moment has no timeline
     slider.max = String(clock.span);
     slider.step = "any";
     slider.value = String(moment ?? clock.span);
     this._tell(clock, moment ?? clock.span);
   }
 
-  /** The words change ten times a second at most. */
+  /** Update the texts, at most ten times a second. */
   _tell({ first, span, aligned }, moment) {
     const now = performance.now();
     if (this.playing && now - this._shownAt < SHOWN_EVERY_MS) return;
@@ -95,7 +95,7 @@ export class Player {
     this.slider.setAttribute("aria-valuetext", text);
   }
 
-  /** Keys move by a share of the whole. @param {number} direction */
+  /** Move by a fraction of the timeline, for keys. @param {number} direction */
   step(direction) {
     const { clock, moment } = this.store;
     if (!clock) return;

@@ -1,4 +1,4 @@
-/** Speed, height or distance over the time line; pointing at it points at the map, a click goes there. */
+/** Speed, height or distance over the timeline; hovering marks the position on the map, a click goes to the moment. */
 
 import { byId, h, queryAll } from "../shared/dom.js";
 import { labelled, t } from "../shared/i18n.js";
@@ -83,7 +83,7 @@ export class Profile {
     this._draw();
   }
 
-  /** The most and the sum of what is shown first, in words, for those who do not see the chart. */
+  /** Maxima and totals of the first shown track as text, for screen readers, too. */
   _facts() {
     const shown = this.store.shown.find(({ key }) => this.received.has(key));
     const received = shown && this.received.get(shown.key);
@@ -96,7 +96,7 @@ export class Profile {
     if (!this._timed && heights && this.quantity === "speed") height.click();
   }
 
-  /** Without times that mean something, the chart goes along the way. */
+  /** Whether the chart is over time; without meaningful times, it is over the distance. */
   get _timed() {
     return this.store.clock?.span >= SHORTEST_S;
   }
@@ -136,7 +136,7 @@ export class Profile {
     if (this.hover !== null) this._pointed(pen, { x: x(this.hover), width, height, colour: ink.textSoft }, series);
   }
 
-  /** What the curves show where the pointer is. */
+  /** Draw the values at the pointer. */
   _pointed(pen, { x, width, height, colour }, series) {
     cursor(pen, x, { height, colour, width: 1 });
     const { column, text } = QUANTITIES[this.quantity];

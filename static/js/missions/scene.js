@@ -1,4 +1,4 @@
-/** Everything that is drawn on the ground, on one canvas, redrawn at every move. */
+/** Canvas with everything over the ground, redrawn at every move. */
 
 import { CanvasLayer } from "../shared/map/canvas-layer.js";
 import { ThemeColours } from "../shared/theme-colours.js";
@@ -10,7 +10,7 @@ import { drawTracks } from "./draw-tracks.js";
 const NEAR = { mouse: 14, touch: 24 };
 const INKS = ["rim", "grid", "grid-strong", "text", "halo", "robot", "current"].map((name) => `--mi-${name}`);
 
-/** A layer of Leaflet. */
+/** A Leaflet layer. */
 export class Scene extends CanvasLayer {
   /**
    * @param {import("./mission-store.js").MissionStore} store
@@ -30,7 +30,7 @@ export class Scene extends CanvasLayer {
     view.addEventListener("ground", () => this._inks.forget());
   }
 
-  /** Point at a moment of the time line. @param {?number} moment */
+  /** Mark a moment of the timeline on the map. @param {?number} moment */
   setHover(moment) {
     this.hover = moment;
     this._draw();
@@ -53,7 +53,7 @@ export class Scene extends CanvasLayer {
     drawMarks(pen, frame, this);
   }
 
-  /** How flat coordinates come to the screen, and the colours of the style sheet. */
+  /** Conversion of flat coordinates to the screen, and colours of the style sheet. */
   _frame(size) {
     const { ground } = this.view;
     const scale = this._map.getZoomScale(this._map.getZoom(), 0);

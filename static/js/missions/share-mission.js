@@ -1,4 +1,4 @@
-/** The links of a mission: who has one sees it without signing in. */
+/** The share links of a mission, which need no account to view it. */
 
 import { busy, confirmDialog, errorLine, openDialog } from "../shared/dialogs.js";
 import { h, icon } from "../shared/dom.js";

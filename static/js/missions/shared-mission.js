@@ -1,4 +1,4 @@
-/** A shared mission, for visitors: the same views as its owners have, to look at. */
+/** A shared mission for visitors: the same views as for its owners, read-only. */
 
 import { byId } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -59,7 +59,7 @@ function begin() {
   showLegend(store, lines);
   new Profile(store, scene, player);
   connectTabs(["tracks", "objects", "photos"]);
-  byId("panel").inert = false; // until now a click would have been lost
+  byId("panel").inert = false; // inert until its listeners are attached
   showObject(store);
   new ObjectTable(store, look);
   showPhotos(store, look);
@@ -78,7 +78,7 @@ function fitTo(view, tracks) {
   } else if (view.ground.bounds) view.map.fitBounds(view.ground.bounds, { animate: false });
 }
 
-/** Whether the mission is live; where it is, what is new is shown. */
+/** Show whether the mission is live, and follow new data. */
 function follow(view, fit) {
   const following = new Following(store);
   let empty = false;

@@ -1,4 +1,4 @@
-/** What a visitor's page asks the server of a shared mission, and how it follows a live one. */
+/** A visitor's requests about a shared mission, and polling of a live one. */
 
 import { get } from "../shared/api.js";
 import { MissionStore } from "./mission-store.js";
@@ -7,7 +7,7 @@ const ASK_MS = 3000;
 const SLOWEST_MS = 60000;
 const PAGE = 2000;
 
-/** The state of the page, of a mission that is known by the end of its address. */
+/** State of the page of a shared mission, which is identified by its token. */
 export class SharedStore extends MissionStore {
   /** @param {{id: number, token: string, symbols: import("./symbols.js").SymbolPaths[]}} page */
   constructor({ id, token, symbols }) {
@@ -33,7 +33,7 @@ function endpointsOf(base) {
   };
 }
 
-/** Asks again and again; fires `state` with whether the server answers, `gone` when the link was taken back. */
+/** Polls; fires `state` when the connection is lost or restored, `gone` when the link was revoked. */
 export class Following extends EventTarget {
   /** @param {SharedStore} store */
   constructor(store) {
@@ -47,7 +47,7 @@ export class Following extends EventTarget {
 
   start() {
     this._pause();
-    if (document.hidden) return; // who looks again starts it
+    if (document.hidden) return; // restarted when the page becomes visible
     this._timer = setTimeout(() => this._ask(), Math.min(ASK_MS * 2 ** this._failures, SLOWEST_MS));
   }
 

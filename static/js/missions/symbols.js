@@ -1,4 +1,4 @@
-/** Symbols of detected objects by their class; a class without a symbol is a disc with its first letter. */
+/** Symbols of detected objects by class; a class without a symbol gets a disc with its first letter. */
 
 import { svg as make } from "../shared/dom.js";
 import { inkOn, nthColour } from "./colour-scales.js";
@@ -11,9 +11,9 @@ const DISC = "M3 16a13 13 0 1 0 26 0a13 13 0 1 0-26 0Z";
  * @typedef {{colour: string, ink: string, frame: string, glyph: ?string, letter: string}} Sign
  */
 
-/** Symbols and colours of the classes there are. */
+/** Symbols and colours of the classes. */
 export class Symbols {
-  /** @param {SymbolPaths[]} paths the first one whose pattern fits a class counts */
+  /** @param {SymbolPaths[]} paths the first one whose pattern matches a class is used */
   constructor(paths) {
     this.paths = paths.map((one) => ({ ...one, pattern: new RegExp(one.pattern) }));
     /** @type {Map<string, Sign>} */

@@ -1,4 +1,4 @@
-/** The objects as tasks: what is open, what is done, and a tap that says how far one is. */
+/** The objects as tasks: open or done, with buttons to set their state. */
 
 import { byId, h, queryAll, targetOf } from "../shared/dom.js";
 import { locale } from "../shared/i18n.js";
@@ -8,11 +8,11 @@ import { isOpen, stateBadge, stateButtons, stateText } from "./object-states.js"
 const ROWS = 100;
 const NAMES = new Intl.Collator(locale, { numeric: true });
 
-/** Tasks of the page's own mission: the confirmed ones first, then what was found last. */
+/** Tasks of the page's mission: confirmed ones first, then the latest found. */
 export class TaskList {
   /**
    * @param {import("./mission-store.js").MissionStore} store
-   * @param {function(Object): void} look called with the object that was chosen here
+   * @param {function(Object): void} look called with the object chosen here
    */
   constructor(store, look) {
     this.store = store;

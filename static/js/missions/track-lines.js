@@ -1,6 +1,6 @@
 /**
- * The lines of the tracks that are shown: of each the whole in a few thousand points, and what is in view as fine as
- * the screen can show it. The server simplifies; new poses are added as they come.
+ * Lines of the shown tracks: each whole track with a few thousand points, and its visible part at the resolution of
+ * the screen. The server simplifies them; new poses are appended as they arrive.
  */
 
 import { debounce } from "../shared/timing.js";
@@ -17,7 +17,7 @@ const PAD = 0.5;
 const USUAL_SHARE = 0.98;
 const MOST_APPENDED = 5000;
 
-/** Loads lines; fires `change` when some have other points. */
+/** Loads lines; fires `change` when points change. */
 export class TrackLines extends EventTarget {
   /**
    * @param {import("./mission-store.js").MissionStore} store
@@ -40,18 +40,18 @@ export class TrackLines extends EventTarget {
     store.on("poses", ({ detail }) => this._append(detail));
   }
 
-  /** The line of a track as it is best seen now. @returns {?TrackPoints} */
+  /** The most detailed line of a track. @returns {?TrackPoints} */
   best(key) {
     return this.detail.get(key)?.line || this.whole.get(key)?.line || null;
   }
 
-  /** Where a track's robot was; the finer line is taken where it knows. */
+  /** Position of a track's robot at a time, from the line with the closest points. */
   at(key, time) {
     const found = [this.detail.get(key)?.line.at(time), this.whole.get(key)?.line.at(time)].filter(Boolean);
     return found.sort((a, b) => a.gap - b.gap)[0] || null;
   }
 
-  /** A speed that all but the rarest points of the shown tracks keep below, in m/s. */
+  /** A high quantile of the speeds of the shown tracks, m/s. */
   get fastest() {
     if (this._fastest === null) {
       const timed = this.store.shown.filter(({ track }) => track.timed);
@@ -61,7 +61,7 @@ export class TrackLines extends EventTarget {
     return this._fastest;
   }
 
-  /** Fetch the lines that are missing. @returns {Promise} when all shown ones are here */
+  /** Fetch the lines that are missing. @returns {Promise} resolved when all shown ones are loaded */
   load() {
     const wanted = this.store.shown.filter(({ track, key }) => track.poses && !this.whole.has(key));
     for (const key of this.whole.keys()) if (!this.store.track(key)) this._forget(key);
@@ -83,7 +83,7 @@ export class TrackLines extends EventTarget {
     await asked.finally(() => this._asking.delete(key));
   }
 
-  /** What is in view, where the whole line is too coarse for it. */
+  /** Fetch detailed lines of the view where the whole line is too coarse. */
   _details() {
     if (!this.view.ground) return;
     const box = this.view.box(PAD);
@@ -124,7 +124,7 @@ export class TrackLines extends EventTarget {
     const line = new TrackPoints(received, this.view.ground);
     const before = lines.get(key)?.line || this.whole.get(key)?.line;
     lines.set(key, { ...facts, line, appended: 0 });
-    if (before && before.last > line.last) line.append(tail(before, line.last)); // came while it was asked for
+    if (before && before.last > line.last) line.append(tail(before, line.last)); // arrived during the request
     this._changed();
   }
 
@@ -144,7 +144,7 @@ export class TrackLines extends EventTarget {
     this._changed();
   }
 
-  /** Poses that no event reported. */
+  /** Fetch poses that no event reported. */
   async _missed(key) {
     const kept = this.whole.get(key);
     const shown = this.store.track(key);
@@ -153,7 +153,7 @@ export class TrackLines extends EventTarget {
     if (received) this._append({ key, points: received.points });
   }
 
-  /** A line that has grown long is fetched again, simplified. */
+  /** Fetch a line again, simplified, after it has grown long. */
   async _again(key) {
     const shown = this.store.track(key);
     if (shown) await this._whole(shown);

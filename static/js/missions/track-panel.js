@@ -1,4 +1,4 @@
-/** The list of tracks: which are shown, how long they are, how far the end is from the start. */
+/** The list of tracks: visibility, length, and distance between start and end. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { locale, t, tn } from "../shared/i18n.js";
@@ -7,7 +7,7 @@ import { nthColour, sourceColour } from "./colour-scales.js";
 import { clockText, lengthText, percentText, SHORTEST_S, spanText, speedText, trackName } from "./format.js";
 
 /**
- * Keep the list right.
+ * Keep the list up to date.
  * @param {import("./mission-store.js").MissionStore} store
  * @param {{fit: function(Object): void, forget: function(number): void}} page
  */
@@ -52,7 +52,7 @@ function row(store, page, { mission, track, key }) {
     h("dl", { class: "facts small number mi-track__facts", "data-part": "facts" }, ...facts(track)));
 }
 
-/** Only the numbers change while a robot sends. */
+/** Update only the numbers, for new data. */
 function numbers(store, box) {
   for (const { track, key } of store.tracks) {
     const part = box.querySelector(`[data-key="${CSS.escape(key)}"] [data-part="facts"]`);

@@ -1,11 +1,11 @@
-/** Points of a track, as the server gives them and as they lie on the ground. */
+/** Points of a track, as received and in coordinates of the ground. */
 
 const EARTH_M = 6371008.8;
 const RADIANS = Math.PI / 180;
 
 /**
- * A line of points `[number, time_s, lat, lon, heading | null]` in the order of their numbers. `gaps`: places of
- * those that no line joins to the one before.
+ * A line of points `[number, time_s, lat, lon, heading | null]` in the order of their numbers. `gaps`: indices of
+ * points that are not joined to the previous one.
  * Columns: `number`, `time` (Unix s), `lat`, `lon`, `heading` (NaN: unknown), `speed` (m/s, from the point before),
  * `x` and `y` (flat coordinates of the ground).
  */
@@ -42,7 +42,7 @@ export class TrackPoints {
     return this.length ? this.number[this.length - 1] : -1;
   }
 
-  /** Add points; those that are here already are passed over. */
+  /** Append points, skipping known ones. */
   append(points) {
     for (const [number, time, lat, lon, heading] of points) {
       if (number <= this.last) continue;
@@ -57,7 +57,7 @@ export class TrackPoints {
     }
   }
 
-  /** Lie on another ground. */
+  /** Convert all points to another ground. */
   setGround(ground) {
     if (this.ground === ground) return;
     this.ground = ground;
@@ -78,7 +78,7 @@ export class TrackPoints {
   }
 
   /**
-   * Where the robot was at a time, between the points around it.
+   * Pose of the robot at a time, interpolated between points.
    * @returns {?{x: number, y: number, lat: number, lon: number, heading: number, speed: number, gap: number}} `gap`: seconds between
    *   the two points; null before the first
    */
@@ -95,7 +95,7 @@ export class TrackPoints {
     };
   }
 
-  /** Heading of a point; where the robot sent none, the direction to the next one. */
+  /** Heading of a point; if the robot sent none, the direction to the next point. */
   headingAt(n) {
     if (Number.isFinite(this.heading[n])) return this.heading[n];
     const [from, to] = n + 1 < this.length && !this.gaps.has(n + 1) ? [n, n + 1] : [n - 1, n];
@@ -105,7 +105,7 @@ export class TrackPoints {
   }
 
   _lay(lat, lon) {
-    // points may come before the background is chosen, on which setGround lays them
+    // before a ground is chosen; `setGround` converts them later
     const [x, y] = this.ground?.flat(lat, lon) || [NaN, NaN];
     this.x.push(x);
     this.y.push(y);

@@ -1,4 +1,4 @@
-/** The page with the jobs of a map: asks once a second while it can be seen and a job is active. */
+/** The page with the jobs of a map: polls once a second while it is visible and a job is active. */
 
 import { get } from "../shared/api.js";
 import { byId } from "../shared/dom.js";

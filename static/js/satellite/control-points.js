@@ -1,4 +1,4 @@
-/** Control points: clicked on the image and on a slippy map, dragged, or written into a table. */
+/** Control points: clicked on the image and on a slippy map, dragged, or entered in a table. */
 
 import { byId, h, icon } from "../shared/dom.js";
 import { metresText } from "../shared/format.js";
@@ -13,7 +13,7 @@ import { goTo, slippyMap } from "./tile-map.js";
 const FIELDS = { x: 1, y: 1, lat: 6, lon: 6 };
 const NEEDED = 2;
 
-/** The points, in both maps and in the table. A point may have only one of its two halves yet. */
+/** The points, in both maps and in the table. A point may be incomplete: only pixel or only latitude and longitude. */
 export class ControlPoints {
   /** @param {function(): void} changed */
   constructor(changed) {
@@ -22,7 +22,7 @@ export class ControlPoints {
     this.image = null;
     this.earth = null;
     byId("point-load").addEventListener("click", (event) => {
-      event.stopPropagation(); // or the map would take the click for a point
+      event.stopPropagation(); // otherwise the map would add a point
       this._loadEarth();
     });
     byId("point-add").addEventListener("click", () => this._written(this._add()));
@@ -30,7 +30,7 @@ export class ControlPoints {
     goTo(byId("point-goto"), () => this._loadEarth());
   }
 
-  /** Show the image; the slippy map waits for a click, since it asks another host. */
+  /** Show the image; the slippy map needs a click first, as it contacts another host. */
   open() {
     if (!this.image) {
       this.image = imageMap(byId("point-image"), page.satellite);
@@ -40,7 +40,7 @@ export class ControlPoints {
     this._next();
   }
 
-  /** What is to be asked of the server; null while there are too few points. */
+  /** Body of the request; null while there are too few points. */
   wish() {
     const whole = this.points.filter(isWhole);
     if (whole.length < NEEDED) return null;
@@ -48,7 +48,7 @@ export class ControlPoints {
     return { kind: "control-points", points, model: byId("point-model", HTMLSelectElement).value || null };
   }
 
-  /** Show what the server thinks: residuals in the table, arrows in both maps. */
+  /** Show the server's fit: residuals in the table, arrows in both maps. */
   show(received) {
     const whole = this.points.filter(isWhole);
     const known = received?.points?.length === whole.length ? received.points : [];
@@ -77,7 +77,7 @@ export class ControlPoints {
     return this.earth;
   }
 
-  /** Half of a point was clicked: it completes a point that lacks it, or begins a new one. */
+  /** Set the clicked half of a point: of an incomplete one that lacks it, or of a new one. */
   _half(first, values) {
     const names = first === "x" ? ["x", "y"] : ["lat", "lon"];
     const point = this.points.find((p) => !isWhole(p) && p[first] === null) || this._add();
@@ -116,7 +116,7 @@ export class ControlPoints {
     this.changed();
   }
 
-  /** Put its markers where the point is. */
+  /** Place the markers of a point. */
   _draw(point) {
     const number = this.points.indexOf(point) + 1;
     if (point.x !== null && point.y !== null && this.image) {
@@ -163,7 +163,7 @@ export class ControlPoints {
     );
   }
 
-  /** Rows are named by their numbers, which change when one is removed. */
+  /** Number the rows anew. */
   _number() {
     byId("points-frame").hidden = this.points.length === 0;
     const names = { x: "x", y: "y", lat: t("latitude"), lon: t("longitude") };
@@ -176,7 +176,7 @@ export class ControlPoints {
     });
   }
 
-  /** Say what to do next. */
+  /** Show the next step. */
   _next() {
     const half = this.points.find((p) => !isWhole(p));
     const whole = this.points.filter(isWhole).length;

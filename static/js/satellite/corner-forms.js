@@ -1,4 +1,4 @@
-/** Corners and world files: forms that say where the image is. */
+/** Forms for the position of the image: corners and world files. */
 
 import { byId, queryAll, targetOf } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -9,9 +9,9 @@ const TWO = ["top_left", "bottom_right"];
 const FOUR = ["top_left", "top_right", "bottom_left", "bottom_right"];
 
 /**
- * Connect the form of the corners; the present ones stand in it.
+ * Connect the form of the corners, filled with the present ones.
  * @param {function(): void} changed
- * @returns {function(): ?Object} what is to be asked of the server; null while it is incomplete
+ * @returns {function(): ?Object} body of the request; null while incomplete
  */
 export function cornersForm(changed) {
   const all = byId("all-corners", HTMLInputElement);
@@ -55,7 +55,7 @@ export function cornersForm(changed) {
 /**
  * Connect the form of a world file.
  * @param {function(): void} changed
- * @returns {function(): ?Object} as of `cornersForm`
+ * @returns {function(): ?Object} like `cornersForm`
  */
 export function worldfileForm(changed) {
   const text = byId("worldfile-text", HTMLTextAreaElement);
@@ -73,7 +73,7 @@ export function worldfileForm(changed) {
   };
 }
 
-/** Degrees to a millimetre. */
+/** Degrees as text, to about a millimetre. */
 function rounded(degrees) {
   return Number.isFinite(degrees) ? String(Number(degrees.toFixed(8))) : "";
 }

@@ -1,4 +1,4 @@
-/** The georeference: what the person says, what the server makes of it, and only then the change. */
+/** The georeference: input, preview of the server's result, and then the change. */
 
 import { del, post, put } from "../shared/api.js";
 import { busy, confirmDialog } from "../shared/dialogs.js";
@@ -12,7 +12,7 @@ import { base, movedPhotoNotes, note, page, panels, reloadWith } from "./page.js
 
 const WAIT_MS = 350;
 
-/** Connect the section; where it is folded, it waits: a map needs a size to be drawn. */
+/** Connect the section, once it is unfolded: a hidden map has no size. */
 export function georeferenceSection() {
   const section = byId("where", HTMLDetailsElement);
   if (section.open) connect();
@@ -53,7 +53,7 @@ async function forget() {
   reloadWith([{ kind: "success", text: t("The georeference was removed.") }]);
 }
 
-/** Asks the server what it thinks of a wish, and shows the answer. */
+/** Requests the server's verdict on an input, and shows it. */
 class Verdict {
   constructor() {
     this.source = null;
@@ -62,13 +62,13 @@ class Verdict {
     this.timer = null;
   }
 
-  /** Listen to another way of saying it. */
+  /** Use another form as the source. */
   from(source) {
     this.source = source;
     this.ask();
   }
 
-  /** Ask soon; what is typed in between is asked together. */
+  /** Send a request after a pause in typing. */
   ask() {
     if (!this.source) return;
     clearTimeout(this.timer);

@@ -1,4 +1,4 @@
-/** The page of a map's image: three ways to it, and three to where it is on the Earth. */
+/** The page of a map's image: three ways to get an image, and three to georeference it. */
 
 import { byId } from "../shared/dom.js";
 import { georeferenceSection } from "./georeference.js";
@@ -18,7 +18,7 @@ if (page.canEdit) {
   uploadForm();
   blankForm();
   const wanted = location.hash === "#map-service";
-  const proposed = Boolean(page.photos) && !page.satellite; // an area, without asking a service for anything
+  const proposed = Boolean(page.photos) && !page.satellite; // propose an area without contacting a service
   const tiles = new TilesPanel({ asked: wanted || !proposed, blank: () => choose("blank") });
   const choose = panels("way", (way) => way === "tiles" && tiles.open());
   if (wanted || proposed) choose("tiles");

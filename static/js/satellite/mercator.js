@@ -1,4 +1,4 @@
-/** How large an area of web map tiles is; the server decides in the same way (core/geo/tilegrid.py). */
+/** Size of an area in web map tiles; the server computes the same (core/geo/tilegrid.py). */
 
 const TILE = 256;
 const EARTH_M = 2 * Math.PI * 6378137;

@@ -1,4 +1,4 @@
-/** Asks how to treat placed photos that would not lie on a new image, when there are any. */
+/** Asks how to treat placed photos that would be outside a new image. */
 
 import { h } from "../shared/dom.js";
 import { t } from "../shared/i18n.js";
@@ -9,7 +9,7 @@ const ASKED = /would lie outside/;
 /**
  * Ask what to do next after an image was refused because of photos outside of it.
  * @param {{message: string}} error
- * @returns {Promise<?{scale: boolean, tray: boolean}>} null when it is another error, or nothing shall be done
+ * @returns {Promise<?{scale: boolean, tray: boolean}>} null for other errors, or if cancelled
  */
 export function outsideChoices(error) {
   if (!ASKED.test(error.message)) return Promise.resolve(null);

@@ -1,4 +1,4 @@
-/** What this page knows of its map, and words that outlive a reload. */
+/** Data of this page, and messages that survive a reload. */
 
 import { byId, h, icon, queryAll } from "../shared/dom.js";
 import { tn } from "../shared/i18n.js";
@@ -12,7 +12,7 @@ export const page = JSON.parse(document.getElementById("page").textContent);
 export const base = `/maps/${page.slug}`;
 
 /**
- * Show the page again, with messages at its top.
+ * Reload the page and show messages at its top.
  * @param {import("../shared/kept-notes.js").Note[]} notes
  */
 export function reloadWith(notes) {
@@ -20,7 +20,7 @@ export function reloadWith(notes) {
   location.reload();
 }
 
-/** The image is done: on to the photos, with messages. @param {import("../shared/kept-notes.js").Note[]} notes */
+/** Go on to the editor, which shows the messages. @param {import("../shared/kept-notes.js").Note[]} notes */
 export function toEditor(notes) {
   keepNotes(notes);
   location.assign(`${base}/edit`);
@@ -30,7 +30,7 @@ export function toEditor(notes) {
 export function showKeptNotes() {
   const kept = takeNotes();
   if (!kept.length) return;
-  history.scrollRestoration = "manual"; // they are at the top, the button that was pressed is far below
+  history.scrollRestoration = "manual"; // the messages are at the top, but the pressed button is far below
   scrollTo(0, 0);
   byId("notes").append(...kept.map(({ kind, text }) => note(kind, text)));
 }
@@ -52,7 +52,7 @@ export function note(kind, text, hint = null) {
 /**
  * Connect a row of buttons of which one is chosen, each with a panel.
  * @param {string} attribute of the buttons, `data-way`
- * @param {function(string): void} chosen called with the value of the button that is pressed
+ * @param {function(string): void} chosen called with the value of the pressed button
  * @returns {function(string): void} chooses one
  */
 export function panels(attribute, chosen) {

@@ -1,4 +1,4 @@
-/** Places by their names; the server asks a geocoder for them, where one is set, and only when a person asks. */
+/** Search for places by name; the server asks a geocoder, if configured, and only on request. */
 
 import { get } from "../shared/api.js";
 import { h } from "../shared/dom.js";
@@ -11,7 +11,7 @@ const CLOSEST = 18;
 
 /**
  * Make the search of a map.
- * @param {HTMLElement} list where the places found are shown, to choose one
+ * @param {HTMLElement} list list of the places found, to choose one
  * @param {function(): ?L.Map} map
  * @returns {function(string): Promise<void>}
  */

@@ -1,4 +1,4 @@
-/** A rectangle on a slippy map: four corners to drag, or to move by the arrow keys. */
+/** A rectangle on a slippy map, with corners to drag or to move by the arrow keys. */
 
 import { t } from "../shared/i18n.js";
 import { pin } from "../shared/map/pin.js";
@@ -7,7 +7,7 @@ import { eastOf } from "./tile-map.js";
 const CORNERS = [["north", "west"], ["north", "east"], ["south", "east"], ["south", "west"]];
 const STEP_PX = 8;
 
-/** Calls `changed` with `{north, south, west, east}` whenever the person has changed it. */
+/** Calls `changed` with `{north, south, west, east}` whenever it is changed by hand. */
 export class Rectangle {
   /**
    * @param {L.Map} map
@@ -21,7 +21,7 @@ export class Rectangle {
     this.handles = CORNERS.map((edges) => this._handle(edges));
   }
 
-  /** Show a rectangle; null takes it away. */
+  /** Show a rectangle; null hides it. */
   show(box) {
     this.box = box;
     for (const layer of [this.shape, ...this.handles]) {
@@ -36,12 +36,12 @@ export class Rectangle {
     CORNERS.forEach(([lat, lon], n) => this.handles[n].setLatLng([at[lat], at[lon]]));
   }
 
-  /** Take an area that somebody proposes. */
+  /** Set it to a proposed area. */
   propose({ north, south, west, east }) {
     this._set({ north, south, west, east });
   }
 
-  /** Take most of what the map shows. */
+  /** Set it to most of the view. */
   ofView() {
     const view = this.map.getBounds().pad(-0.12);
     this._set({ north: view.getNorth(), south: view.getSouth(), west: view.getWest(), east: view.getEast() });
@@ -68,7 +68,7 @@ export class Rectangle {
     this._move(edges, this.map.containerPointToLatLng(point));
   }
 
-  /** A corner stops before it would come to the other side of another one. */
+  /** Move a corner; it cannot pass the opposite one. */
   _move([lat, lon], { lat: north, lng: east }) {
     const box = { ...this.box, [lat]: north, [lon]: east };
     if (box.north > box.south && box.west < box.east) this._set(box);

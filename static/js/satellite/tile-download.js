@@ -17,11 +17,11 @@ const GOOD_SIDE_PX = 2000;
 const ASK_MS = 700;
 const DOT = { radius: 4, className: "sat-photo", interactive: false };
 
-/** The panel; its map is made when it is first shown. */
+/** The panel; its map is created when it is first shown. */
 export class TilesPanel {
   /**
-   * @param {{asked: boolean, blank: function(): void}} options whether the service may be asked for tiles as soon as
-   *   the panel opens; shows the panel of a blank plan instead
+   * @param {{asked: boolean, blank: function(): void}} options `asked`: whether tiles may be requested as soon as the
+   *   panel opens; `blank` shows the panel of a blank plan instead
    */
   constructor({ asked, blank }) {
     this.asked = asked;
@@ -43,7 +43,7 @@ export class TilesPanel {
     });
   }
 
-  /** Show the map, and the area around the photos where there are any. */
+  /** Show the map, and the area around the photos if there are any. */
   open() {
     if (this.slippy) return;
     const load = this.asked ? null : byId("tile-load", HTMLButtonElement);
@@ -72,7 +72,7 @@ export class TilesPanel {
     this._estimate();
   }
 
-  /** The zoom at which the image has a good size. */
+  /** Choose the zoom at which the image has a good size. */
   _goodZoom() {
     const { max_tiles } = this.slippy.service();
     for (let zoom = Number(this.zoom.max); zoom > 0; zoom -= 1) {
@@ -142,7 +142,7 @@ export class TilesPanel {
     }
   }
 
-  /** Without a network there is still a way to an image. */
+  /** An error message that offers a blank plan, which needs no network. */
   _problem({ message, hint }) {
     const shown = note("danger", message, hint);
     const button = h("button", { class: "button", type: "button", onclick: this.blank }, icon("image"), t("Blank plan"));
@@ -150,7 +150,7 @@ export class TilesPanel {
     return shown;
   }
 
-  /** Tiles that are being fetched for this map already, since before the page was loaded. */
+  /** Follow a running job that fetches tiles for this map. */
   async _resume() {
     const { jobs } = await get(`/jobs?map=${encodeURIComponent(page.slug)}`);
     const live = jobs.find(({ kind, state }) => kind === "satellite-tiles" && (state === "queued" || state === "running"));

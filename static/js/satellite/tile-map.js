@@ -1,4 +1,4 @@
-/** Slippy maps of the tile services that the server names; nothing is asked of them before one is shown. */
+/** Slippy maps of the configured tile services, which are not contacted before one is shown. */
 
 import { t } from "../shared/i18n.js";
 import { parseLatLon } from "../shared/map/coords.js";
@@ -11,10 +11,10 @@ const EUROPE = { center: [49, 12], zoom: 4 };
 const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 /**
- * Make a slippy map where the photos or the image are, else where the last one was.
+ * Make a slippy map at the photos or the image, else at the last position.
  * @param {HTMLElement} element
  * @param {HTMLSelectElement} select of the service
- * @param {{load?: ?HTMLButtonElement}} [options] a button that has to be pressed before tiles are asked for
+ * @param {{load?: ?HTMLButtonElement}} [options] `load`: a button to press before tiles are requested
  * @returns {{map: L.Map, service: function(): Object}}
  */
 export function slippyMap(element, select, { load = null } = {}) {
@@ -47,10 +47,10 @@ export function slippyMap(element, select, { load = null } = {}) {
 }
 
 /**
- * Let a field move a map to a written place.
+ * Let a field move a map to an entered position.
  * @param {HTMLInputElement} input
  * @param {function(): ?L.Map} map
- * @param {?function(string): void} [search] for what is no position, when it is asked for
+ * @param {?function(string): void} [search] called on request with text that is no position
  */
 export function goTo(input, map, search = null) {
   const go = ({ asked }) => {
@@ -70,7 +70,7 @@ export function goTo(input, map, search = null) {
 }
 
 /**
- * Let a button move a map to where the device is.
+ * Let a button move a map to the position of the device.
  * @param {HTMLButtonElement} button
  * @param {function(): ?L.Map} map
  */
@@ -89,7 +89,7 @@ function tiles({ url, attribution, max_zoom }) {
     attribution: escaped(attribution),
     maxNativeZoom: max_zoom,
     maxZoom: 22,
-    // services want to know which site shows their tiles, and no more than that
+    // tile services require the referring site; send no more than its origin
     referrerPolicy: "strict-origin-when-cross-origin",
   });
 }
@@ -100,7 +100,7 @@ function escaped(text) {
   return made.innerHTML;
 }
 
-/** The eastern edge of an area; beyond 180 degrees where the area lies across that meridian. */
+/** The eastern edge of an area; beyond 180 degrees if the area crosses the antimeridian. */
 export function eastOf({ west, east }) {
   return east < west ? east + 360 : east;
 }

@@ -32,7 +32,7 @@ export function blankForm() {
   });
 }
 
-/** Try it, and once more when the person has decided about photos outside. */
+/** Run a request, and again after a decision about photos outside the image. */
 async function trying(run) {
   let answer;
   try {
@@ -58,7 +58,7 @@ async function send(form, bar, choice) {
   for (const [name, value] of Object.entries(choice)) body.append(name, String(value));
   bar.hidden = false;
   bar.removeAttribute("value");
-  // when all is sent, the server still looks at every pixel of it
+  // after the upload, the server still processes the image
   const onProgress = (sent, all) => (sent < all ? (bar.value = sent / all) : bar.removeAttribute("value"));
   try {
     return await upload(`${base}/satellite`, { method: "PUT", body, onProgress });

@@ -29,10 +29,10 @@ export class ApiError extends Error {
  * @param {Object} [options]
  * @param {string} [options.method]
  * @param {*} [options.json] sent as JSON
- * @param {BodyInit} [options.body] sent as it is: a FormData, a Blob
+ * @param {BodyInit} [options.body] sent unchanged: a FormData, a Blob
  * @param {Object<string, string>} [options.headers]
  * @param {AbortSignal} [options.signal]
- * @param {boolean} [options.patient] whether to ask again when the network fails; what changes something is sent once
+ * @param {boolean} [options.patient] whether to retry when the network fails or the server is busy; by default only GET and HEAD
  * @returns {Promise<*>} the answer's JSON; null for an empty one
  * @throws {ApiError}
  */
@@ -70,7 +70,7 @@ export async function file(path) {
 }
 
 /**
- * Fetch a page of this site; who is signed out meanwhile is led to the sign-in.
+ * Fetch a page of this site; if the session has ended, reload, which leads to the sign-in page.
  * @param {string} address
  * @returns {Promise<Document>}
  * @throws {ApiError}
@@ -147,7 +147,7 @@ async function once(path, options, base = BASE) {
   }
 }
 
-/** What changes nothing can be asked again when the network fails, or when a busy server asks for it. */
+/** Retry when the network fails, or when a busy server asks for it; for requests that change nothing. */
 async function patiently(path, options, base = BASE) {
   for (let wait of WAIT_MS) {
     try {
@@ -164,7 +164,7 @@ async function patiently(path, options, base = BASE) {
   return once(path, options, base);
 }
 
-/** How long a busy server asks to wait, where that is a moment; else null. @param {Response} response */
+/** Milliseconds that a busy server asks to wait, if that is short; else null. @param {Response} response */
 function busyMs(response) {
   const seconds = Number(response.headers.get("Retry-After") || NaN);
   return response.status === 503 && seconds <= MOST_WAIT_S ? seconds * 1000 : null;
@@ -174,7 +174,7 @@ async function read(response) {
   const isJson = (response.headers.get("Content-Type") || "").includes("json");
   if (response.ok) {
     const answer = isJson && response.status !== 204 ? await response.json() : null;
-    if (answer?.job) window.dispatchEvent(new Event("expmap:job")); // work was begun, which the header shows
+    if (answer?.job) window.dispatchEvent(new Event("expmap:job")); // a job was started; the header shows it
     return answer;
   }
   const failure = isJson ? (await response.json()).error : null;
@@ -194,7 +194,7 @@ function offline() {
 
 let lastState = "";
 
-/** Pages listen for these on `window`: `expmap:offline`, `expmap:online`. */
+/** Fire `expmap:offline` or `expmap:online` on `window` when the state changes. */
 function announce(state) {
   if (lastState === state) return;
   lastState = state;

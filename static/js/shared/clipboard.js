@@ -1,9 +1,9 @@
-/** Text for other programs. */
+/** Copying text. */
 
 import { toast } from "./toast.js";
 
 /**
- * Put text into the clipboard; without https the browser has none, and the text is shown instead.
+ * Copy text to the clipboard; without https there is no clipboard, and the text is shown instead.
  * @param {string} text
  * @param {string} confirmation
  */

@@ -1,4 +1,4 @@
-/** Which column of a table holds what, for tables whose heads the server would not understand. */
+/** Choice of the columns of a table, for tables whose headers the server would not recognise. */
 
 import { h } from "./dom.js";
 import { t } from "./i18n.js";
@@ -12,15 +12,15 @@ const SEPARATORS = [";", "\t", ",", "|", " "];
  * @property {string} name
  * @property {function(): string} label
  * @property {string[]} units the usual one first
- * @property {RegExp} usual heads that say it by themselves
- * @property {boolean} [needed] besides a position
+ * @property {RegExp} usual headers that are recognised
+ * @property {boolean} [needed] in addition to a position
  */
 
 /**
- * Let a person say it; where the heads say it, the choice is folded.
+ * Let a person assign the columns; the choice is folded if the headers are recognised.
  *
  * @param {Field[]} fields
- * @param {function(File, string): boolean} isTable whether a file, which begins so, is one
+ * @param {function(File, string): boolean} isTable whether a file with this beginning is a table
  * @returns {{element: HTMLElement, look: function(?File): Promise<void>, complete: function(): boolean, value: function(): string}}
  */
 export function columnChoice(fields, isTable) {
@@ -35,7 +35,7 @@ export function columnChoice(fields, isTable) {
   };
   return {
     element,
-    /** Whether a table can be read so. */
+    /** Whether a table can be read with this choice. */
     complete,
     async look(file) {
       [rows, changed, element.hidden] = [[], false, true];
@@ -47,7 +47,7 @@ export function columnChoice(fields, isTable) {
       element.replaceChildren(h("summary", {}, t("Columns of the table")), h("div", { class: "columns" }, ...rows.map(({ box }) => box)));
       element.hidden = false;
     },
-    /** As the server reads it; empty where it shall guess. */
+    /** The choice in the server's syntax; empty to let the server guess. */
     value() {
       const chosen = rows.filter(({ column }) => column.value);
       return changed ? chosen.map(({ name, column, unit }) => `${name}=${column.value}${unit ? `:${unit.value}` : ""}`).join(", ") : "";
@@ -57,7 +57,7 @@ export function columnChoice(fields, isTable) {
 
 function row({ name, label, units, usual }, heads) {
   const id = `column-${name}`;
-  const options = heads.map((head, n) => h("option", { value: n + 1 }, head)); // by number: heads may hold any sign
+  const options = heads.map((head, n) => h("option", { value: n + 1 }, head)); // by number: headers may contain any character
   const column = h("select", { class: "select", id }, h("option", { value: "" }, "–"), ...options);
   const found = heads.findIndex((head) => usual.test(plain(head)));
   column.value = found < 0 ? "" : String(found + 1);
@@ -68,7 +68,7 @@ function row({ name, label, units, usual }, heads) {
   return { name, column, unit, box };
 }
 
-/** A head without its unit in brackets, its words joined as the server joins them. */
+/** A header without its unit in brackets, its words joined as on the server. */
 function plain(head) {
   return head.replace(/\s*[[(][^)\]]*[\])]$/, "").replace(/[\s.-]+/g, "_");
 }

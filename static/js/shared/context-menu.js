@@ -1,4 +1,4 @@
-/** A menu at the pointer: arrow keys go through it, Escape and a click elsewhere close it. */
+/** A menu at the pointer: arrow keys move in it, Escape and a click elsewhere close it. */
 
 import { h, icon, queryAll } from "./dom.js";
 
@@ -8,11 +8,11 @@ const EDGE = 8;
 /** @typedef {{icon: string, label: string, run?: function(): void, href?: string, danger?: boolean}} Item */
 
 /**
- * Open one; there is one at a time.
+ * Open a context menu; an open one is closed.
  * @param {{x: number, y: number}} at in the window
- * @param {string} label for those who do not see it
+ * @param {string} label for screen readers
  * @param {Array<Item|false|null>} items
- *   false and null are left out; one with `href` is a link to another page
+ *   false and null are left out; an item with `href` is a link to another page
  */
 export function openContextMenu(at, label, items) {
   document.querySelector(".context-menu")?.remove();

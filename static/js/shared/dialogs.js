@@ -1,4 +1,4 @@
-/** Dialogs: a question, a line of text, or a form of the page's own. */
+/** Dialogs: a question, a line of text, or a custom form. */
 
 import { h, targetOf } from "./dom.js";
 import { t } from "./i18n.js";
@@ -10,7 +10,7 @@ import { sentence } from "./toast.js";
  * @param {string} words.title
  * @param {string} [words.text]
  * @param {string} words.action on the button
- * @param {boolean} [words.danger] whether it cannot be taken back
+ * @param {boolean} [words.danger] whether the action cannot be undone
  * @returns {Promise<boolean>}
  */
 export function confirmDialog({ title, text = "", action, danger = false }) {
@@ -22,11 +22,11 @@ export function confirmDialog({ title, text = "", action, danger = false }) {
 }
 
 /**
- * Ask for a line of text and do something with it; the dialog stays, with the reason, when that fails.
+ * Ask for a line of text and submit it; if that fails, the dialog stays open and shows the error.
  * @param {Object} words
  * @param {string} words.title
  * @param {string} words.label of the field
- * @param {string} [words.value] that the field begins with
+ * @param {string} [words.value] initial value
  * @param {string} words.action on the button
  * @param {string} [words.testid] of the field
  * @param {number} [words.maxlength]
@@ -57,8 +57,8 @@ export function askDialog({ title, label, value = "", action, testid, maxlength 
 }
 
 /**
- * Keep a button from being pressed again until something is done.
- * @param {?EventTarget} button the one that was pressed; null where none was
+ * Disable a button until an action has finished.
+ * @param {?EventTarget} button the pressed button, or null
  * @param {function(): Promise<void>} run
  */
 export async function busy(button, run) {
@@ -97,11 +97,11 @@ function show(dialog) {
 }
 
 /**
- * Open a dialog; it is gone when it is closed.
+ * Open a dialog, which is removed when it is closed.
  * @param {string} title
  * @param {Array<Node>} body
- * @param {{actions?: Array<Node>, modeless?: boolean}} [options] `actions` stand next to the button that closes;
- *   `modeless`: the image stays visible and usable
+ * @param {{actions?: Array<Node>, modeless?: boolean}} [options] `actions` are buttons next to the one that closes;
+ *   `modeless`: the page stays visible and usable
  * @returns {HTMLDialogElement}
  */
 export function openDialog(title, body, { actions = [], modeless = false } = {}) {
@@ -130,7 +130,7 @@ export function field(label, input, hint = "") {
   return h("div", { class: "field" }, h("label", { for: input.id }, label), input, description);
 }
 
-/** A place for the reason why something in a dialog did not work. */
+/** A line for error messages in a dialog. */
 export function errorLine() {
   const line = h("p", { class: "dialog__error", role: "alert", "data-testid": "error-message", hidden: true });
   return Object.assign(line, {

@@ -3,10 +3,10 @@
 const SVG = "http://www.w3.org/2000/svg";
 
 /**
- * Find an element that the template promises.
+ * Find an element that must exist in the page.
  * @template {HTMLElement} T
  * @param {string} id
- * @param {{new(): T}} [kind] class that the element has to be of
+ * @param {{new(): T}} [kind] required class of the element
  * @returns {T}
  */
 export function byId(id, kind) {
@@ -29,10 +29,10 @@ export function queryAll(selector, kind, root = document) {
 }
 
 /**
- * The element that an event is about.
+ * The target element of an event.
  * @template {HTMLElement} T
  * @param {Event} event
- * @param {{new(): T}} [kind] class that the element has to be of
+ * @param {{new(): T}} [kind] required class of the element
  * @returns {T}
  */
 export function targetOf(event, kind) {
@@ -69,7 +69,7 @@ export function h(tag, props = {}, ...children) {
 }
 
 /**
- * Make an icon that screen readers pass over.
+ * Make an icon that is hidden from screen readers.
  * @param {string} name of a symbol in static/img/icons.svg
  * @returns {SVGElement}
  */
@@ -78,7 +78,7 @@ export function icon(name) {
 }
 
 /**
- * Make an element of a drawing.
+ * Make an SVG element.
  * @param {string} tag
  * @param {Object<string, *>} attributes
  * @param {...SVGElement} children
@@ -108,7 +108,7 @@ export function closeMenus(page) {
   const escape = (event) => {
     if (event.key !== "Escape") return;
     for (const menu of open()) {
-      event.preventDefault(); // it is not for what lies below
+      event.preventDefault(); // handled here: others ignore this Escape
       menu.open = false;
       menu.querySelector("summary").focus();
     }
@@ -116,12 +116,12 @@ export function closeMenus(page) {
   page.addEventListener("keydown", escape, { capture: true });
 }
 
-/** Let no press on selected text drag that text, which cancels the pointer: here a hand drags something else. */
+/** Prevent the browser's own drag of selected text, which would cancel the pointer events of a drag. */
 export function preventTextDrag(element) {
   element.addEventListener("dragstart", (event) => event.preventDefault());
 }
 
-/** Whether keys that are pressed there write text. */
+/** Whether key presses in an element enter text or change its value. */
 export function takesText(element) {
   if (!(element instanceof HTMLElement)) return false;
   if (element.isContentEditable || element.matches("textarea, select")) return true;

@@ -1,4 +1,4 @@
-/** Files that are dropped, pasted or chosen: folders are walked, and what belongs to the system is left out. */
+/** Files that are dropped, pasted or chosen: folders are walked, system files are left out. */
 
 import { takesText } from "./dom.js";
 import { t } from "./i18n.js";
@@ -30,14 +30,14 @@ export function listenToDrops(shade, take) {
 }
 
 /**
- * Listen to pictures that are pasted; what the clipboard makes of a picture has no name of its own.
+ * Listen for pasted images; an image without a file name gets one from the time.
  * @param {function(File[]): void} take
  */
 export function listenToPastes(take) {
   document.addEventListener("paste", (event) => {
     const data = event.clipboardData;
     const files = usable(data?.files ?? []);
-    const isText = takesText(event.target) && data?.types.includes("text/plain"); // some programs copy both
+    const isText = takesText(event.target) && data?.types.includes("text/plain"); // some programs copy text and an image of it
     if (!files.length || isText || document.querySelector("dialog[open]")) return;
     event.preventDefault();
     take(files.map((file) => (file.name === UNNAMED ? named(file) : file)));
@@ -50,12 +50,12 @@ function named(file) {
   return new File([file], name, { type: file.type, lastModified: file.lastModified });
 }
 
-/** Leave out what file managers leave behind. @param {Iterable<File>} files */
+/** Leave out hidden files and files of file managers. @param {Iterable<File>} files */
 export function usable(files) {
   return [...files].filter(({ name }) => !SYSTEM.test(name));
 }
 
-/** All files of a drop, those inside folders too. The entries have to be taken before the first wait. */
+/** All files of a drop, including those in folders. The entries must be read before the first await. */
 async function filesOf(transfer) {
   const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   if (!entries.length) return [...transfer.files];

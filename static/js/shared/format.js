@@ -1,49 +1,49 @@
-/** Times and sizes for people, in the language of the page. */
+/** Formats times, sizes and accuracies in the language of the page. */
 
 import { duration, locale, t } from "./i18n.js";
 
 const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "medium" });
 
-/** A time as it was on the camera's own clock. @param {string} iso */
+/** A time as the camera's clock showed it, without conversion of the time zone. @param {string} iso */
 export function clockText(iso) {
   const parsed = new Date(iso.replace(/(Z|[+-]\d\d:?\d\d)$/, ""));
   return Number.isNaN(parsed.getTime()) ? iso : clock.format(parsed);
 }
 
-/** How long something will still take. @param {number} seconds */
+/** The remaining time. @param {number} seconds */
 export function leftText(seconds) {
   return seconds < 5 ? t("a few seconds left") : t("{time} left", { time: duration(seconds) });
 }
 
-/** A size of a file. @param {number} bytes */
+/** A file size. @param {number} bytes */
 export function sizeText(bytes) {
   const number = (value) => value.toLocaleString(locale, { maximumFractionDigits: value < 10 ? 1 : 0 });
   if (bytes < 1e6) return `${number(Math.max(bytes / 1e3, 0.1))} kB`;
   return bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`;
 }
 
-/** How far off a position may be. @param {number} metres */
+/** The accuracy of a position. @param {number} metres */
 export function accuracyText(metres) {
   return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)} m`;
 }
 
-/** How far off a position on the image may be. @param {number} pixels @param {?number} metresPerPixel */
+/** The accuracy of a position on the image, in metres if the scale is known. @param {number} pixels @param {?number} metresPerPixel */
 export function offText(pixels, metresPerPixel) {
   return metresPerPixel ? accuracyText(Math.max(0.1, pixels * metresPerPixel)) : t("{n} px", { n: Math.max(1, Math.round(pixels)) });
 }
 
-/** Metres for people: three digits, and not finer than a millimetre. */
+/** A length in metres with three significant digits; 0 below a millimetre. */
 export function metresText(value) {
   return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });
 }
 
-/** Whether an address leads to the computer itself, whoever opens it. @param {string} address of a page */
+/** Whether an address is a loopback address, which works only on the computer itself. @param {string} address of a page */
 export function isLoopback(address) {
   const { hostname } = new URL(address);
   return hostname === "[::1]" || /^(127(\.\d+){3}|(.*\.)?localhost)$/.test(hostname);
 }
 
-/** A probability in percent; never 0 or 100 for what is neither. */
+/** A probability in percent; "< 1 %" and "> 99 %" near the ends. */
 export function percentText(probability) {
   const percent = probability * 100;
   if (percent > 0 && percent < 1) return "< 1\u00a0%";

@@ -1,5 +1,5 @@
 /**
- * Words in the language of the page. The catalogue comes with the page (`#i18n`); what it lacks stays English.
+ * Texts in the language of the page. The catalogue is embedded in the page (`#i18n`); missing texts stay English.
  */
 
 const { language, plurals, messages } = JSON.parse(document.getElementById("i18n").textContent);
@@ -19,7 +19,7 @@ export function t(text, values = {}) {
 }
 
 /**
- * Translate what depends on a number.
+ * Translate a text that depends on a number.
  * @param {string} one English, for one
  * @param {string} many English, for any other number
  * @param {number} n also the value of `{n}`
@@ -32,7 +32,7 @@ export function tn(one, many, n, values = {}) {
   return fill(form, { n: n.toLocaleString(language), ...values });
 }
 
-/** "Label: value" as the language writes it: French has a space before the colon. */
+/** "Label: value" with the punctuation of the language: French has a space before the colon. */
 export function labelled(label, value) {
   return t("{label}: {value}", { label, value });
 }

@@ -1,4 +1,4 @@
-/** A list of jobs: what each does and why, how far it is, what went wrong; kept up to date without losing the focus. */
+/** A list of jobs with their purpose, progress and errors, updated without losing the focus. */
 
 import { post } from "./api.js";
 import { busy } from "./dialogs.js";
@@ -6,7 +6,7 @@ import { h, icon } from "./dom.js";
 import { duration, moment, t } from "./i18n.js";
 import { sentence, toastError } from "./toast.js";
 
-/** What comes of a job, where its name does not say it. */
+/** The purpose of a job, if its name does not show it. */
 export const REASONS = {
   index: () => t("New photos will be found on this map."),
   evaluate: () => t("It shows how often and how precisely photos are found."),
@@ -34,7 +34,7 @@ export class JobList {
     this.shown = new Map();
   }
 
-  /** Only what has changed is rebuilt: a button that has the focus keeps it. @param {Object[]} jobs */
+  /** Rebuild only rows whose job changed its state: a focused button keeps the focus. @param {Object[]} jobs */
   show(jobs) {
     for (const [id, { row }] of this.shown) {
       if (jobs.some((job) => job.id === id)) continue;
@@ -72,7 +72,7 @@ export class JobList {
       (live || job.error) && h("div", { class: "job__body" }, live ? progress(job) : reason(job.error)));
   }
 
-  /** For which map, who has started it, and what for. */
+  /** For which map and why the job runs, and who started it. */
   _why({ kind, map, map_name: name, by, mine }) {
     const place = this.maps && map && h("a", { href: `/maps/${encodeURIComponent(map)}/jobs` }, name);
     const who = mine ? t("started by you") : by ? t("started by {name}", { name: by }) : t("started by a change");
@@ -116,7 +116,7 @@ function words(job) {
   return parts.filter(Boolean).join(" · ");
 }
 
-/** What is away for which a job waits, and when it is tried again; "" where it waits for nothing but its turn. */
+/** What a queued job is waiting for and when it is retried; "" if it only waits for a worker. */
 export function waitingFor({ state, note, next_try_s: pause }) {
   if (state !== "queued" || pause === null) return "";
   return [note, t("retrying in {time}", { time: duration(pause) })].join(" · ");
@@ -142,7 +142,7 @@ function badge(state) {
 
 /**
  * Name a kind of job.
- * @param {string} kind as the server calls it
+ * @param {string} kind name used by the server
  * @returns {string}
  */
 export function kindName(kind) {

@@ -1,4 +1,4 @@
-/** The menu of the header with what is being worked on, on all maps; its button says how much that is. */
+/** The header's menu with the jobs of all maps; its button shows the number of active jobs. */
 
 import { get } from "./api.js";
 import { byId } from "./dom.js";
@@ -9,7 +9,7 @@ import { toastError } from "./toast.js";
 const OPEN_MS = 1000;
 const BUSY_MS = 5000;
 
-/** Connect the menu; a page for visitors has none. Nothing is asked for again while nothing is at work. */
+/** Connect the menu; pages for visitors have none. It polls only while jobs are active. */
 export function connectJobs() {
   const menu = document.getElementById("jobs-menu");
   if (!(menu instanceof HTMLDetailsElement)) return;
@@ -25,7 +25,7 @@ export function connectJobs() {
     sayHowMany(live);
     byId("jobs-menu-none").hidden = jobs.length > 0;
     const pressed = menu.matches(":active");
-    if (menu.open && !pressed) list.show(jobs); // what is being pressed stays
+    if (menu.open && !pressed) list.show(jobs); // do not replace a button that is being pressed
     if (live || pressed) soon();
   };
   const soon = () => (timer = setTimeout(watch, menu.open ? OPEN_MS : BUSY_MS));
@@ -45,7 +45,7 @@ export function connectJobs() {
   addEventListener("expmap:job", () => {
     begun += 1;
     const mine = begun;
-    setTimeout(() => mine === begun && watch(), 300); // several that are begun together are asked for once
+    setTimeout(() => mine === begun && watch(), 300); // one request for several jobs that start together
   });
   watch();
 }

@@ -1,4 +1,4 @@
-/** Messages that outlive the page on which they came up: the next page of the map shows them. */
+/** Messages that the next page of the map shows. */
 
 const KEY = "expmap-notes";
 
@@ -9,7 +9,7 @@ export function keepNotes(notes) {
   sessionStorage.setItem(KEY, JSON.stringify(notes));
 }
 
-/** Take what was kept. @returns {Note[]} */
+/** Return the kept messages and forget them. @returns {Note[]} */
 export function takeNotes() {
   const kept = JSON.parse(sessionStorage.getItem(KEY) || "[]");
   sessionStorage.removeItem(KEY);

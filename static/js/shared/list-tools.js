@@ -5,35 +5,35 @@ import { byId, h, queryAll } from "./dom.js";
 import { locale, t, tn } from "./i18n.js";
 import { toast, toastError } from "./toast.js";
 
-const PAUSE_MS = 200; // between keys, before the server is asked
+const PAUSE_MS = 200; // after the last key, before the server is asked
 
 const names = new Intl.Collator(locale, { numeric: true });
 
 /** Compares cards by their names. @param {HTMLElement} a @param {HTMLElement} b */
 export const byName = (a, b) => names.compare(a.dataset.name, b.dataset.name);
 
-/** Compares cards by a number of theirs, the largest first. @param {string} field of their data */
+/** Compares cards by a number, the largest first. @param {string} field of `dataset` */
 export const largest = (field) => (a, b) => Number(b.dataset[field]) - Number(a.dataset[field]);
 
 /**
  * @typedef {Object} Actions
- * @property {string} kept name under which the browser keeps the order
- * @property {Object<string, function(HTMLElement, HTMLElement): number>} orders by the values of the choice; the list has its own besides
+ * @property {string} kept key in the browser's storage for the chosen order
+ * @property {Object<string, function(HTMLElement, HTMLElement): number>} orders by the value of the selection; for other values, the server's order
  * @property {function(string): Promise<*>} bin
  * @property {function(string): Promise<*>} restore
- * @property {function(number): string} binned says how many are in the bin
- * @property {function(): Promise<*>} [whole] brings the rest of a list of which a part is shown
- * @property {function(string): Promise<*>} [search] brings those cards of such a list that a text finds; all for an empty one
+ * @property {function(number): string} binned message after as many cards were moved to the bin
+ * @property {function(): Promise<*>} [whole] loads the rest of a list that is shown in part
+ * @property {function(string): Promise<*>} [search] loads the cards of such a list that match a text; an empty text matches all
  */
 
-/** The tools of one list. Cards have `data-key`, `data-name`, the address `data-file`, and a checkbox `data-pick` where they can be chosen. */
+/** The tools of one list. Cards have `data-key`, `data-name`, the address `data-file`, and a checkbox `data-pick` if they can be selected. */
 export class ListTools {
   /** @param {HTMLElement} list @param {Actions} actions */
   constructor(list, actions) {
     this.list = list;
     this.actions = actions;
     this.isWhole = !actions.whole;
-    this.searched = ""; // what the cards were searched for by the server
+    this.searched = ""; // text for which the server found the present cards
     this.timer = 0;
     this.input = byId("list-search", HTMLInputElement);
     this.select = byId("list-sort", HTMLSelectElement);
@@ -56,7 +56,7 @@ export class ListTools {
     if (!actions.whole) this.refresh();
   }
 
-  /** The cards are others, or more. @param {{whole?: boolean, searched?: string}} [now] whether they are all there are, of what the server found for a text */
+  /** Read the cards anew. @param {{whole?: boolean, searched?: string}} [now] whether the list is complete, and the text for which the server found it */
   refresh({ whole = !this.actions.whole, searched = "" } = {}) {
     this.isWhole = whole;
     this.searched = searched;
@@ -64,7 +64,7 @@ export class ListTools {
     this._show().catch(toastError);
   }
 
-  /** What is sorted is the whole list; what is searched, too, by the server where not all of it is here. */
+  /** Sort and filter the cards. Sorting first loads the whole list; an incomplete list is searched by the server. */
   async _show() {
     const text = this.input.value.trim();
     const wanted = plain(text);
@@ -87,7 +87,7 @@ export class ListTools {
 
   async _fetchAll() {
     const { isWhole, searched } = this;
-    Object.assign(this, { isWhole: true, searched: "" }); // while they come they are not asked for again
+    Object.assign(this, { isWhole: true, searched: "" }); // so that they are not requested twice
     try {
       await this.actions.whole();
     } catch (error) {
@@ -140,7 +140,7 @@ export class ListTools {
     }
   }
 
-  /** Put cards into the bin, which the message takes back. @param {HTMLElement[]} cards */
+  /** Move cards to the bin; the message offers to undo it. @param {HTMLElement[]} cards */
   async toBin(cards) {
     const done = [];
     try {
@@ -170,7 +170,7 @@ export class ListTools {
       } finally {
         countBinned(-back.length);
         if (this.searched === searched) this._keep(withThem(this.cards, back, before));
-        else await this.actions.search(this.searched); // they may not be among what is searched for now
+        else await this.actions.search(this.searched); // they may not match the present search
       }
     };
     toast(this.actions.binned(cards.length), { action: { label: t("Undo"), run: () => undo().catch(toastError) } });
@@ -186,7 +186,7 @@ export class ListTools {
   }
 }
 
-/** Put cards back behind those that they followed before. @param {HTMLElement[]} cards @param {HTMLElement[]} back @param {HTMLElement[]} before */
+/** Reinsert cards after those that they followed before. @param {HTMLElement[]} cards @param {HTMLElement[]} back @param {HTMLElement[]} before */
 function withThem(cards, back, before) {
   const all = [...cards];
   for (const card of back) {
@@ -196,12 +196,12 @@ function withThem(cards, back, before) {
   return all;
 }
 
-/** Without case and accents. @param {string} text */
+/** Text in lower case without accents. @param {string} text */
 function plain(text) {
   return text.normalize("NFD").replace(/\p{Mn}/gu, "").toLocaleLowerCase(locale);
 }
 
-/** The page's link to the bin says how many are in it. @param {number} more */
+/** Update the count in the page's link to the bin. @param {number} more */
 function countBinned(more) {
   const count = byId("bin-count");
   const now = Number(count.textContent) + more;

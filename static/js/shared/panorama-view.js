@@ -1,6 +1,6 @@
 /**
- * A panorama seen from inside, drawn by WebGL over its flat picture: dragging, the wheel, pinching and keys turn it,
- * and a compass says where one looks. Without WebGL the flat picture stays.
+ * A panorama seen from inside, drawn by WebGL over its flat picture: dragging, the wheel, pinching and keys control
+ * the view, and a compass shows its heading. Without WebGL the flat picture stays.
  */
 
 import { h } from "./dom.js";
@@ -37,21 +37,21 @@ void main() {
 }`;
 
 const radians = (degrees) => (degrees * Math.PI) / 180;
-/** Clockwise, from -180 to 180. */
+/** An angle in [-180, 180) degrees. */
 const turned = (degrees) => ((((degrees + 180) % 360) + 360) % 360) - 180;
 const whole = (degrees) => ((Math.round(degrees) % 360) + 360) % 360;
 const between = (value, least, most) => Math.min(Math.max(value, least), most);
 
-/** @param {string} src @returns {Promise<?HTMLImageElement>} null where it cannot be shown */
+/** @param {string} src @returns {Promise<?HTMLImageElement>} null if it cannot be decoded */
 async function decoded(src) {
   const picture = new Image();
   picture.src = src;
   return picture.decode().then(() => picture, () => null);
 }
 
-/** The view; fires `look` where it is turned or zoomed. */
+/** The view; fires `look` when it is turned or zoomed. */
 export class PanoramaView extends EventTarget {
-  /** @param {HTMLImageElement} image the flat picture, in a frame that is positioned */
+  /** @param {HTMLImageElement} image the flat picture, in a positioned frame */
   constructor(image) {
     super();
     this.image = image;
@@ -79,8 +79,8 @@ export class PanoramaView extends EventTarget {
   /**
    * Show a panorama; null shows the flat picture.
    * @param {?{name: string, src: string, sharp?: ?string, heading?: ?number}} panorama `sharp`: address of the original,
-   *   where it may be shown; `heading`: where the middle looks
-   * @param {number} [turn] where to look at first, degrees clockwise from the middle
+   *   if it may be shown; `heading`: heading of the middle
+   * @param {number} [turn] initial direction, degrees clockwise from the middle
    */
   show(panorama, turn = 0) {
     this._heading = panorama?.heading ?? null;
@@ -99,7 +99,7 @@ export class PanoramaView extends EventTarget {
     this._look({ fov: this.fov * ZOOM ** -direction });
   }
 
-  /** Free what it holds of the graphics card. */
+  /** Free the WebGL context. */
   close() {
     this._sized.disconnect();
     this._gl?.getExtension("WEBGL_lose_context")?.loseContext();
@@ -109,14 +109,14 @@ export class PanoramaView extends EventTarget {
   async _load({ src, sharp }) {
     const isStill = () => this._source === src;
     const picture = await decoded(src);
-    if (!picture || !isStill()) return; // where it is damaged, the flat picture says so
+    if (!picture || !isStill()) return; // damaged: the flat picture shows it
     this._take(picture);
     this.root.hidden = false;
     this.image.classList.add("is-inside");
     this._paint();
     if (!sharp) return;
     const full = await decoded(sharp);
-    if (!full || !isStill()) return; // of a format that the browser does not know: the preview stays
+    if (!full || !isStill()) return; // format unknown to the browser: the preview stays
     const most = Math.min(SHARPEST, this._gl.getParameter(this._gl.MAX_TEXTURE_SIZE));
     const fits = full.naturalWidth <= most;
     const texture = fits ? full : await createImageBitmap(full, { resizeWidth: most, resizeQuality: "high" });
@@ -125,7 +125,7 @@ export class PanoramaView extends EventTarget {
     this._draw();
   }
 
-  /** Prepare the canvas; false where the browser has no WebGL. */
+  /** Prepare the canvas; false if the browser has no WebGL. */
   _begin() {
     if (this._gl) return true;
     const gl = this.canvas.getContext("webgl", { alpha: false, antialias: false });
@@ -178,14 +178,14 @@ export class PanoramaView extends EventTarget {
     this._say(across);
   }
 
-  /** Half of what is seen, at distance 1; the field of view is that of the longer side. */
+  /** Half the size of the view at distance 1; the field of view is that of the longer side. */
   _half(width = this.canvas.clientWidth, height = this.canvas.clientHeight) {
     const longer = Math.tan(radians(this.fov) / 2);
     const unit = longer / Math.max(width, height);
     return { across: width * unit, down: height * unit };
   }
 
-  /** The compass, and the same for those who do not see it. */
+  /** Update the compass, and its text for screen readers. */
   _say(across) {
     const looks = this.turn + (this._heading ?? 0);
     const known = this._heading !== null;
@@ -216,7 +216,7 @@ export class PanoramaView extends EventTarget {
   _listen() {
     const { canvas } = this;
     const on = (name, run) => canvas.addEventListener(name, (event) => {
-      event.stopPropagation(); // the frame zooms the flat picture
+      event.stopPropagation(); // the frame would zoom the flat picture
       run(event);
     });
     on("pointerdown", (event) => {

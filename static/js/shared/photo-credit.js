@@ -1,10 +1,10 @@
-/** Whom photos are from that come from a service: named wherever they are shown. */
+/** Credits of photos from a service, shown wherever the photos are. */
 
 import { h } from "./dom.js";
 import { t } from "./i18n.js";
 
 /**
- * The line that goes with a photo, as a link to where it is from.
+ * The credit of a photo, as a link to its source.
  * @param {{credit: string, url: (string|undefined)}} source
  */
 export function creditLine({ credit, url }) {
@@ -15,7 +15,7 @@ export function creditLine({ credit, url }) {
 /**
  * The services that photos of a map are from, with their licences.
  * @param {Iterable<{source: (?{service: string, licence: string}|undefined)}>} photos
- * @returns {string} empty where all photos are the map's own
+ * @returns {string} empty if no photo is from a service
  */
 export function mapCredit(photos) {
   const terms = new Set();

@@ -1,4 +1,4 @@
-/** A photo that can be looked at closely: wheel, pinch, drag, double-click, buttons. */
+/** Zoom into a photo: wheel, pinch, drag, double-click, buttons. */
 
 import { preventTextDrag } from "./dom.js";
 
@@ -37,7 +37,7 @@ export class PhotoZoom {
     this._zoom(STEP ** direction, [0, 0]);
   }
 
-  /** Zoom and keep a point, given from the middle of the frame, where it is. @param {number} factor @param {number[]} point */
+  /** Zoom around a fixed point, given from the middle of the frame. @param {number} factor @param {number[]} point */
   _zoom(factor, [x, y]) {
     const scale = Math.min(Math.max(this.scale * factor, 1), MOST);
     const ratio = scale / this.scale;

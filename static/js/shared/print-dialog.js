@@ -15,8 +15,8 @@ const ALL_FLOORS = "all";
 
 /**
  * Open the dialog.
- * @param {{slug: string, floors: import("./map/map-store.js").Floor[], floor: number}} map the floor that is shown is printed first
- * @param {{first: number, last: number}} [answers] ids of answers to one's own photos that are shown, too
+ * @param {{slug: string, floors: import("./map/map-store.js").Floor[], floor: number}} map `floor`: initial choice, the floor that is shown
+ * @param {{first: number, last: number}} [answers] range of ids of the user's own answers to print, too
  */
 export function printDialog(map, answers) {
   const base = `/maps/${encodeURIComponent(map.slug)}/print`;
@@ -57,7 +57,7 @@ export function printDialog(map, answers) {
   show();
 }
 
-/** The choices, and the question to the server that they make. */
+/** The form's fields, and the query string that they produce. */
 function sheetFields({ floors, floor }) {
   const chosen = {
     paper: choice([["a4", "A4"], ["a3", "A3"], ["letter", t("Letter")]]),
@@ -88,7 +88,7 @@ function sheetFields({ floors, floor }) {
     const made = new URLSearchParams(Object.entries(chosen).map(([name, input]) => [name, input.value]));
     if (made.get("floor") === ALL_FLOORS) {
       made.set("all_floors", "true");
-      made.set("floor", String(floor)); // of which the preview is
+      made.set("floor", String(floor)); // for the preview
     }
     made.set("headings", String(headings.checked));
     made.set("control_points", String(points.checked));
@@ -101,7 +101,7 @@ function sheetFields({ floors, floor }) {
   return { elements, query };
 }
 
-/** @param {string[][]} options value and words @param {string} [value] */
+/** @param {string[][]} options value and label @param {string} [value] */
 function choice(options, value) {
   const select = h("select", { class: "select" }, ...options.map(([key, words]) => h("option", { value: key }, words)));
   if (value) select.value = value;

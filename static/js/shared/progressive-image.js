@@ -1,4 +1,4 @@
-/** A photo whose small picture is there at once; the large one takes its place when it has arrived. */
+/** A photo shown first as a thumbnail, which the large picture replaces when it has loaded. */
 
 /** Shows one photo at a time in a frame, which has the class `is-broken` while it cannot be shown. */
 export class ProgressiveImage {
@@ -15,7 +15,7 @@ export class ProgressiveImage {
   }
 
   /**
-   * @param {?{name: string, thumb?: string, preview?: string}} photo null shows none; one without `preview` is not known yet
+   * @param {?{name: string, thumb?: string, preview?: string}} photo null shows none; without `preview`, its details are not loaded yet
    * @returns {boolean} whether it is another picture than before
    */
   show(photo) {

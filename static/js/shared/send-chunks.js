@@ -1,13 +1,13 @@
-/** A file on its way to the server in chunks, resumed where it stopped as often as the connection breaks. */
+/** Uploads a file in chunks, resuming where it stopped whenever the connection breaks. */
 
 const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 const MOST_REFUSALS = 5;
 
 /**
  * @typedef {Object} Way how a file is sent
- * @property {function(): Promise<{id: string, offset: number, chunk_bytes: number}>} begin begins, or finds what has arrived
+ * @property {function(): Promise<{id: string, offset: number, chunk_bytes: number}>} begin begins an upload, or returns the offset of an unfinished one
  * @property {function(string, Blob, Object): Promise<Object>} sendChunk
- * @property {function(number): void} onProgress called with the bytes that have arrived or are under way
+ * @property {function(number): void} onProgress called with the number of bytes sent
  * @property {AbortSignal} signal
  */
 
@@ -15,7 +15,7 @@ const MOST_REFUSALS = 5;
  * Send a file.
  * @param {File} file
  * @param {Way} way
- * @returns {Promise<Object>} what the server answered to the last chunk
+ * @returns {Promise<Object>} response of the server to the last chunk
  */
 export async function sendInChunks(file, way) {
   let sent = 0;

@@ -1,4 +1,4 @@
-/** The dialog that shares a map, or one answer. */
+/** The dialog to share a map or one answer. */
 
 import { post } from "./api.js";
 import { busy, errorLine, openDialog } from "./dialogs.js";
@@ -9,7 +9,7 @@ import { t } from "./i18n.js";
 /**
  * Ask how to share, and show the new address.
  * @param {{slug: string, query?: ?number, in3d?: boolean, made?: function(Object): void}} what `query` is the id of an
- *   answer; `in3d` whether the map has landmarks; `made` hears of the new share
+ *   answer; `in3d` whether the map has landmarks; `made` is called with the new share
  */
 export function shareDialog({ slug, query = null, in3d = false, made = () => {} }) {
   const ways = h(
@@ -38,7 +38,7 @@ export function shareDialog({ slug, query = null, in3d = false, made = () => {} 
   }));
 }
 
-/** Show address and tag of a share. @param {Object} share as the server sent it */
+/** Show address and tag of a share. @param {Object} share as returned by the server */
 export function showAddress(share) {
   const once = h("p", { class: "soft" }, t("This address is shown only once: copy it now."));
   openDialog(t("Link"), [
@@ -57,9 +57,9 @@ function onlyHere() {
 }
 
 /**
- * What a share of a map, or of an answer, can give.
+ * Checkboxes for what a share of a map, or of an answer, can include.
  * @param {{query: ?number, in3d: boolean}} what as for `shareDialog`
- * @param {Object<string, boolean>} [given] what it gives already
+ * @param {Object<string, boolean>} [given] what it includes already
  */
 export function allowed({ query, in3d }, given = { photos: true }) {
   const box = (name, label, hint, disabled = false) =>
@@ -78,7 +78,7 @@ export function allowed({ query, in3d }, given = { photos: true }) {
   ].filter(Boolean);
 }
 
-/** @param {HTMLElement} root of boxes @returns {Object<string, boolean>} what is ticked, by name */
+/** @param {HTMLElement} root of checkboxes @returns {Object<string, boolean>} whether each is checked, by name */
 export function checked(root) {
   return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((box) => [box.name, box.checked]));
 }
@@ -98,7 +98,7 @@ function secret(label, value, id) {
   const word = h("span", {}, t("Copy"));
   const copy = async () => {
     input.select();
-    // Without https the browser has no clipboard for scripts: the selected text can be copied by hand.
+    // Without https there is no clipboard for scripts: the selected text can be copied by hand.
     if (!navigator.clipboard) return;
     await navigator.clipboard.writeText(value);
     word.textContent = t("Copied");
@@ -108,7 +108,7 @@ function secret(label, value, id) {
     h("div", { class: "secret" }, input, h("button", { class: "button", type: "button", onclick: copy }, icon("copy"), word)));
 }
 
-/** Say who made a share: it stays open when the account is removed. @param {{maker: ?string}} share */
+/** Text with the author of a share, which outlives the removal of the account. @param {{maker: ?string}} share */
 export function maker(share) {
   return share.maker === null ? t("made by an account that was removed") : t("made by {name}", { name: share.maker });
 }

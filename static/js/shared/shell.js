@@ -1,4 +1,4 @@
-/** What every page has: menus, the colour switch, the word that the network is away. */
+/** Parts of every page: menus, the theme switch, the offline notice. */
 
 import { closeMenus, h, metaOf } from "./dom.js";
 import { t } from "./i18n.js";
@@ -21,20 +21,20 @@ window.addEventListener("expmap:offline", () => (away.hidden = false));
 window.addEventListener("expmap:online", () => (away.hidden = true));
 for (const back of ["expmap:online", "online"]) window.addEventListener(back, loadBrokenImages);
 
-/** Pictures that could not be loaded while the network was away. */
+/** Reload pictures that could not be loaded while offline. */
 function loadBrokenImages() {
   for (const image of document.images) {
     if (image.complete && !image.naturalWidth && image.src) image.setAttribute("src", image.src);
   }
 }
 
-/** What is kept for later does not slow down the page itself. */
+/** Run after loading, so as not to slow down the page. */
 function whenLoaded(run) {
   if (document.readyState === "complete") run();
   else addEventListener("load", run, { once: true });
 }
 
-/** Pages open without a network; what is kept for that belongs to one account. Needs https, or this machine. */
+/** Register the service worker, which caches pages of one account for offline use. Needs https or localhost. */
 async function workOffline() {
   const account = metaOf("expmap-account")?.content;
   if (account === undefined || !navigator.serviceWorker) return;
@@ -44,7 +44,7 @@ async function workOffline() {
   active.postMessage({ account, page: location.pathname });
 }
 
-/** Where there is no room for all tabs, the current one is in view, and a fading edge says that there are more. */
+/** If not all tabs fit, scroll to the current one, and show by a fading edge that there are more. */
 function connectTabs() {
   const tabs = document.querySelector(".tabs");
   if (!tabs) return;
@@ -54,13 +54,13 @@ function connectTabs() {
   new ResizeObserver(mark).observe(tabs);
 }
 
-/** A button with `data-copy` takes the text of the field before it. */
+/** A button with `data-copy` copies the text of the field before it. */
 function connectCopyButtons() {
   for (const button of document.querySelectorAll("[data-copy]")) {
     button.addEventListener("click", async () => {
       const field = button.parentElement.querySelector("input");
       field.select();
-      // Without https the browser has no clipboard for scripts: the selected text can be copied by hand.
+      // Without https there is no clipboard for scripts: the selected text can be copied by hand.
       if (!navigator.clipboard) return;
       await navigator.clipboard.writeText(field.value);
       button.querySelector("span").textContent = t("Copied");

@@ -1,4 +1,4 @@
-/** Whether single letters do something; some people's devices type letters by accident. */
+/** Whether single-letter shortcuts are on; with some input devices, letters are typed by accident. */
 
 const OFF = "expmap.single-keys-off";
 

@@ -1,4 +1,4 @@
-/** Tabs: one is open, the arrow keys go through them. */
+/** Tabs: one is open, the arrow keys switch between them. */
 
 import { byId } from "./dom.js";
 

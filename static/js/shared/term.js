@@ -1,4 +1,4 @@
-/** Words of the field, explained where they are met: a "?" that opens the meaning. */
+/** Technical terms explained in place: a "?" that opens the meaning. */
 
 import { h, queryAll } from "./dom.js";
 import { t } from "./i18n.js";
@@ -14,7 +14,7 @@ const TERMS = {
 };
 let made = 0;
 
-/** A button with the meaning of a word. @param {string} name one of `TERMS` @returns {HTMLElement} */
+/** A button that opens the meaning of a term. @param {string} name one of `TERMS` @returns {HTMLElement} */
 export function term(name) {
   const [word, meaning] = TERMS[name]();
   made += 1;
@@ -26,12 +26,12 @@ export function term(name) {
   return h("span", { class: "term__frame" }, button, box);
 }
 
-/** Templates name the words by `data-term`. */
+/** Add the buttons to elements with `data-term`. */
 export function connectTerms() {
   for (const place of queryAll("[data-term]")) place.replaceChildren(term(place.dataset.term));
 }
 
-/** Below the button, or above it where there is no room; always on the screen. */
+/** Position a box below the button, or above it if there is no space; always on the screen. */
 function putBelow(box, button) {
   const [at, size] = [button.getBoundingClientRect(), box.getBoundingClientRect()];
   const left = Math.min(Math.max(at.left, MARGIN), innerWidth - size.width - MARGIN);

@@ -1,10 +1,10 @@
 /** Colours of the style sheet for a canvas; they change with the theme. */
 
-/** Looks the colours up once, and again when the theme is another one. */
+/** Caches the colours until the theme changes. */
 export class ThemeColours {
   /**
-   * @param {HTMLElement} element in which the variables hold
-   * @param {string[]} names of variables, as `--mi-grid-strong`, which becomes `gridStrong`
+   * @param {HTMLElement} element where the variables are defined
+   * @param {string[]} names of variables, such as `--mi-grid-strong`, which becomes `gridStrong`
    * @param {function(): void} changed
    */
   constructor(element, names, changed) {
@@ -29,7 +29,7 @@ export class ThemeColours {
     return this._found;
   }
 
-  /** A variable may hold `light-dark(..)`: only a property that uses it has the colour. */
+  /** A variable may contain `light-dark(..)`: only a property that uses it resolves to the colour. */
   _look() {
     const probe = this.element.appendChild(document.createElement("span"));
     const found = this.names.map((name) => {

@@ -1,4 +1,4 @@
-/** The switch between light, dark, and as the system is; a cookie remembers it, so that pages come right at once. */
+/** The switch between light, dark and system theme, kept in a cookie so that the server renders pages with it. */
 
 import { queryAll } from "./dom.js";
 

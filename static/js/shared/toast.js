@@ -12,7 +12,7 @@ const SHOWN_MS = 6000;
  * @param {"info"|"error"} [options.kind] an error stays until it is closed
  * @param {?string} [options.hint] what to do next
  * @param {{label: string, run: function(): void}} [options.action] one button
- * @returns {function(): void} takes the message away
+ * @returns {function(): void} removes the message
  */
 export function toast(message, { kind = "info", hint = null, action = null } = {}) {
   const close = () => made.remove();
@@ -34,7 +34,7 @@ export function toast(message, { kind = "info", hint = null, action = null } = {
 }
 
 /**
- * Show an error; one that is thrown on purpose, like an abort, is nothing to show.
+ * Show an error, except an abort or a required sign-in (401).
  * @param {Error & {status?: number, hint?: ?string}} error
  */
 export function toastError(error) {
@@ -52,7 +52,7 @@ export function sentence(text) {
   return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
-/** A dialog lies above everything else in the page, so its messages have to be inside it. */
+/** The container of messages; inside an open dialog, which would cover it otherwise. */
 function place() {
   const parent = [...document.querySelectorAll("dialog[open]")].at(-1) || document.body;
   const there = parent.querySelector(":scope > .toasts");

@@ -1,8 +1,8 @@
 /**
- * Files on their way to the server: a few at a time, in chunks, resuming where they stopped.
+ * Uploads files: a few at a time, in chunks, resuming where they stopped.
  *
- * The server finds a half-done file by its fingerprint, so after a reload the same files are chosen again and go
- * on. What is in the map already is not sent twice.
+ * The server identifies a partial upload by its fingerprint: choosing the same files after a reload resumes it.
+ * Files that are already in the map are not sent again.
  */
 
 import { post, upload } from "./api.js";
@@ -13,7 +13,7 @@ const REMEMBERED = 5000;
 const byName = new Intl.Collator(undefined, { numeric: true }).compare;
 
 /**
- * What an upload asks of the server.
+ * The server's endpoints for uploads.
  * @param {string} slug of the map
  */
 export function uploadEndpoints(slug) {
@@ -25,7 +25,7 @@ export function uploadEndpoints(slug) {
 }
 
 /**
- * What is known of the map's photos: of an empty map, nothing.
+ * The known photos of a map; empty for an empty map.
  * @typedef {{slug: string, photos: Map<number, {name: string}>, isPlaced: function(number): boolean}} KnownPhotos
  */
 
@@ -33,12 +33,12 @@ export function uploadEndpoints(slug) {
  * @typedef {Object} Entry
  * @property {File} file
  * @property {"waiting"|"sending"|"done"|"failed"|"cancelled"} state
- * @property {number} sent bytes that have arrived or are under way
+ * @property {number} sent bytes sent
  * @property {?{message: string, hint: ?string}} error
  * @property {?{id: number, placed: boolean, duplicate: boolean, gps_problem: ?string}} result
  */
 
-/** The files of this visit; fires `progress` often and `finished` when all are through. */
+/** The files of this page view; fires `progress` often and `finished` at the end. */
 export class Uploads extends EventTarget {
   /**
    * @param {Object} server endpoints
@@ -76,14 +76,14 @@ export class Uploads extends EventTarget {
     this._tell();
   }
 
-  /** Stop; what has arrived stays, and files that are chosen again resume. */
+  /** Stop; what has arrived stays, and choosing the files again resumes. */
   cancel() {
     for (const entry of this.entries) if (entry.state === "waiting") entry.state = "cancelled";
     this._stop.abort();
     this._tell();
   }
 
-  /** Send again what may succeed this time. */
+  /** Retry files that may succeed. */
   retry() {
     const files = this.entries.filter(canGoAgain).map(({ file }) => file);
     this.entries = this.entries.filter((entry) => !canGoAgain(entry));
@@ -111,7 +111,7 @@ export class Uploads extends EventTarget {
 
   async _one(entry) {
     const known = this._known.photo(entry.file);
-    // Another map may have got the address, and the ids, of one that was deleted: then the file is sent.
+    // Compare the name: a new map may reuse the slug and the ids of a deleted one.
     if (known !== null && this.store.photos.get(known)?.name === entry.file.name) {
       const placed = this.store.isPlaced(known);
       return Object.assign(entry, { state: "done", sent: entry.file.size, result: { id: known, placed, duplicate: true } });
@@ -143,7 +143,7 @@ export class Uploads extends EventTarget {
   }
 
   /**
-   * Begin one upload after the other: photos get their ids in this order, while their bytes go side by side.
+   * Begin uploads one after the other, since photos get their ids in this order; their bytes are sent in parallel.
    *
    * @template T
    * @param {() => Promise<T>} begin
@@ -156,17 +156,17 @@ export class Uploads extends EventTarget {
   }
 }
 
-/** A file that was not sent, or not taken for a reason that can pass; one that is no photo stays none. */
+/** Whether sending a file again may help: it was cancelled, or failed for a reason other than its content. */
 export function canGoAgain({ state, error }) {
   return state === "cancelled" || (state === "failed" && ![400, 413, 415, 422].includes(error.status));
 }
 
-/** By what a file is found again after a reload. */
+/** Key that identifies a file after a reload. */
 function fingerprint({ name, size, lastModified }) {
   return `${name.slice(-300)}|${size}|${lastModified}`;
 }
 
-/** Which photo a file of this computer has become, kept in the browser. */
+/** Ids of photos by the fingerprint of their file, kept in this browser. */
 class Known {
   constructor(slug) {
     this.key = `expmap.uploaded.${slug}`;

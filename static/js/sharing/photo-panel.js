@@ -1,4 +1,4 @@
-/** The photo of a dot, as far as the owner shows it. */
+/** The photo of a dot, with the details that the share includes. */
 
 import { headingText } from "../shared/answer/answer-format.js";
 import { byId, h } from "../shared/dom.js";

@@ -1,4 +1,4 @@
-/** The links of a map, on its settings page. */
+/** The share links of a map, on its settings page. */
 
 import { del, get, patch } from "../shared/api.js";
 import { confirmDialog, errorLine, openDialog } from "../shared/dialogs.js";

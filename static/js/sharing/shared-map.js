@@ -1,4 +1,4 @@
-/** A shared map or answer, for visitors: look at it, and where the owner allows it, ask about a photo. */
+/** A shared map or answer for visitors: view it, and localize photos if the owner allows it. */
 
 import { AnswerLayer } from "../shared/answer/answer-layer.js";
 import { followFloor } from "../shared/answer/answer-floor.js";
@@ -42,7 +42,7 @@ loadDetails(store, (id, most) => get(`${shared}/photos?after=${id}&limit=${most}
 if (state.answer) showShared(state.answer);
 if (document.getElementById("query-input")) takePhotos(byId("query-input"));
 
-/** Show the one answer that is shared. */
+/** Show the shared answer. */
 function showShared(answer) {
   if (answer.preview) showQuery(answer.preview);
   show(answer);
@@ -91,7 +91,7 @@ function listen() {
   });
 }
 
-/** What was found out needs no advice. */
+/** Remove the advice once it was followed. */
 function advised() {
   document.getElementById("advice")?.remove();
 }
@@ -102,7 +102,7 @@ function zoomButtons() {
   byId("zoom-fit").addEventListener("click", () => view.fit());
 }
 
-/** Ask about the visitor's photo. @param {HTMLInputElement} input */
+/** Localize the visitor's photo. @param {HTMLInputElement} input */
 function takePhotos(input) {
   let shown = null;
   input.addEventListener("change", async () => {

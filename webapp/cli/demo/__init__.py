@@ -1,1 +1,1 @@
-"""`expmap cluster demo`: all parts of several machines, on one, to try them and to kill them."""
+"""`expmap cluster demo`: all parts of a multi-machine setup on one machine, to try out and to kill."""

@@ -1,4 +1,4 @@
-"""All parts of several machines, on this one, over a new library with a map."""
+"""All parts of a multi-machine setup on this machine, with a new library and a map."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ _DASK = {"DASK_LOGGING__DISTRIBUTED": "warning", "MALLOC_ARENA_MAX": "1"}
 
 
 class DemoCluster:
-    """Starts everything when it is entered, and stops it at the end; everything listens on loopback only.
+    """Context manager that starts all parts and stops them at the end; all listen on loopback only.
 
     Parameters
     ----------
     folder : Path
         New or empty; for the library, caches and logs.
     map_folder : Path or None
-        A map to begin with, which is copied; the sample is made without one.
+        An initial map, which is copied; by default the sample is made.
     port : int
-        Of the proxy; 0 for any that is free.
+        Port of the proxy; 0 for any free port.
 
     Attributes
     ----------
     parts : list of DemoProcess
         In the order in which they were started.
     address, sign_in : str
-        Of the proxy, and the link that signs the owner in.
+        Address of the proxy, and the owner's sign-in link.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class DemoCluster:
         self._environment = environment_for()
 
     def __enter__(self) -> Self:
-        listen(_HERE, self._port).close()  # what cannot work is to fail before all else is started
+        listen(_HERE, self._port).close()  # fail early if the port is taken
         try:
             self._start()
         except BaseException:
@@ -119,7 +119,7 @@ class DemoCluster:
         self._start_web()
 
     def _start_database(self) -> str:
-        """Start PostgreSQL; gives the address of its database."""
+        """Start PostgreSQL; returns the address of its database."""
         password, port = secrets.token_urlsafe(16), _free_port()
         self._database, command = new_cluster(password=password)
         part = self._add(
@@ -129,7 +129,7 @@ class DemoCluster:
                 role="nothing is answered any more",
                 folder=self._logs,
                 more={"cwd": "/", **as_user()},
-                stop_by=signal.SIGINT,  # at once, not when the last one has gone
+                stop_by=signal.SIGINT,  # fast shutdown: does not wait for clients to disconnect
             )
         )
         part.address = f"{_HERE}:{port}"
@@ -146,7 +146,7 @@ class DemoCluster:
         return f"postgresql+psycopg://expmap:{password}@{part.address}/expmap"
 
     def _use_objects(self, objects: DemoProcess) -> None:
-        """Make the bucket, and name it to all that are started from now on."""
+        """Create the bucket, and set the environment of the parts that are started later."""
         objects.address = objects.printed(r"^listening on (\S+)$")
         self._environment |= {
             "AWS_ENDPOINT_URL": objects.address,
@@ -155,12 +155,12 @@ class DemoCluster:
             "AWS_DEFAULT_REGION": _REGION,
             "EXPMAP_STORAGE": f"s3://{_BUCKET}/library",
             "EXPMAP_PROXIES": "1",
-            "NO_PROXY": _HERE,  # of the network of the one who tries it
+            "NO_PROXY": _HERE,  # the user's network may require a proxy
             "no_proxy": _HERE,
             "EXPMAP_SERVE_JOB_WORKERS": "0",
         }
         connection = HTTPConnection(objects.address.removeprefix("http://"), timeout=_STOP_S)
-        connection.request("PUT", f"/{_BUCKET}")  # it asks nobody who they are
+        connection.request("PUT", f"/{_BUCKET}")  # the server requires no authentication
         if connection.getresponse().status != HTTPStatus.OK:
             raise ExpMapError("the S3 server cannot create a bucket", where=objects.address)
         connection.close()
@@ -175,14 +175,14 @@ class DemoCluster:
         return self._logs / "scheduler.json"
 
     def _address_of(self, scheduler: DemoProcess) -> str:
-        """Wait for the scheduler; gives its address."""
+        """Wait for the scheduler; returns its address."""
         for _ in scheduler.attempts():
             if self._facts.exists() and (text := self._facts.read_text("utf-8")).rstrip().endswith("}"):
                 return str(json.loads(text)["address"])
         raise AssertionError("attempts() ends by an error")
 
     def _adopt(self, map_folder: Path) -> None:
-        """Take a copy of a map into the library."""
+        """Copy a map into the library."""
         library = open_library(self._library, url=self._environment["EXPMAP_DATABASE"])
         try:
             with library.database.write() as session:
@@ -195,7 +195,7 @@ class DemoCluster:
             library.database.close()
 
     def _start_web(self) -> None:
-        """Start two servers, what does their jobs, and the proxy in front."""
+        """Start two web servers, a worker for their jobs, and a reverse proxy in front of them."""
         command = ("serve", "--library", self._library, "--port", 0, "--workers", 1)
         role = "the other one answers"
         nodes = [self._start_part(f"web {n}", role, "webapp", *command, cache=f"web-{n}") for n in (1, 2)]
@@ -220,7 +220,7 @@ class DemoCluster:
         self, name: str, role: str, what: str, *arguments: object, cache: str = ""
     ) -> DemoProcess:
         environment = {**self._environment}
-        if cache:  # of its own, as a machine has it
+        if cache:  # a separate cache per node, as on separate machines
             environment["EXPMAP_CACHE_FOLDER"] = str(self._folder / "caches" / cache)
         more = {"env": environment}
         return self._add(DemoProcess(name, module(what, *arguments), role=role, folder=self._logs, more=more))
@@ -230,7 +230,7 @@ class DemoCluster:
         return part
 
     def watch(self) -> None:
-        """Say which parts end, until Ctrl-C (KeyboardInterrupt)."""
+        """Report parts that exit, until Ctrl-C (KeyboardInterrupt)."""
         gone: set[str] = set()
         while True:
             for part in self.parts:
@@ -241,10 +241,10 @@ class DemoCluster:
             time.sleep(0.2)
 
     def _stop(self) -> None:
-        """Stop all, those first that use others."""
+        """Stop all parts: first the front ends, then the services that they use."""
         self._echo("stopping")
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)  # it is being done
+            signal.signal(number, signal.SIG_IGN)  # already stopping
         front = [
             part for part in self.parts if part.name in ("proxy", "jobs") or part.name.startswith("web ")
         ]
@@ -257,7 +257,7 @@ class DemoCluster:
 
 
 def check_folder(folder: Path) -> Path:
-    """Return a folder that is new or empty, as an absolute path.
+    """Check that a folder is new or empty; returns its absolute path.
 
     Raises
     ------

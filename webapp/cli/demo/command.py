@@ -1,4 +1,4 @@
-"""`expmap cluster demo`: several machines on one, to try them and to kill them."""
+"""`expmap cluster demo`: run a multi-machine setup on one machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An S3 server for `expmap cluster demo`, of the wheel `moto`: it keeps its objects in memory.
+"""An S3 server for `expmap cluster demo`, from the package `moto`; it keeps its objects in memory.
 
 python -m webapp.cli.demo.objects
 """

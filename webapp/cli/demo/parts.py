@@ -1,4 +1,4 @@
-"""The processes of `expmap cluster demo`: started, watched and stopped."""
+"""Start, watch and stop the processes of `expmap cluster demo`."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class DemoProcess:
     Parameters
     ----------
     name : str
-        For people, unique.
+        Unique name, shown to the user.
     role : str
-        What happens when it is killed.
+        Description of what happens when it is killed.
     folder : Path
-        Of its output and its log.
+        Folder of its output and its log.
     more : mapping
         Options of `subprocess.Popen`.
     stop_by : signal.Signals
-        What asks it to end.
+        Signal that stops it gracefully.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class DemoProcess:
         self._stop_by = stop_by
         self._output, self._log = (folder / f"{name.replace(' ', '-')}.{end}" for end in ("out", "log"))
         with self._output.open("wb") as out, self._log.open("wb") as log:
-            # In a session of its own: Ctrl-C reaches the demo alone, which stops all in turn.
+            # A new session: Ctrl-C reaches only the demo, which then stops all processes.
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -62,20 +62,20 @@ class DemoProcess:
 
     @property
     def pid(self) -> int:
-        """Id of the process."""
+        """Process id."""
         return self._process.pid
 
     def ended(self) -> int | None:
-        """Return the exit code of a process that has ended, negative for a signal; None while it runs."""
+        """Return the exit code, negative for a signal, or None while the process runs."""
         return self._process.poll()
 
     def attempts(self) -> Iterator[None]:
-        """Give the turns of somebody who waits until it is up.
+        """Yield at short intervals, for a caller that polls until the process is up.
 
         Raises
         ------
         ExpMapError
-            It has ended, or it takes too long.
+            The process has exited, or takes too long.
         """
         until = time.monotonic() + _START_S
         while True:
@@ -87,7 +87,7 @@ class DemoProcess:
             time.sleep(_TICK_S)
 
     def printed(self, pattern: str) -> str:
-        """Wait for a line on its standard output; gives the first group. Errors as `attempts`."""
+        """Wait for a matching line on its standard output; returns the first group. Errors as `attempts`."""
         for _ in self.attempts():
             found = re.search(pattern, self._output.read_text("utf-8", "replace"), re.MULTILINE)
             if found is not None:
@@ -95,12 +95,12 @@ class DemoProcess:
         raise AssertionError("attempts() ends by an error")
 
     def ask_to_stop(self) -> None:
-        """Send it the signal by which it ends in peace."""
+        """Send the signal that stops it gracefully."""
         if self.ended() is None:
             self._process.send_signal(self._stop_by)
 
     def wait(self, until: float) -> None:
-        """Wait until it has ended, and kill it at a time (monotonic, seconds)."""
+        """Wait for it to exit, and kill it at the given time (monotonic, seconds)."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(max(until - time.monotonic(), 0.0))
         with suppress(ProcessLookupError):
@@ -119,7 +119,7 @@ def stop(groups: Sequence[Sequence[DemoProcess]], *, seconds: float) -> None:
 
 
 def wait_for_orphans(library: Path, *, seconds: float) -> None:
-    """Wait for processes of a library whose supervisor was killed: they end by themselves, or are killed."""
+    """Wait for a library's processes whose supervisor was killed to exit; kill them after `seconds`."""
     until = time.monotonic() + seconds
     while left := _of_library(library):
         if time.monotonic() > until:
@@ -130,7 +130,7 @@ def wait_for_orphans(library: Path, *, seconds: float) -> None:
 
 
 def _of_library(library: Path) -> list[int]:
-    """Find processes of the program that have been started with a library, except zombies."""
+    """Return the ids of processes that were started with `--library` of this library, except zombies."""
     words = ["ps", "-A", "-ww", "-o", "pid=,stat=,args="]
     table = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     rows = [line.split(maxsplit=2) for line in table.splitlines()]

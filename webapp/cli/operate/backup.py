@@ -1,4 +1,4 @@
-"""`expmap backup` and `expmap restore`: a whole library in one file."""
+"""`expmap backup` and `expmap restore`: save a whole library to one file and restore it."""
 
 from __future__ import annotations
 

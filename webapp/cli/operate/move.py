@@ -1,4 +1,4 @@
-"""`expmap library move`: records from one kind of database to the other, photos into S3 or back."""
+"""`expmap library move`: move records between SQLite and PostgreSQL, or photos into S3 or back."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How good the answers are, measured against positions that are known."""
+"""Evaluation of answers against known positions."""

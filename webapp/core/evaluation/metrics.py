@@ -1,7 +1,7 @@
-"""The figures of an evaluation, each from plain arrays.
+"""Metrics of an evaluation, computed from plain arrays.
 
 In every function `errors` is an (n,) float64 array with the distance of each query's first hypothesis from
-the truth, map pixels; infinity stands for a query without a hypothesis, which so is a miss at any radius.
+the truth, map pixels; it is infinite for a query without a hypothesis, which is thus a miss at any radius.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GRADES: tuple[tuple[Grade, float], ...] = (
     ("sufficient", 2.0),
     ("insufficient", np.inf),
 )
-"""A grade and the largest error that earns it, in multiples of the map's `place_radius_px`."""
+"""Grades and their largest errors, in multiples of the map's `place_radius_px`."""
 
 BINS = 10
 """Bins of the calibration error and of the reliability diagram."""
@@ -29,7 +29,7 @@ REPLICATES = 1000
 
 
 def grade(error: float, place_radius_px: float) -> Grade:
-    """Word for an error: excellent up to half the place radius, good up to 1, sufficient up to 2.
+    """Grade an error: excellent up to half the place radius, good up to 1, sufficient up to 2.
 
     Parameters
     ----------
@@ -44,32 +44,32 @@ def grade(error: float, place_radius_px: float) -> Grade:
 
 
 def median_error(errors: NDArray[np.float64]) -> float | None:
-    """Median over the queries with a hypothesis; None when no query has one."""
+    """Compute the median over the queries with a hypothesis; None if no query has one."""
     known = errors[np.isfinite(errors)]
     return float(np.median(known)) if known.size else None
 
 
 def mean_error(errors: NDArray[np.float64]) -> float | None:
-    """Mean over the queries with a hypothesis; None when no query has one."""
+    """Compute the mean over the queries with a hypothesis; None if no query has one."""
     known = errors[np.isfinite(errors)]
     return float(known.mean()) if known.size else None
 
 
 def share_within(errors: NDArray[np.float64], radius_px: float) -> float:
-    """Share of all queries whose error is at most `radius_px`."""
+    """Compute the share of all queries whose error is at most `radius_px`."""
     return float(np.mean(errors <= radius_px))
 
 
 def reliability_bins(probabilities: ArrayLike, right: ArrayLike) -> tuple[ReliabilityBin, ...]:
-    """Bins of equal mass: the queries sorted by probability and cut into ten parts of equal size.
+    """Sort the queries by probability and divide them into ten bins of equal mass.
 
-    Equal probabilities share their share of right answers, so that the order of the queries plays no part
-    where a cut falls between them.
+    Queries of equal probability all get their average share of right answers, so that their order does not
+    matter if a bin ends among them.
 
     Parameters
     ----------
     probabilities : (n,) float64
-        Of the first hypothesis.
+        Of each query's first hypothesis.
     right : (n,) bool
         Whether it is right.
 
@@ -91,7 +91,7 @@ def reliability_bins(probabilities: ArrayLike, right: ArrayLike) -> tuple[Reliab
 
 
 def expected_calibration_error(probabilities: ArrayLike, right: ArrayLike) -> float | None:
-    """Mean distance between stated probability and share of right answers over the bins, by their mass.
+    """Compute the mean |stated probability - share of right answers| over the bins, weighted by mass.
 
     Parameters
     ----------
@@ -115,20 +115,20 @@ def expected_calibration_error(probabilities: ArrayLike, right: ArrayLike) -> fl
 
 
 def radius_coverage(errors: ArrayLike, radii: ArrayLike, *, place_radius_px: float) -> float | None:
-    """Share of the right hypotheses whose stated radius holds the truth.
+    """Compute the share of the right hypotheses whose stated radius contains the truth.
 
     Parameters
     ----------
     errors : (n,) float64
     radii : (n,) float64
-        Stated 68 % radii, map pixels; NaN where none was stated.
+        Stated 68 % radii, map pixels; NaN if none was stated.
     place_radius_px : float
-        A hypothesis is right when it is at most so far off.
+        Maximum error of a right hypothesis.
 
     Returns
     -------
     float or None
-        None where no right hypothesis states a radius.
+        None if no right hypothesis states a radius.
     """
     distance, radius = np.asarray(errors, dtype=np.float64), np.asarray(radii, dtype=np.float64)
     counted = (distance <= place_radius_px) & np.isfinite(radius)
@@ -138,7 +138,7 @@ def radius_coverage(errors: ArrayLike, radii: ArrayLike, *, place_radius_px: flo
 def answered_at_precision(
     probabilities: ArrayLike, right: ArrayLike, *, queries: int, precision: float = 0.99
 ) -> float:
-    """Share of the queries that one threshold on the probability lets through at this precision.
+    """Compute the largest share of queries answered by a threshold on the probability at this precision.
 
     Parameters
     ----------
@@ -146,9 +146,9 @@ def answered_at_precision(
         Of the queries with a hypothesis.
     right : (n,) bool
     queries : int
-        All queries, those without a hypothesis too.
+        Number of all queries, including those without a hypothesis.
     precision : float
-        Wanted share of right answers among the answered.
+        Required share of right answers among the answered.
 
     Returns
     -------
@@ -159,21 +159,21 @@ def answered_at_precision(
     order = np.argsort(-stated, kind="stable")
     hits = np.cumsum(np.asarray(right, dtype=np.int64)[order])
     answered = np.arange(1, order.size + 1)
-    # A threshold cannot part equal probabilities: only the last of them is a place to cut.
+    # a threshold cannot separate equal probabilities: allow a cut only after the last of them
     cut = np.append(np.diff(stated[order]) < 0, True)[: order.size]
     good = cut & (hits >= precision * answered - 1e-9)
     return float(answered[good].max() / queries) if good.any() else 0.0
 
 
 def error_curve(errors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Empirical distribution of the errors over all queries.
+    """Compute the empirical distribution of the errors over all queries.
 
     Returns
     -------
     errors : (m,) float64
-        Each finite error that occurs, ascending.
+        Distinct finite errors, ascending.
     shares : (m,) float64
-        Share of all queries with at most this error; below 1 at the end when hypotheses are missing.
+        Share of all queries with at most this error; the last is below 1 if hypotheses are missing.
     """
     values, counts = np.unique(errors[np.isfinite(errors)], return_counts=True)
     return values, np.cumsum(counts) / max(errors.size, 1)
@@ -186,17 +186,17 @@ def bootstrap_interval(
     rng: np.random.Generator,
     replicates: int = REPLICATES,
 ) -> Interval | None:
-    """95 % percentile bootstrap interval over the queries.
+    """Compute a 95 % percentile bootstrap interval over the queries.
 
     Parameters
     ----------
     statistic : callable
-        Takes the indices of a resample, (queries,) int, and gives the figure or None.
+        Takes the indices of a resample, (queries,) int, and returns the metric or None.
 
     Returns
     -------
     (float, float) or None
-        None where no resample gave a figure.
+        None if the metric is None for all resamples.
 
     References
     ----------
@@ -211,7 +211,7 @@ def bootstrap_interval(
 
 
 def wilson_interval(share: float, count: int) -> Interval:
-    """95 % interval of a share that was seen in `count` trials.
+    """Compute the 95 % interval of a share that was observed in `count` trials.
 
     References
     ----------

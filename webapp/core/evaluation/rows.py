@@ -1,4 +1,4 @@
-"""One line a query, as field experiments report it: counts, distances, seconds, grades, how far off."""
+"""One row per query, as field experiments report it: counts, distances, seconds, grades and errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from webapp.core.hypotheses.model import MatchStatistics
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What the table of an experiment says about one query.
+    """Row of one query in the table of an experiment.
 
     Attributes
     ----------
@@ -21,9 +21,9 @@ class Row:
     seconds : float or None
         From the photo's file to the answer.
     grade_first : Grade
-        Of the first hypothesis; "insufficient" where there is none.
+        Of the first hypothesis; "insufficient" without one.
     grade_others : Grade or None
-        Of the nearest of the other hypotheses: would one of them have helped? None without others.
+        Of the nearest of the other hypotheses, to show whether one of them would help; None without others.
     first_px, worst_px : float or None
         Error of the first hypothesis and of the farthest one, map pixels.
     first_m, worst_m : float or None
@@ -42,12 +42,12 @@ class Row:
 
 
 def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float | None) -> Row:
-    """Make one line of the table.
+    """Build one row of the table.
 
     Parameters
     ----------
     place_radius_px : float
-        The measure of the grades.
+        Unit of the errors for grades.
     metres_per_pixel : float or None
         Size of a map pixel at the true position; None without a georeference.
     """
@@ -68,7 +68,7 @@ def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float 
 
 
 def _metres(pixels: float | None, metres_per_pixel: float | None) -> float | None:
-    # Beyond the horizon of a tilted image a pixel has no size.
+    # beyond the horizon of a tilted image the size of a pixel is undefined
     if pixels is None or metres_per_pixel is None or not math.isfinite(metres_per_pixel):
         return None
     return pixels * metres_per_pixel

@@ -1,4 +1,4 @@
-"""All figures of an evaluation at once."""
+"""All metrics of an evaluation at once."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ WITHIN_PX = (10, 20, 50, 100, 400)
 """Radii of the shares, map pixels."""
 
 TOP = 5
-"""Hypotheses that count for `top5_within_50px`."""
+"""Number of hypotheses considered in `top5_within_50px`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """The results as arrays, one element a query; what a query does not have is NaN, its error infinite.
+    """The results as arrays, one element per query; missing values are NaN, missing errors infinite.
 
     Attributes
     ----------
     errors, best_of_top : (n,) float64
-        Of the first hypothesis; of the nearest of the first five; map pixels.
+        Errors of the first hypothesis, and of the nearest of the first five; map pixels.
     probabilities, radii : (n,) float64
         Of the first hypothesis.
     """
@@ -37,14 +37,14 @@ class Outcomes:
     radii: NDArray[np.float64]
 
     def __getitem__(self, index: NDArray[np.intp]) -> Outcomes:
-        """Give the queries with these indices, repeated as they are."""
+        """Select queries by their indices, which may be repeated."""
         return Outcomes(
             self.errors[index], self.best_of_top[index], self.probabilities[index], self.radii[index]
         )
 
 
 def outcomes(results: Sequence[QueryResult]) -> Outcomes:
-    """Put the results into arrays."""
+    """Convert the results to arrays."""
     count = len(results)
     found = Outcomes(
         np.full(count, np.inf), np.full(count, np.inf), np.full(count, np.nan), np.full(count, np.nan)
@@ -61,7 +61,7 @@ def outcomes(results: Sequence[QueryResult]) -> Outcomes:
 
 
 def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | None]]:
-    """Give the figures that say how good the answers are, by their names in JSON.
+    """Return the functions that compute the metrics, by their names in JSON.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | No
         return lambda o: metrics.share_within(o.errors, radius)
 
     def stated(o: Outcomes) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        has = np.isfinite(o.probabilities)  # also on a wrong floor, where the error is infinite
+        has = np.isfinite(o.probabilities)  # not by errors, which are infinite on a wrong floor
         return o.probabilities[has], o.errors[has] <= place_radius_px
 
     return {
@@ -92,7 +92,7 @@ def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | No
 
 
 def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np.random.Generator) -> Summary:
-    """Compute all figures of an evaluation.
+    """Compute all metrics of an evaluation.
 
     Parameters
     ----------

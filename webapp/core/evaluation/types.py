@@ -1,4 +1,4 @@
-"""What an evaluation holds: one result a query, and the figures over all of them."""
+"""Data of an evaluation: one result per query, and the metrics over all of them."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ _MATCHING_STAGES = ("retrieve", "verify", "position")
 
 @dataclass(frozen=True, slots=True)
 class QueryResult:
-    """One query: where it was taken, and what the localization said.
+    """One query: its true position, and the answer of localization.
 
     Attributes
     ----------
     path : str
-        As the list of queries names it.
+        As in the list of queries.
     truth : MapPixel
-        Where the photo was taken.
+        True position of the photo.
     answer : Answer or None
         None for a photo that could not be used.
     error : str or None
         Why there is no answer.
     truth_heading_deg : float or None
-        Where the camera looked, degrees clockwise from north, when that is known too.
+        True viewing direction, degrees clockwise from north, if known.
     truth_floor : int or None
-        Id of the floor where it was taken, when that is known too.
+        Id of the true floor, if known.
     """
 
     path: str
@@ -47,7 +47,7 @@ class QueryResult:
     def errors_px(self) -> tuple[float, ...]:
         """Distance of each hypothesis from the truth, map pixels, in the order of their ranks.
 
-        It is infinite on another floor than that of the truth.
+        It is infinite for a hypothesis on another floor than the truth.
         """
         if self.answer is None:
             return ()
@@ -88,9 +88,9 @@ class ReliabilityBin:
     Attributes
     ----------
     probability : float
-        Mean of what was stated.
+        Mean stated probability.
     right : float
-        Share that was right.
+        Share of right answers.
     count : int
         Queries in the bin.
     """
@@ -102,12 +102,12 @@ class ReliabilityBin:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The figures over all queries; None where nothing can be said.
+    """Metrics over all queries; None if undefined.
 
     Attributes
     ----------
     queries, failed, abstained, second_looks : int
-        All of them; photos that could not be used; answers "not on this map"; photos looked at twice.
+        All queries; photos that could not be used; answers "not on this map"; photos with a second look.
     median_px, mean_px : float or None
         Error of the first hypothesis, over the queries that have one.
     within : mapping of int to float
@@ -117,13 +117,13 @@ class Summary:
     ece : float or None
         Expected calibration error of the first hypothesis' probability.
     radius_coverage : float or None
-        Share of the right hypotheses whose `radius_px` holds the truth; 0.68 is wanted.
+        Share of the right hypotheses whose `radius_px` contains the truth; ideally 0.68.
     answered_at_99_precision : float
-        Share of all queries that can be answered, the surest first, with 99 % of the answers right.
+        Share of all queries that can be answered, the most probable first, with 99 % of the answers right.
     grades : mapping of str to int
         Queries by the grade of their first hypothesis.
     intervals : mapping of str to (float, float)
-        95 % bootstrap intervals, by the figure's name in JSON.
+        95 % bootstrap intervals, by the metric's name in JSON.
     """
 
     queries: int

@@ -1,5 +1,5 @@
-"""Local features: what a photo is recognised by.
+"""Local features of photos, and global descriptors.
 
-`table.py` lists what can be chosen, one file holds each extractor; `matching.py` and `geometry.py` compare
-the features of two photos.
+`table.py` lists the detectors, extractors and matchers that can be chosen; there is a file for each
+extractor. `lightglue.py` matches the features of two photos.
 """

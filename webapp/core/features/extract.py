@@ -16,9 +16,9 @@ FeatureNetwork = XFeatNetwork | AlikedNetwork | DiskNetwork
 """A network that extracts features, with its weights."""
 
 _UPSAMPLED_SIDE_PX, _MAX_FACTOR = 640, 4.0
-"""XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos, which
-are enlarged until the longer side has this many pixels, but not by more than that factor. A large photo that
-was made small on purpose stays so."""
+"""XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos. These
+are enlarged until the longer side has this many pixels, but at most by this factor. Large photos that were
+scaled down are not enlarged."""
 
 
 def extract(
@@ -41,9 +41,9 @@ def extract(
     scale : float
         Size of `gray` over size of the photo.
     photo_size : (int, int), optional
-        Width and height of the photo at full size; of `gray` when it was not scaled.
+        Width and height of the photo at full size; by default of `gray`.
     network : XFeatNetwork, AlikedNetwork or DiskNetwork, optional
-        That of `choice.model`, where it says one.
+        Network of `choice.model`, if that is not None.
 
     Returns
     -------
@@ -53,9 +53,9 @@ def extract(
     Raises
     ------
     MissingPart
-        The network is needed and not given.
+        The network is required but not given.
     InputError
-        The network is of a file that the user supplied, and onnxruntime cannot run it.
+        The network is from a file supplied by the user, and onnxruntime cannot run it.
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
     if choice.model == "xfeat" and scale >= 1.0:

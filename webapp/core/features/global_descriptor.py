@@ -1,4 +1,4 @@
-"""Global descriptors: one vector for a whole photo, alike for photos of one place.
+"""Global descriptors: one vector for a whole photo, similar for photos of one place.
 
 The network is a file that the user supplies, such as MegaLoc (Berton and Masone 2025), SALAD (Izquierdo and
 Civera 2024) or EigenPlaces (Berton et al. 2023).
@@ -22,13 +22,13 @@ Triple = tuple[float, float, float]
 
 _MEAN: Triple = (0.485, 0.456, 0.406)
 _STD: Triple = (0.229, 0.224, 0.225)
-"""Of the photos of ImageNet, red, green and blue from 0 to 1: what most such networks are trained with."""
+"""Statistics of ImageNet, red, green and blue from 0 to 1, with which most such networks are trained."""
 
 _LEAST_SIDE, _MOST_SIDE = 8, 2048
-"""Of the images that a network takes, pixels."""
+"""Limits of the sides of a network's input images, pixels."""
 
 _LEAST_STD, _MOST = 1e-3, 1e3
-"""Limits of means and standard deviations: what is beyond is a slip, or 0."""
+"""Limits of means and standard deviations: other values are mistakes, or 0."""
 
 _HINT = "see 'A global descriptor' in docs/features.md"
 
@@ -37,14 +37,14 @@ _INTERFACE = Interface("global descriptor", (), (), needs=_HINT)
 
 @dataclass(frozen=True, slots=True)
 class InputForm:
-    """How a photo becomes the input of a network; None where that is not stated.
+    """How a photo is converted to the input of a network; None if not stated.
 
     Attributes
     ----------
     width, height : int or None
-        Pixels that the whole photo is scaled to.
+        Pixels to which the whole photo is scaled.
     mean, std : tuple of float or None
-        Of red, green and blue from 0 to 1: the mean is subtracted, then it is divided by `std`.
+        Of red, green and blue from 0 to 1: the mean is subtracted, and the result divided by `std`.
     """
 
     width: int | None = None
@@ -57,12 +57,12 @@ _NAMES = tuple(field.name for field in fields(InputForm))
 
 
 def read_form(stated: object) -> InputForm:
-    """Read an input form from the values of a JSON file.
+    """Parse an input form from the values of a JSON file.
 
     Raises
     ------
     ValueError
-        A field is unknown or no such value; the message names it.
+        A field is unknown or its value is not valid; the message names it.
     """
     if not isinstance(stated, Mapping):
         raise ValueError("it is not an object")
@@ -105,8 +105,8 @@ class GlobalDescriptor:
     Parameters
     ----------
     model : bytes
-        Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). What the form
-        does not state is read from its shape and its metadata; normalisation is else that of ImageNet.
+        Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). Values that the
+        form does not state are read from its shape and metadata; the default normalisation is ImageNet's.
     file : str
         Name of the file, for messages.
     form : InputForm
@@ -116,7 +116,7 @@ class GlobalDescriptor:
     Raises
     ------
     InputError
-        The file holds another network, or none.
+        The file contains another network, or none.
     MissingPart
         onnxruntime is not installed.
     """
@@ -150,7 +150,7 @@ class GlobalDescriptor:
         Raises
         ------
         InputError
-            The model fails, or does not give one vector of numbers.
+            The model fails, or its output is not one finite, non-zero vector.
         """
         smaller = self.width * self.height < photo.shape[0] * photo.shape[1]
         how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
@@ -168,7 +168,7 @@ class GlobalDescriptor:
         return np.asarray(vector / np.float32(length), np.float32)
 
     def _own_size(self) -> tuple[int | None, int | None]:
-        """Read width and height from the shape of the model's input; None where any will do."""
+        """Read width and height from the shape of the model's input; None if not fixed."""
         shapes = [*self._network.inputs.values()]
         if len(shapes) != 1:
             raise self._error(f"it has {len(shapes)} inputs instead of one image")
@@ -185,7 +185,7 @@ class GlobalDescriptor:
             raise self._error(f"its output has the shape {_shown(shapes[0])} instead of (1, d)")
 
     def _metadata(self) -> InputForm:
-        """Read what the export has written into the model itself."""
+        """Read the input form from the model's metadata."""
         stated = {name: text for name, text in self._network.metadata.items() if name in _NAMES}
         try:
             return read_form({name: json.loads(text) for name, text in stated.items()})

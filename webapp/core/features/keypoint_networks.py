@@ -1,4 +1,4 @@
-"""Networks that detect and describe keypoints in one pass, of one scale and without orientation.
+"""Networks that detect and describe keypoints in one pass, at a single scale and without orientation.
 
 ALIKED (Zhao et al., "ALIKED: A lighter keypoint and descriptor extraction network", 2023) and DISK
 (Tyszkiewicz et al., "DISK: Learning local features with policy gradient", 2020), with model files that the
@@ -19,7 +19,7 @@ from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind
 from webapp.errors import MissingPart, UsageError
 
 WIDTH = 128
-"""Numbers of a descriptor."""
+"""Dimension of a descriptor."""
 
 
 class Points(NamedTuple):
@@ -52,12 +52,12 @@ class KeypointNetwork:
     Attributes
     ----------
     sides : (int or None, int or None)
-        Width and height of the images that it takes; None where any multiple of `multiple` will do.
+        Width and height of its input images; None if any multiple of `multiple` is possible.
 
     Raises
     ------
     InputError
-        The file holds another network.
+        The file contains another network.
     MissingPart
         onnxruntime is not installed.
     """
@@ -94,7 +94,7 @@ class KeypointNetwork:
 
 
 class AlikedNetwork(KeypointNetwork):
-    """ALIKED. Its keypoints are -1 at the centre of the first pixel and 1 at that of the last one."""
+    """ALIKED. Its coordinates are -1 at the centre of the first pixel and 1 at that of the last one."""
 
     name = "ALIKED"
     multiple = 32
@@ -106,7 +106,7 @@ class AlikedNetwork(KeypointNetwork):
 
 
 class DiskNetwork(KeypointNetwork):
-    """DISK. Its keypoints are pixels."""
+    """DISK. Its coordinates are pixels."""
 
     name = "DISK"
     multiple = 16
@@ -118,14 +118,14 @@ class NetworkFeatures:
     Parameters
     ----------
     network : KeypointNetwork, optional
-        Without it nothing can be detected.
+        Required for detection.
     """
 
     kind: Kind = "float"
     width = WIDTH
     oriented = False
     name = ""
-    """Of the features."""
+    """Name of the features."""
 
     def __init__(self, network: KeypointNetwork | None = None) -> None:
         self._network = network
@@ -164,9 +164,9 @@ def _letterbox(
     Returns
     -------
     (height, width) uint8
-        The photo in the upper left corner; its last pixels are repeated, which makes no edge where it ends.
+        The photo in the upper left corner; its last pixels are repeated, to avoid an edge at its border.
     (2,) float64
-        Width and height of the photo in it.
+        Width and height of the photo in the image.
     """
     size = np.array(gray.shape[::-1], np.float64)
     fixed = [(side, own) for side, own in zip(network.sides, size, strict=True) if side]

@@ -1,7 +1,7 @@
 """LightGlue (Lindenberger et al., "LightGlue: Local feature matching at light speed", 2023).
 
-A network matches the keypoints of two photos, all at once, by their descriptors and by their positions. It
-finds more correct matches than nearest neighbours do, in about a tenth of a second for 1000 keypoints each.
+A network matches all keypoints of two photos jointly, by their descriptors and positions. It finds more
+correct matches than nearest-neighbour search, in about a tenth of a second for 1000 keypoints per photo.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from webapp.core.features.network import Interface, Network
 from webapp.core.features.types import Features
 
 _MIN_SCORE = 0.1
-"""Least probability of a match; the value of its authors."""
+"""Minimum probability of a match; the authors' value."""
 
 _INPUTS = ("kpts0", "kpts1", "desc0", "desc1")
 
 LIGHTGLUE = Interface("LightGlue", _INPUTS, ("matches0", "mscores0"))
-"""For ALIKED: a file that the user supplies."""
+"""For ALIKED, from a file that the user supplies."""
 
 LIGHTERGLUE = Interface("LighterGlue", _INPUTS, ("matches", "scores"))
-"""For XFeat, smaller (Potje et al. 2024): the published file."""
+"""For XFeat, a smaller network (Potje et al. 2024), from the published file."""
 
 
 class PairMatcher(Protocol):
@@ -39,7 +39,7 @@ class PairMatcher(Protocol):
     weights: str
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
-        """Match the keypoints of two photos; both have the features that the matcher is for.
+        """Match the keypoints of two photos, which have the features that the matcher is for.
 
         Returns
         -------
@@ -63,7 +63,7 @@ class LightGlue:
     Raises
     ------
     InputError
-        The file holds another network.
+        The file contains another network.
     MissingPart
         onnxruntime is not installed.
     """
@@ -90,7 +90,7 @@ class LightGlue:
 
 
 def _centred(features: Features) -> NDArray[np.float32]:
-    """Measure keypoints from the centre of the photo, in halves of its longer side: (n, 2)."""
+    """Convert keypoints to coordinates from the centre of the photo, in halves of its longer side: (n, 2)."""
     size = np.array(features.photo_size, np.float32)
     xy: NDArray[np.float32] = (features.xy - size / 2) * (2.0 / size.max())
     return xy
@@ -105,7 +105,7 @@ def _unit_length(features: Features) -> NDArray[np.float32]:
 
 
 def _most_probable(pairs: NDArray[np.int64], scores: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Keep the pairs with good scores, the best first, and of each row the best."""
+    """Keep pairs above the minimum score, the best first, and only the best pair of each row."""
     likely = np.flatnonzero(scores >= _MIN_SCORE)
     ordered = pairs[likely[np.argsort(-scores[likely], kind="stable")]]
     for side in (0, 1):

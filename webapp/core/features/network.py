@@ -1,4 +1,4 @@
-"""Networks in ONNX files, run by onnxruntime on the processor."""
+"""Networks in ONNX files, run by onnxruntime on the CPU."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from webapp.errors import InputError
 from webapp.extras import extra
 
 Sides = tuple[int | None, ...]
-"""Shape of an array; None where a side is not fixed."""
+"""Shape of an array; None for sides that are not fixed."""
 
 _SILENT = 4
-"""Severity of onnxruntime's messages: what matters is raised."""
+"""Minimum severity of onnxruntime's log messages (fatal): errors are raised as exceptions anyway."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class Interface:
     Attributes
     ----------
     name : str
-        Of the network, for messages.
+        Name of the network, for messages.
     inputs, outputs : tuple of str
-        Their names; empty where any will do.
+        Their names; empty if there are no requirements.
     needs : str
-        What a file must be, where that does not follow from the names.
+        Hint for the requirements on a file, if they do not follow from the names.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Interface:
     needs: str = ""
 
     def error(self, file: str) -> InputError:
-        """Make the error for a file that does not hold this network."""
+        """Create the error for a file that does not contain this network."""
         names = (
             f"it needs the inputs {', '.join(self.inputs)} and the outputs {', '.join(self.outputs)}; "
             "see 'Models that you supply' in docs/features.md"
@@ -66,7 +66,7 @@ class Network:
     inputs, outputs : dict of str to tuple of (int or None)
         Shape of each input and output.
     metadata : dict of str to str
-        What its maker wrote into the file.
+        Custom metadata of the file.
 
     Raises
     ------
@@ -85,9 +85,9 @@ class Network:
         options.log_severity_level = _SILENT
         options.intra_op_num_threads = cv2.getNumThreads()
         options.inter_op_num_threads = 1
-        # Plans of memory are kept for each shape of the inputs, and photos have many.
+        # Memory plans are kept for each input shape, and photos have many.
         options.enable_mem_pattern = False
-        # Threads that wait in a busy loop take the cores from the other processes.
+        # Threads that wait in a busy loop take CPU time from other processes.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         try:
             self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
@@ -110,7 +110,7 @@ class Network:
         Returns
         -------
         list of array
-            The outputs of the interface, in its order, or all where it names none.
+            The outputs of the interface, in its order, or all if it names none.
 
         Raises
         ------
@@ -125,12 +125,12 @@ class Network:
         return found
 
     def error(self) -> InputError:
-        """Make the error for outputs that are not those of the network."""
+        """Create the error for outputs that do not fit the interface."""
         return self._interface.error(self._file)
 
 
 def _errors_of(onnxruntime: Any) -> tuple[type[Exception], ...]:
-    """List what onnxruntime raises: its exceptions have no common base class."""
+    """List the exceptions that onnxruntime raises, which have no common base class."""
     kinds: Mapping[str, object] = vars(onnxruntime.capi.onnxruntime_pybind11_state)
     own = (kind for kind in kinds.values() if isinstance(kind, type) and issubclass(kind, Exception))
     return (*own, RuntimeError, ValueError)

@@ -15,10 +15,10 @@ _SCALE_FACTOR = 1.2
 _LEVELS = 8
 _PATCH = 31
 _DIFFERENCE, _WEAK_DIFFERENCE = 20, 3
-"""How much brighter or darker a corner's surroundings are, grey values: as usual, and in dim photos."""
+"""FAST threshold, grey values: the usual one, and that in dim photos."""
 
 _BORDER = 31
-"""Pixels along each edge in which no corner is looked for."""
+"""Width of the border without corners, pixels."""
 
 
 class Orb:
@@ -27,8 +27,8 @@ class Orb:
     Parameters
     ----------
     points_per_test : {2, 4}
-        2: each bit compares two points, for Hamming distance. 4: each two bits name the brightest of four
-        points, for Hamming2, which counts pairs of bits.
+        2: each bit compares two points, for Hamming distance. 4: each pair of bits is the index of the
+        brightest of four points, for Hamming2, which counts pairs of bits.
     """
 
     kind: Kind = "binary"
@@ -70,9 +70,9 @@ class Orb:
     def _with_weak(
         self, gray: NDArray[np.uint8], found: Sequence[cv2.KeyPoint], keypoints: int
     ) -> Sequence[cv2.KeyPoint]:
-        """Add weak corners where fewer than half as many as wanted are detected.
+        """Add weak corners if fewer than half of the number wanted are detected.
 
-        They are added to the others: ORB detects a number on each level, and would return different ones.
+        The others are kept: ORB limits the number per level, so a lower threshold alone can drop some.
         """
         lacking = keypoints // 2 - len(found)
         if lacking <= 0:
@@ -85,7 +85,7 @@ class Orb:
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
         """Describe another detector's keypoints; descriptors (n, 32) uint8.
 
-        Keypoints nearer to the border than the tests reach are left out.
+        Keypoints too near to the border for the tests are left out.
         """
         if not keypoints or _too_small(gray):
             return (), self._or_none(None)

@@ -13,13 +13,13 @@ from webapp.core.features.types import Described, Kind, detect_with_fallback_thr
 _BASE_SIGMA = 1.6
 _LAYERS = 3
 _PATCH_OVER_SIZE = 6.0
-"""SIFT describes 4 bins of 3 sigma each, 6 times the size that OpenCV states."""
+"""SIFT describes 4 bins of 3 sigma each: 6 times the size in OpenCV's keypoints."""
 
 _CONTRAST = (0.04, 0.004)
-"""Least contrast of a keypoint (of grey values from 0 to 1, over all layers): Lowe's, and in dim photos."""
+"""Minimum contrast of a keypoint (grey values from 0 to 1, over all layers): Lowe's, and in dim photos."""
 
 _ROOT_SCALE = 512.0
-"""A RootSIFT component is at most 1 and rarely over 0.5, so that one byte holds it in steps of 1/512."""
+"""A RootSIFT component is at most 1 and rarely over 0.5: one byte stores it in steps of 1/512."""
 
 
 class Sift:
@@ -47,7 +47,7 @@ class Sift:
         )
         for keypoint in found:
             keypoint.size *= _PATCH_OVER_SIZE
-        # Keypoints of equal contrast all stay in OpenCV's list, which can exceed the number asked for.
+        # OpenCV keeps all keypoints of equal contrast, which can be more than the number requested.
         return sorted(found, key=lambda k: -k.response)[:keypoints]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
@@ -78,7 +78,7 @@ def _sift(keypoints: int, contrast: float) -> cv2.SIFT:
 
 
 def root_sift(raw: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Turn (n, 128) SIFT histograms into RootSIFT, in steps of 1/512, as (n, 128) uint8."""
+    """Convert (n, 128) SIFT histograms to RootSIFT, in steps of 1/512, as (n, 128) uint8."""
     total = np.maximum(raw.sum(axis=1, keepdims=True), np.float32(1e-9))
     steps: NDArray[np.float32] = np.minimum(np.rint(np.sqrt(raw / total) * _ROOT_SCALE), 255.0)
     return steps.astype(np.uint8)

@@ -1,8 +1,8 @@
-"""SURF (Bay et al. 2008): blobs found by box filters and described by Haar wavelets, all by integral images.
+"""SURF (Bay et al. 2008): blobs detected by box filters and described by Haar wavelets, on integral images.
 
 A blob is a maximum of the determinant of box-filtered second derivatives.
 
-The sign of the Laplacian, by which the paper separates bright from dark blobs, is not kept: the wavelets
+The sign of the Laplacian, by which the paper separates bright from dark blobs, is not stored: the wavelets
 separate them as well.
 """
 
@@ -18,36 +18,36 @@ from numpy.typing import NDArray
 from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, unit_as_bytes
 
 _SIZE_OF_SCALE = 9.0 / 1.2
-"""Pixels of a filter for each pixel of scale: the smallest, of 9 pixels, stands for a Gaussian of 1.2."""
+"""Size of a filter over its scale: the smallest, of 9 pixels, approximates a Gaussian of sigma 1.2."""
 
 _OCTAVES = ((9, 15, 21, 27), (15, 27, 39, 51), (27, 51, 75, 99))
 """Sizes of the filters; each octave is sampled half as densely as the one before. The paper's fourth octave
-finds few blobs, and places them badly."""
+finds few blobs, and locates them inaccurately."""
 
 _BALANCE = 0.9
-"""Weight of the mixed derivative: boxes approximate the Gaussians."""
+"""Weight of the mixed derivative, because boxes only approximate the Gaussians."""
 
 _FARTHEST = 1.0
-"""A maximum that is interpolated farther from its sample, in samples, is rejected."""
+"""Maximum distance of an interpolated maximum from its sample, in samples."""
 
 _PATCH = 20.0
-"""The described patch, times the scale."""
+"""Side of the described patch, times the scale."""
 
 _RADIUS = 6
-"""The orientation is that of the wavelets so far from the keypoint, times the scale."""
+"""Radius in which wavelets determine the orientation of a keypoint, times the scale."""
 
 _RADIUS_SIGMA, _PATCH_SIGMA = 2.0, 3.3
-"""Of the Gaussians that weigh wavelets by their distance, times the scale."""
+"""Sigmas of the Gaussians that weight wavelets by their distance, times the scale."""
 
 _BINS, _WINDOW = 72, 12
-"""Bins of the directions of wavelets, and those of the window of 60 degrees over which they are summed."""
+"""Bins of the directions of wavelets, and bins in the window of 60 degrees over which they are summed."""
 
 _DETERMINANT = (26.0, 0.26)
-"""Smallest determinant of a keypoint: below it is mostly noise; and in dim photos, of a tenth of contrast."""
+"""Minimum determinant of a keypoint: below it most are noise; and that in photos of a tenth of contrast."""
 
 _REGIONS = 4
 _AT_ONCE = 256
-"""Keypoints described at once: their samples then stay in the processor's cache."""
+"""Keypoints described at once, so that their samples stay in the processor's cache."""
 
 
 class Blobs(NamedTuple):
@@ -58,7 +58,7 @@ class Blobs(NamedTuple):
     xy : (n, 2) float32
         Pixels; pixel centres have whole numbers.
     scale : (n,) float32
-        Sigma of the Gaussian that the filter stands for, pixels.
+        Sigma of the Gaussian that the filter approximates, pixels.
     strength : (n,) float32
     """
 
@@ -77,7 +77,7 @@ def detect_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blo
     most : int
         Maximum number; the strongest are kept.
     least : float
-        Smallest determinant of a keypoint, for grey values of 0 to 255.
+        Minimum determinant of a keypoint, for grey values of 0 to 255.
     """
     known: dict[tuple[int, int], NDArray[np.float32]] = {}
     parts = []
@@ -88,7 +88,7 @@ def detect_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blo
         layers = []
         for size in sizes:
             if (size, step // 2) in known:
-                # The octave before has it, twice as dense.
+                # reuse the layer of the octave before, which is twice as dense
                 known[size, step] = known[size, step // 2][::2, ::2]
             else:
                 known[size, step] = _determinant(integral, size, step)
@@ -152,7 +152,7 @@ class Surf:
 def _orientation(
     integral: NDArray[np.int32], xy: NDArray[np.float32], scale: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Find the direction in which brightness rises around (n, 2) pixels, (n,) radians, y downwards."""
+    """Compute the direction of rising brightness around (n, 2) pixels, (n,) radians, y downwards."""
     y, x = np.mgrid[-_RADIUS : _RADIUS + 1, -_RADIUS : _RADIUS + 1].astype(np.float32)
     inside = x**2 + y**2 < _RADIUS**2
     grid = np.column_stack([x[inside], y[inside]])
@@ -171,7 +171,7 @@ def _orientation(
 
 
 def _in_window(bins: NDArray[np.number]) -> NDArray[np.float64]:
-    """Sum, for every keypoint and bin, that bin and those after it that are in the window; (n, bins)."""
+    """Sum, for every keypoint and bin, the bins of the window that starts at it; (n, bins)."""
     around = bins.reshape(-1, _BINS)
     doubled = np.cumsum(np.concatenate([np.zeros((len(around), 1)), around, around[:, :_WINDOW]], 1), axis=1)
     sums: NDArray[np.float64] = doubled[:, _WINDOW:-1] - doubled[:, : -_WINDOW - 1]
@@ -185,7 +185,7 @@ def _descriptors(
     *,
     angle: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Sum wavelets over 4 x 4 regions of the turned patch, (n, 64) of length 1."""
+    """Sum wavelets over 4 x 4 regions of the rotated patch, (n, 64) of length 1."""
     side = int(_PATCH)
     offset = np.arange(side, dtype=np.float32) - (side - 1) / 2.0
     u, v = (part.ravel() for part in np.meshgrid(offset, offset))
@@ -206,10 +206,10 @@ def _descriptors(
 def _wavelets(
     integral: NDArray[np.int32], at: NDArray[np.float32], half: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Answer of Haar wavelets of 2 `half` pixels at (n, m, 2) pixels: right - left, below - above."""
+    """Compute Haar wavelet responses at (n, m, 2) pixels, size 2 `half`: right - left, below - above."""
     height, width = (side - 1 for side in integral.shape)
     reach = np.maximum(half, 1.0).astype(np.int32)[:, None]
-    # Corners are counted between pixels: that after pixel x is x + 1.
+    # corners are between pixels: the one after pixel x is x + 1
     corner = np.rint(at + 0.5).astype(np.int32)
     x, y = corner[:, :, 0], corner[:, :, 1]
     columns = [np.clip(x + shift, 0, width) for shift in (-reach, 0, reach)]
@@ -224,7 +224,7 @@ def _wavelets(
 
 
 def _determinant(integral: NDArray[np.int32], size: int, step: int) -> NDArray[np.float32]:
-    """Filter with boxes of `size` pixels at every `step`-th pixel; 0 where the filter does not fit."""
+    """Compute determinants, filter size `size`, at every `step`-th pixel; 0 where the filter does not fit."""
     height, width = (side - 1 for side in integral.shape)
     answer = np.zeros((-(-height // step), -(-width // step)), np.float32)
     margin = -(-(size // 2) // step)
@@ -262,7 +262,7 @@ def _determinant(integral: NDArray[np.int32], size: int, step: int) -> NDArray[n
 
 
 def _maxima(stack: NDArray[np.float32], sizes: tuple[int, ...], step: int, *, least: float) -> Blobs:
-    """Find the maxima over place and scale of (4, rows, columns), to a fraction of a sample."""
+    """Find the maxima over position and scale of (4, rows, columns), interpolated between samples."""
     around = [cv2.dilate(layer, np.ones((3, 3), np.uint8)) for layer in stack]
     places = []
     for middle in range(1, len(stack) - 1):
@@ -283,7 +283,7 @@ def _maxima(stack: NDArray[np.float32], sizes: tuple[int, ...], step: int, *, le
 
 
 def _neighbourhood(stack: NDArray[np.float32], place: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Cut out the samples around (n, 3) places, (n, 3, 3, 3)."""
+    """Return the samples around (n, 3) places, (n, 3, 3, 3)."""
     steps = np.arange(-1, 2)
     layer, row, column = (place[:, axis, None] + steps for axis in range(3))
     cut = stack[layer[:, :, None, None], row[:, None, :, None], column[:, None, None, :]]
@@ -310,7 +310,7 @@ def _vertex(cut: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _at(cut: NDArray[np.float64], side: dict[int, int]) -> NDArray[np.float64]:
-    """Take the samples in the middle of all axes but those of `side`."""
+    """Return the samples in the middle of all axes except those of `side`."""
     layer, row, column = (side.get(axis, 1) for axis in range(3))
     taken: NDArray[np.float64] = cut[:, layer, row, column]
     return taken

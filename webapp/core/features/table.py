@@ -22,10 +22,10 @@ METHODS: tuple[Method, ...] = ("auto", "vote", "verified", "thorough", "landmark
 _VERIFY: tuple[Method, ...] = ("auto", "verified", "thorough", "landmarks")
 
 PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
-"""Features that `thorough` works with, and the model that matches them; the default first."""
+"""Features of method `thorough`, and the models that match them; the default first."""
 
 LANDMARK_FEATURES = "sift"
-"""What the points of a reconstruction are described by, and hence the query of method `landmarks`."""
+"""Features of the points of a reconstruction, and hence of the query in method `landmarks`."""
 
 DETECTORS: dict[str, Callable[[], Detector]] = {
     "sift": Sift,
@@ -51,12 +51,12 @@ _LEARNED = ("xfeat", "aliked", "disk")
 """Features that need a model of the same name."""
 
 _OWN_KEYPOINTS = frozenset({"aliked", "disk"})
-"""Extractors that describe no keypoints but their own."""
+"""Extractors that describe only their own keypoints."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatcherEntry:
-    """A matcher: which descriptors it compares, for which methods, and in one phrase how."""
+    """A matcher: the kinds of descriptors it compares, for which methods, and how (a phrase)."""
 
     kinds: tuple[Kind, ...]
     methods: tuple[Method, ...]
@@ -99,10 +99,10 @@ BUNDLES: dict[str, tuple[str, str]] = {
 """`--features NAME`: detector and extractor; the matcher follows from the method."""
 
 _DEFAULT_MATCHERS = ("ivf", "hamming", "flann", "hamming2")
-"""The default matcher is the first of these that works."""
+"""The default matcher is the first of these that fits extractor and method."""
 
 _PAIRS_OF_BITS = frozenset({"orb-wta4"})
-"""Extractors whose descriptors only Hamming2 compares."""
+"""Extractors whose descriptors only Hamming2 can compare."""
 
 BEST_FIRST = ("sift",)
 """`auto` takes the first of these that is available."""
@@ -110,14 +110,14 @@ BEST_FIRST = ("sift",)
 
 @dataclass(frozen=True, slots=True)
 class FeatureChoice:
-    """A combination that works.
+    """A valid combination of detector, extractor and matcher.
 
     Attributes
     ----------
     detector, extractor, matcher : str
         Names in the tables of this module.
     weights : str
-        SHA-256 of the model file where the user supplied it: another file gives other features.
+        SHA-256 of a model file supplied by the user, as another file gives other features.
     """
 
     detector: str
@@ -140,7 +140,7 @@ class FeatureChoice:
 
     @property
     def engine(self) -> Engine | None:
-        """Search engine that the index must have; None for matchers that read the descriptors themselves."""
+        """Search engine that the index must have; None for matchers that read the raw descriptors."""
         if self.matcher == "ivf":
             return "ivf"
         return "vlad" if self.matcher == "vlad" else None
@@ -152,12 +152,12 @@ class FeatureChoice:
 
     @property
     def oriented(self) -> bool:
-        """Whether keypoints have an orientation; else all their angles are 0."""
+        """Whether keypoints have an orientation; otherwise all their angles are 0."""
         return DETECTORS[self.detector]().oriented
 
     @property
     def model(self) -> str | None:
-        """Name of the model whose weights are needed; None where none are."""
+        """Name of the model whose weights are needed; None if no model is."""
         return next((name for name in _LEARNED if name in (self.detector, self.extractor)), None)
 
 
@@ -169,7 +169,7 @@ def choose(
     extractor: str | None = None,
     matcher: str | None = None,
 ) -> FeatureChoice:
-    """Resolve a request into a combination that works.
+    """Resolve a request to a valid combination.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def choose(
     Raises
     ------
     UsageError
-        A name is unknown or the parts do not fit each other; the hint lists what would.
+        A name is unknown or the parts are incompatible; the hint lists alternatives.
     """
     bundle = _known(features, {"auto": None, **BUNDLES}, "features")
     base_detector, base_extractor = BUNDLES[_best(method) if bundle == "auto" else bundle]
@@ -195,7 +195,7 @@ def choose(
     default = next(m for m in _DEFAULT_MATCHERS if _fits(m, chosen_extractor, method))
     chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else default
     if chosen_matcher == "hamming2" and chosen_extractor == "orb":
-        chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only these tests produce.
+        chosen_extractor = "orb-wta4"  # Hamming2 counts pairs of bits, which only WTA_K = 4 produces
     choice = FeatureChoice(chosen_detector, chosen_extractor, chosen_matcher)
     _reject_foreign_keypoints(choice)
     _reject_combination(choice, method)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Kind = Literal["float", "binary"]
-"""How descriptors are compared: by a distance of numbers, or by counting different bits."""
+"""How descriptors are compared: by a distance of real vectors, or by counting different bits."""
 
 Engine = Literal["ivf", "vlad"]
-"""What photos are found by: codes of all descriptors, or one signature a photo."""
+"""How photos are searched: by codes of all descriptors, or by one signature per photo."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,13 +28,13 @@ class Features:
     size : (n,) float32
         Diameter of the described neighbourhood, pixels of the photo at full size.
     angle : (n,) float32
-        Orientation in degrees, clockwise in the image; 0 everywhere where the detector has none.
+        Orientation in degrees, clockwise in the image; all 0 if the detector computes none.
     descriptors : (n, d) uint8
         Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
     photo_size : (int, int)
         Width and height of the upright photo.
     vector : (d,) float32 or None
-        Its global descriptor, of length 1, where there is a model for that.
+        Global descriptor of the photo, of length 1, if there is a model.
     """
 
     xy: NDArray[np.float32]
@@ -74,12 +74,12 @@ class Detector(Protocol):
     """Detects keypoints."""
 
     oriented: bool
-    """Whether keypoints have an orientation; else their angle is always 0."""
+    """Whether keypoints have an orientation; otherwise their angle is always 0."""
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Detect at most `keypoints` keypoints in an (h, w) uint8 image, for another one to describe.
+        """Detect at most `keypoints` keypoints in an (h, w) uint8 image, to be described by an extractor.
 
-        Their size is that of the patch that this one would describe.
+        Their size is that of the patch that the detector's own extractor would describe.
         """
 
 
@@ -115,7 +115,7 @@ def features_from_keypoints(
         Width and height of the photo at full size.
     """
     table = np.array([(*k.pt, k.size, k.angle) for k in keypoints], np.float32).reshape(-1, 4)
-    # OpenCV counts from pixel centres, but scaling acts on distances from the image's outer corner.
+    # OpenCV's origin is a pixel centre, but scaling acts on distances from the image's outer corner.
     xy = (table[:, :2] + 0.5) / scale - 0.5
     return Features(
         xy=xy.astype(np.float32),
@@ -127,29 +127,28 @@ def features_from_keypoints(
 
 
 def strongest(described: Described, keypoints: int) -> Described:
-    """Keep the `keypoints` keypoints of highest response, in falling order."""
+    """Keep the `keypoints` keypoints of highest response, in descending order."""
     found, descriptors = described
     order = sorted(range(len(found)), key=lambda i: -found[i].response)[:keypoints]
     return [found[i] for i in order], descriptors[order]
 
 
 Found = TypeVar("Found", bound=tuple[Any, ...])
-"""Output of a detector: columns with an entry for each keypoint."""
+"""Output of a detector: columns with one entry per keypoint."""
 
 
 def detect_with_fallback_threshold(
     detect: Callable[[int, float], Found], keypoints: int, *, thresholds: tuple[float, float]
 ) -> Found:
-    """Detect keypoints, with a lower threshold where there are few, as at night or in fog.
+    """Detect keypoints, with a lower threshold if there are few, e.g. at night or in fog.
 
-    A threshold of contrast keeps noise out of a photo in good light, of which there is enough to choose
-    from; in a dim one it would reject nearly everything. Half the number is enough then: the rest is mostly
-    noise.
+    The usual threshold suppresses noise in well-lit photos, which have enough keypoints; in a dim photo it
+    would reject nearly all of them. There half the number is enough, because the rest is mostly noise.
 
     Parameters
     ----------
     detect : callable
-        Returns up to a number of keypoints, the strongest, of at least that strength.
+        Takes a maximum number and a threshold, and returns the strongest keypoints above it.
     keypoints : int
         Number wanted.
     thresholds : (float, float)

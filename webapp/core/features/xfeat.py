@@ -1,4 +1,4 @@
-"""XFeat (Potje et al. 2024): learned keypoints and descriptors that also hold between day and night."""
+"""XFeat (Potje et al. 2024): learned keypoints and descriptors that also match between day and night."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.core.features.xfeatnet import CELL, MULTIPLE, Maps, XFeatNetwork
 from webapp.errors import MissingPart
 
 _MIN_PROBABILITY = 0.05
-"""Least probability of a keypoint at its pixel."""
+"""Minimum probability of a keypoint at its pixel."""
 
 _NMS_WINDOW = np.ones((5, 5), np.uint8)
 """Window of the non-maximum suppression."""
@@ -25,7 +25,7 @@ class XFeat:
     Parameters
     ----------
     network : XFeatNetwork, optional
-        Without it nothing can be detected or described.
+        Required for detection and description.
     """
 
     kind: Kind = "float"
@@ -49,14 +49,14 @@ class XFeat:
         return _as_keypoints(xy, score), _descriptors(maps, xy)
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
-        """Describe what is at another detector's keypoints; descriptors (n, 64) uint8."""
+        """Describe another detector's keypoints; descriptors (n, 64) uint8."""
         maps = self._maps(gray) if keypoints else None
         if maps is None:
             return (), np.zeros((0, self.width), np.uint8)
         return keypoints, _descriptors(maps, np.array([k.pt for k in keypoints], np.float32))
 
     def _maps(self, gray: NDArray[np.uint8]) -> Maps | None:
-        """Run the network on a photo; None where it has no texture."""
+        """Run the network on a photo; None if it has no texture."""
         if self._network is None:
             raise MissingPart(
                 "the weights of XFeat are not installed", hint="get them with expmap models fetch"
@@ -65,7 +65,7 @@ class XFeat:
         if contrast < LEAST_CONTRAST:
             return None
         height, width = gray.shape
-        # Repeating the last pixels makes no edge where the photo ends.
+        # repeat the last pixels, to avoid an edge at the photo's border
         whole = cv2.copyMakeBorder(gray, 0, -height % MULTIPLE, 0, -width % MULTIPLE, cv2.BORDER_REPLICATE)
         return self._network.maps((whole.astype(np.float32) - np.float32(mean)) / np.float32(contrast))
 
@@ -97,7 +97,7 @@ def _subpixel_offset(
 ) -> NDArray[np.float32]:
     """Refine peaks to sub-pixels: offset of the centroid of the 3 x 3 pixels around each, (n, 2).
 
-    Against known homographies it is more exact than the vertex of a parabola.
+    Measured by known homographies it is more accurate than the vertex of a parabola.
     """
     padded = np.pad(heat, 1)
     around = np.stack([padded[y + row, x + column] for row in range(3) for column in range(3)], axis=1)
@@ -119,7 +119,7 @@ def _sampled(cells: NDArray[np.float32], xy: NDArray[np.float32], how: int) -> N
     """Interpolate (h, w) values of cells at (n, 2) pixels, as (n,)."""
     if not len(xy):
         return np.zeros(0, np.float32)
-    # A cell's value stands for its middle, 3.5 pixels from its first one.
+    # The position of a cell's value is its centre, 3.5 pixels from its first pixel.
     at = ((xy + 0.5) / CELL - 0.5)[None]
     x, y = np.ascontiguousarray(at[:, :, 0]), np.ascontiguousarray(at[:, :, 1])
     found: NDArray[np.float32] = cv2.remap(cells, x, y, how, borderMode=cv2.BORDER_REPLICATE)[0]

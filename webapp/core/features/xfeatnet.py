@@ -1,7 +1,7 @@
 """The network of XFeat (Potje et al., "XFeat: Accelerated features for lightweight image matching", 2024).
 
-The published model files are exported for one size of photo each. Their layers fit any size: only the steps
-whose size the export has fixed are replaced by equivalent ones.
+Each published model file is exported for one size of photo. The layers work for any size: only the steps with
+a size fixed by the export are replaced by equivalent ones.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from onnx import NodeProto
 
 MULTIPLE = 32
-"""Width and height of what goes through the network are multiples of this."""
+"""Width and height of the input are multiples of this."""
 
 CELL = 8
-"""Pixels of a cell: the outputs have one value for each."""
+"""Side of a cell, pixels: the outputs have one value for each cell."""
 
 _DESCRIPTORS = "/block_fusion/block_fusion.2/Conv_output_0"
 _LOGITS = "/keypoint_head/keypoint_head.3/Conv_output_0"
 _RELIABILITY = "/heatmap_head/heatmap_head.2/Conv_output_0"
 _OUTPUTS = {_DESCRIPTORS: 64, _LOGITS: 65, _RELIABILITY: 1}
-"""Layers in all published files, with their channels; what comes after them has other names in each."""
+"""Layers in all published files, with their channels; names of later layers differ between the files."""
 
 _GRAY = "/ReduceMean_output_0"
 _CELLS = "/Reshape_1_output_0"
-"""The photo, and its pixels by cell: an export cuts the photo into strips, as many as its size has."""
+"""The photo, and its pixels by cell: an export cuts the photo into a number of strips that fits its size."""
 
 _ENLARGED = {"/Resize_output_0": 2.0, "/Resize_1_output_0": 4.0}
-"""Coarse levels and how much they are enlarged; an export states the size instead."""
+"""Coarse levels and their upsampling factors; exports state the size instead."""
 
 
 class Maps(NamedTuple):
@@ -45,7 +45,7 @@ class Maps(NamedTuple):
     descriptors : (64, h, w) float32
         Not normalised.
     logits : (65, h, w) float32
-        Of a keypoint at each of the 64 pixels of the cell, row by row, and of none.
+        Of a keypoint at each of the 64 pixels of the cell, row by row, and of no keypoint.
     reliability : (h, w) float32
         Probability that the descriptor can be matched, 0 to 1.
     """
@@ -61,7 +61,7 @@ class XFeatNetwork:
     Parameters
     ----------
     model : bytes
-        A published model file, known to be whole.
+        A published model file, already checked.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class XFeatNetwork:
 
 
 def _for_any_size(model: bytes) -> bytes:
-    """Rewrite a published model so that height and width are free, and its outputs have one name each."""
+    """Rewrite a published model so that height and width are free, with the outputs in `_OUTPUTS`."""
     with extra("learned"):
         import onnx
     whole = onnx.load_model_from_string(model)
@@ -118,7 +118,7 @@ def _for_any_size(model: bytes) -> bytes:
 
 
 def _in_order(layers: dict[str, NodeProto]) -> list[NodeProto]:
-    """List the layers that the outputs depend on, each after those that it needs."""
+    """List the layers that the outputs depend on, in topological order."""
     done: dict[str, NodeProto] = {}
 
     def visit(name: str) -> None:

@@ -1,4 +1,4 @@
-"""What a condition consists of."""
+"""Nodes of the syntax tree of a condition."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal["number", "text", "time"]
-"""What a column holds; a time is written as ISO 8601 or in seconds since 1970, and is compared as seconds."""
+"""Type of a column; a time is written as ISO 8601 or in seconds since 1970, and is compared as seconds."""
 
 Operator = Literal["=", "!=", "<", "<=", ">", ">="]
 Value = float | str
@@ -40,7 +40,7 @@ class Among:
 
 @dataclass(frozen=True, slots=True)
 class Like:
-    """`column LIKE pattern`: `%` stands for any text, `_` for any character; upper and lower case are one."""
+    """`column LIKE pattern`: `%` matches any text, `_` any character; case-insensitive."""
 
     column: str
     pattern: str
@@ -55,7 +55,7 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True)
 class Not:
-    """The opposite."""
+    """Negation of a condition."""
 
     of: Condition
 

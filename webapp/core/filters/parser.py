@@ -1,4 +1,4 @@
-"""Reads conditions, lists of columns, and orders.
+"""Recursive-descent parser of conditions, lists of columns, and sort orders.
 
 ::
 
@@ -37,10 +37,10 @@ from webapp.core.filters.tokens import Token, mistake, tokens
 from webapp.errors import UsageError
 
 MAX_DEPTH = 30
-"""Brackets in brackets."""
+"""Depth of nested brackets and NOTs."""
 
 MAX_VALUES = 200
-"""In one `IN`."""
+"""Values in one `IN`."""
 
 _SAME = {"==": "=", "<>": "!="}
 _COMPARE = ("=", "==", "!=", "<>", "<", "<=", ">", ">=")
@@ -48,16 +48,16 @@ _WORDS = frozenset({"AND", "OR", "NOT", "IN", "BETWEEN", "LIKE", "IS", "NULL", "
 
 
 def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "where") -> Condition | None:
-    """Read a condition.
+    """Parse a condition.
 
     Parameters
     ----------
     text : str
-        Only blanks: no condition.
+        Blank means no condition.
     columns : mapping of str to Kind
-        Those that there are.
+        Types of the available columns.
     field : str
-        What messages call the text.
+        Name of the text in messages.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "whe
 
 
 def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "select") -> list[str]:
-    """Read a list of columns; `*`, or nothing, is all of them.
+    """Parse a list of columns; `*` or an empty text means all of them.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "selec
 
 
 def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order") -> list[SortOrder]:
-    """Read what to sort by: `confidence desc, class`.
+    """Parse a sort order: `confidence desc, class`.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order")
 
 
 class _Reader:
-    """Reads words one after the other."""
+    """A parser over the tokens of a text."""
 
     def __init__(self, text: str, columns: Mapping[str, Kind], field: str) -> None:
         self._tokens = tokens(text, field)

@@ -1,4 +1,4 @@
-"""Cuts a condition into words."""
+"""Splits a condition into tokens."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _TOKEN = re.compile(
     re.VERBOSE | re.ASCII,
 )
 _UNFIT = re.compile("[\x00\ud800-\udfff]")
-"""Characters that no database keeps in a text."""
+"""Characters that databases cannot store as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A word.
+    """A token.
 
     Attributes
     ----------
     text : str
-        As it was written; of a text, without its quotes.
+        As written; for quoted text, without the quotes.
     at : int
-        Place of its first character, from 1.
+        Position of its first character, from 1.
     """
 
     kind: TokenKind
@@ -43,39 +43,39 @@ class Token:
     at: int
 
     def is_word(self, *words: str) -> bool:
-        """Return whether it is one of these words of the language, which are upper case here."""
+        """Return whether it is one of these keywords, given in upper case."""
         return self.kind == "name" and self.text.upper() in words
 
     def is_sign(self, *signs: str) -> bool:
-        """Return whether it is one of these signs."""
+        """Return whether it is one of these operators or punctuation marks."""
         return self.kind == "sign" and self.text in signs
 
     def quoted(self) -> str:
-        """Name it in a message."""
+        """Quote it for a message."""
         if self.kind == "end":
             return "the end"
         return f"'{self.text[:40]}'" if self.kind == "text" else f'"{self.text[:40]}"'
 
 
 def tokens(text: str, field: str) -> list[Token]:
-    """Cut a text into words.
+    """Split a text into tokens.
 
     Parameters
     ----------
     text : str
-        Of at most `MAX_CHARACTERS`.
+        At most `MAX_CHARACTERS` long.
     field : str
-        Name of what it is, for messages: `where`.
+        Name of the text in messages: `where`.
 
     Returns
     -------
     list of Token
-        The last one is the end.
+        The last one has the kind "end".
 
     Raises
     ------
     UsageError
-        It has a character that belongs to nothing; `where` says which.
+        The text is too long or has an invalid character; `where` names its position.
     """
     if len(text) > MAX_CHARACTERS:
         raise mistake(f"more than {MAX_CHARACTERS} characters", field=field, at=MAX_CHARACTERS + 1)
@@ -97,7 +97,7 @@ def tokens(text: str, field: str) -> list[Token]:
 
 
 def mistake(message: str, *, field: str, at: int, hint: str | None = None) -> UsageError:
-    """Make an error at the character `at`, counted from 1."""
+    """Return an error at the character `at`, counted from 1."""
     return UsageError(message, where=f"{field}, character {at}", hint=hint)
 
 

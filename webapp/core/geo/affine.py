@@ -13,7 +13,7 @@ Affine = tuple[float, float, float, float, float, float]
 """Rows of a 2 x 3 matrix, one after the other."""
 
 _FLATTEST = 1e-9
-"""Area of its image that a square of one pixel has to have at least."""
+"""Least area of the image of a pixel."""
 
 _ON_A_LINE = 1e-9
 
@@ -43,12 +43,12 @@ def affine_through(before: NDArray[np.float64], after: NDArray[np.float64]) -> A
     Parameters
     ----------
     before, after : (n, 2) float64
-        At least three points, and where they come.
+        At least three points, and their images.
 
     Returns
     -------
     Affine or None
-        None where the points are on one line, or not finite.
+        None if the points are on one line, or not finite.
     """
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return None

@@ -1,4 +1,4 @@
-"""The area that an image of the ground should show, by the positions of photos."""
+"""The area that an image of the ground should cover, from the positions of photos."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from webapp.core.geo.types import LatLon
 Array = NDArray[np.float64]
 
 MARGIN = 0.15
-"""Of the longer side, on each side: the places around the outermost photos are seen in them."""
+"""Margin on each side, as a fraction of the longer side: the outermost photos show what is around them."""
 
 _LEAST_MARGIN_M = 30.0
 _OUTLIER_DISTANCES = 6.0
-"""A photo farther from the middle than so many median distances was taken somewhere else."""
+"""A photo farther from the middle than this multiple of the median distance is an outlier."""
 
 _NEVER_OUTLIER_M = 300.0
 
@@ -30,9 +30,9 @@ class PhotoArea:
     Attributes
     ----------
     box : GeoBox
-        With a margin.
+        Includes a margin.
     inside, outside : int
-        Photos that are meant by it, and those taken far away.
+        Number of photos in it, and of outliers far away.
     """
 
     box: GeoBox
@@ -41,7 +41,7 @@ class PhotoArea:
 
 
 def area_around(latlon: ArrayLike) -> PhotoArea:
-    """Lay a box around photos, whatever some wrong GPS positions say.
+    """Return a box around photos, robust to some wrong GPS positions.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def area_around(latlon: ArrayLike) -> PhotoArea:
 
 
 def _most_central(positions: Array) -> LatLon:
-    """Find the position nearest to the median of all: photos far away do not move it."""
+    """Find the position nearest to the median of all, which is robust to outliers."""
     enu = LocalFrame(centre_of(positions)).enu_from_latlon(positions)
     away = enu - np.median(enu, axis=0)
     lat, lon = positions[int(np.argmin(np.hypot(away[:, 0], away[:, 1])))]

@@ -13,7 +13,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame, centre_of
 
 MARGIN = 0.05
-"""Space around the positions, as a share of their extent."""
+"""Margin around the positions, as a fraction of their extent."""
 
 _LONGEST_PX = 2000
 _SMALLEST_M = 50.0
@@ -23,7 +23,7 @@ _BACKGROUND, _LINE, _STRONG, _INK = (240, 244, 245), (222, 228, 230), (200, 208,
 
 @dataclass(frozen=True, slots=True)
 class BlankPlan:
-    """Size and place of a blank plan; north is up.
+    """Size and position of a blank plan; north is up.
 
     Attributes
     ----------
@@ -42,17 +42,17 @@ class BlankPlan:
 
 
 def plan_around(latlon: ArrayLike) -> BlankPlan:
-    """Lay a plan around positions, with a margin of 5 % of their extent on each side.
+    """Return a plan around positions, with a margin of 5 % of their extent on each side.
 
     Parameters
     ----------
     latlon : (n, 2) float64
-        At least one position; degrees north, degrees east. One position alone gets 50 m x 50 m.
+        At least one position; degrees north, degrees east. Extents below 50 m give a plan of 50 m x 50 m.
 
     Returns
     -------
     BlankPlan
-        The longer side has 1000 to 2000 pixels of a round number of metres, the shorter at least half.
+        The longer side has 1000 to 2000 pixels of a round size in metres, the shorter at least half as many.
     """
     frame = LocalFrame(centre_of(latlon))
     enu = frame.enu_from_latlon(latlon)
@@ -69,13 +69,13 @@ def plan_around(latlon: ArrayLike) -> BlankPlan:
 
 
 def round_up(value: float) -> float:
-    """Return the smallest of 1, 2, 2.5, 5 times a power of ten that is not below a positive value."""
+    """Return the smallest of 1, 2, 2.5 or 5 times a power of ten that is at least a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next((step * power for step in _STEPS if step * power >= value * (1 - 1e-12)), 10.0 * power)
 
 
 def draw(plan: BlankPlan) -> NDArray[np.uint8]:
-    """Draw a plan: light paper, a grid of metres, a scale bar and an arrow to the north.
+    """Draw a plan: light background, a grid in metres, a scale bar and a north arrow.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def draw(plan: BlankPlan) -> NDArray[np.uint8]:
 
 
 def draw_sheet(width: int, height: int) -> NDArray[np.uint8]:
-    """Draw a plan that has no place on the Earth: light paper with a grid of pixels.
+    """Draw a plan without a position on the Earth: light background with a grid in pixels.
 
     Returns
     -------

@@ -16,7 +16,7 @@ from webapp.errors import GeoreferenceError
 
 Model = Literal["similarity", "affine", "projective"]
 NEEDED: dict[Model, int] = {"similarity": 2, "affine": 3, "projective": 4}
-"""How many points a model needs at least."""
+"""Least number of points of each model."""
 
 _COLLINEAR_WARN = 0.1
 _COLLINEAR_REFUSE = 1e-6
@@ -35,20 +35,20 @@ class ControlPoint(NamedTuple):
 def from_control_points(
     points: Sequence[ControlPoint], *, width: int, height: int, model: Model | None = None
 ) -> GeoreferenceFit:
-    """GeoreferenceFit a georeference to control points, by least squares in local metres.
+    """Fit a georeference to control points, by least squares in local metres.
 
     Parameters
     ----------
     width, height : int
         Of the image, pixels.
     model : {"similarity", "affine", "projective"}, optional
-        Default: the richest that the number of points allows (2, 3, 4 or more).
+        Default: the one with the most parameters that the number of points allows (2, 3, 4 or more).
 
     Returns
     -------
     GeoreferenceFit
-        Residuals in metres, one a point; warnings for points nearly on a line (with the ratio of the singular
-        values of their coordinates: 1 round, 0 a line) and where no point is left to check the fit.
+        Residuals in metres, one per point; warnings for points nearly on a line (with the ratio of the
+        singular values of their coordinates: 1 isotropic, 0 a line) and for a fit without redundancy.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def _richest(count: int) -> Model:
 
 
 def _spread_warnings(pixels: Array, metres: Array, model: Model) -> list[str]:
-    """Warn of points nearly on a line; refuse what determines nothing."""
+    """Return warnings of points nearly on a line; raise for coincident points and points on a line."""
     for i in range(len(pixels)):
         for other, points in (("pixel", pixels), ("position", metres)):
             distance = np.hypot(*(points[:i] - points[i]).T)
@@ -115,7 +115,7 @@ def _roundness(points: Array) -> float:
 
 
 def _similarity(pixels: Array, metres: Array) -> Array:
-    """Least-squares rotation, scale and shift; pixels have y down, the one mirroring that is allowed."""
+    """Fit rotation, scale and translation by least squares, with a reflection as pixels have y down."""
     centre, target = pixels.mean(axis=0), metres.mean(axis=0)
     z = (pixels - centre) @ np.array([1.0, -1.0j])
     w = (metres - target) @ np.array([1.0, 1.0j])

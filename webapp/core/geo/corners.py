@@ -13,15 +13,15 @@ from webapp.core.geo.types import LatLon, MapPixel
 from webapp.errors import GeoreferenceError
 
 _WGS84_ACROSS_180 = "+proj=longlat +datum=WGS84 +lon_wrap=180 +no_defs"
-"""Longitudes from 0 to 360, for an image that the 180th meridian crosses."""
+"""Longitudes from 0 to 360, for an image across the 180th meridian."""
 
 _SQUARE = 1.25
-"""Sides of a pixel may differ by this factor before the user is asked whether that is meant."""
+"""Largest ratio of the sides of a pixel without a warning."""
 
 
 @dataclass(frozen=True, slots=True)
 class Corners:
-    """Positions of the outer corners of an image: two, north up, or all four."""
+    """Positions of the outer corners of an image: two if north is up, or all four."""
 
     top_left: LatLon
     bottom_right: LatLon
@@ -30,9 +30,9 @@ class Corners:
 
 
 def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFit:
-    """Georeference from two corners (x linear in longitude, y in latitude) or four (projective in both).
+    """Georeference an image by two corners (x linear in longitude, y in latitude) or four (projective).
 
-    Four corners that form a rectangle in latitude and longitude say the same as the two.
+    Four corners that form a rectangle in latitude and longitude are equivalent to two.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFi
     Returns
     -------
     GeoreferenceFit
-        Without residuals: the corners are met exactly. A warning when the pixels are far from square.
+        Without residuals, as it fits the corners exactly. With a warning if the pixels are far from square.
 
     Raises
     ------
     GeoreferenceError
-        Three corners; positions that are invalid, coincident, in one line, mirrored or folded.
+        Three corners are given, or positions are invalid, coincident, on one line, mirrored or folded.
     """
     given = [corners.top_left, corners.top_right, corners.bottom_right, corners.bottom_left]
     known = [c for c in given if c is not None]
@@ -71,7 +71,7 @@ def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFi
 
 
 def _crosses(corners: Corners) -> bool:
-    """Distinguish an image across the 180th meridian from one of the whole world."""
+    """Return whether an image crosses the 180th meridian, as opposed to one of the whole world."""
     right = [c for c in (corners.bottom_right, corners.top_right) if c is not None]
     left = [c for c in (corners.top_left, corners.bottom_left) if c is not None]
     return min(c.lon for c in left) > max(c.lon for c in right)

@@ -1,9 +1,9 @@
 """Latitude and longitude <-> the x, y of any coordinate system; no other module transforms with pyproj.
 
-The order is always x = east or longitude, y = north or latitude, whatever order an authority wrote down.
+The order is always x = east or longitude, y = north or latitude, whatever axis order an authority defines.
 
-Coordinate systems come from strangers too, and PROJ would open any file that one names (`+init`, `+nadgrids`,
-`PARAMETERFILE`). Only three forms are therefore given to it, and none that can name a file.
+Coordinate systems are untrusted input, and PROJ opens any file that one names (`+init`, `+nadgrids`,
+`PARAMETERFILE`). Therefore only three forms are accepted, none of which can name a file.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _PROJ_KEYS = (
 )
 _PROJ_ITEM = rf"\+?(?:(?:{_PROJ_KEYS})(?:=[-+.,\w]+)?|nadgrids=@null)"
 _PROJ_STRING = re.compile(rf"\s*{_PROJ_ITEM}(?:\s+{_PROJ_ITEM})*\s*", re.ASCII)
-"""Parameters that name no file. WKT of the Mercator projection of the web says `nadgrids=@null`: no grid."""
+"""Parameters that name no file. WKT of web Mercator has `nadgrids=@null`: no grid."""
 
 _WKT = re.compile(r"\s*[A-Z][A-Z0-9_]*\s*\[.*\]\s*", re.DOTALL | re.IGNORECASE)
 _WKT_TEXT = re.compile(r'"([^"]*)"')
 _WKT_PROJ = re.compile(r"PROJ[ -]|.*(proj|init|grids)\s*=", re.DOTALL | re.IGNORECASE)
-"""A text that PROJ takes for a part of a PROJ string: in an EXTENSION, or as the name of a METHOD."""
+"""Quoted text that PROJ reads as part of a PROJ string: in an EXTENSION, or as the name of a METHOD."""
 
 
 @lru_cache(maxsize=64)
@@ -45,7 +45,7 @@ def parse_crs(plane: str) -> CRS:
     Parameters
     ----------
     plane : str
-        A code of an authority (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
+        An authority code (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
 
     Returns
     -------
@@ -55,9 +55,9 @@ def parse_crs(plane: str) -> CRS:
     Raises
     ------
     GeoreferenceError
-        PROJ does not know it, it is not a plane (a height, a geocentric system), or it names a file.
+        PROJ does not know it, it is neither geographic nor projected, or it may name a file.
     """
-    from pyproj import CRS  # only where something is on the Earth: each process would load it
+    from pyproj import CRS  # imported lazily: only needed for positions on the Earth
     from pyproj.exceptions import CRSError
 
     hint = "use a name such as EPSG:4326 (longitude and latitude) or EPSG:32633 (UTM zone 33 north)"
@@ -85,12 +85,12 @@ def _is_plain(plane: str) -> bool:
 
 
 def crs_name(text: str) -> str:
-    """Write a coordinate system as shortly as is exact: `EPSG:32633` where it is that, else as it came.
+    """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is exactly that, else the text itself.
 
     Raises
     ------
     GeoreferenceError
-        What `parse_crs` raises.
+        As `parse_crs`.
     """
     code = parse_crs(text).to_epsg(min_confidence=100)
     return f"EPSG:{code}" if code else text
@@ -111,7 +111,7 @@ def _transformer(plane: str) -> Transformer:
 
 
 def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
-    """Latitude and longitude of points of a plane.
+    """Convert points of a plane to latitude and longitude.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     (n, 2) float64
-        Degrees north, degrees east in [-180, 180]; NaN where the plane does not reach.
+        Degrees north, degrees east in [-180, 180]; NaN outside the domain of the plane.
     """
     x, y = np.asarray(xy, dtype=np.float64).reshape(-1, 2).T
     lon, lat = _transformer(plane).transform(x, y)
@@ -134,7 +134,7 @@ def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
 
 
 def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
-    """Points of a plane, given by latitude and longitude.
+    """Convert latitude and longitude to points of a plane.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     (n, 2) float64
-        East (or longitude), north (or latitude), in the plane's unit; NaN where the plane does not reach.
+        East (or longitude), north (or latitude), in the plane's unit; NaN outside the domain of the plane.
     """
     lat, lon = np.asarray(latlon, dtype=np.float64).reshape(-1, 2).T
     x, y = _transformer(plane).transform(lon, lat, direction="INVERSE")

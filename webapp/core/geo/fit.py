@@ -1,4 +1,4 @@
-"""What every way to a georeference shares: the result, the homography, the refusals."""
+"""Common parts of all georeferencing methods: the result, the homography, the checks."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class GeoreferenceFit:
-    """A georeference, and how well it fits what it was made from.
+    """A georeference, and how well it fits its input.
 
     Attributes
     ----------
     residuals_m : tuple of float
-        Distance between where the fit puts each point and where it was said to be, metres, a point each.
+        Distance of each point between the fit and the given position, metres.
     warnings : tuple of str
-        Sentences for the user.
+        Messages for the user.
     """
 
     georeference: Georeference
@@ -35,7 +35,7 @@ class GeoreferenceFit:
 
 
 def check_positions(positions: Iterable[LatLon]) -> None:
-    """Reject what is not a latitude and longitude.
+    """Reject invalid latitudes and longitudes.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def check_positions(positions: Iterable[LatLon]) -> None:
 
 
 def check_on_image(georeference: Georeference, *, width: int, height: int) -> None:
-    """Refuse a georeference that does not hold on the whole image, or shows the Earth mirrored.
+    """Reject a georeference that is undefined on part of the image, or mirrored.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def check_on_image(georeference: Georeference, *, width: int, height: int) -> No
 
 
 def solve_homography(source: Array, target: Array) -> Array:
-    """GeoreferenceFit a homography by the normalised direct linear transform.
+    """Estimate a homography by the normalised direct linear transform.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def solve_homography(source: Array, target: Array) -> Array:
     Returns
     -------
     (3, 3) float64
-        `target` of `source`, third homogeneous coordinate positive on the points.
+        `target` from `source`, third homogeneous coordinate positive on the points.
 
     Raises
     ------
     GeoreferenceError
-        The points do not determine it (three of four on a line), or lie on both sides of its horizon.
+        The points do not determine it (three of four on a line), or are on both sides of its horizon.
     """
     to_source, to_target = _normaliser(source), _normaliser(target)
     x, y = (source * to_source[0, 0] + to_source[:2, 2]).T
@@ -109,12 +109,12 @@ def solve_homography(source: Array, target: Array) -> Array:
     if not ((w > 0).all() or (w < 0).all()):
         hint = "check the order of the points, or choose an affine fit"
         raise GeoreferenceError("the points contradict each other: the image would be folded", hint=hint)
-    # scaled so that w is 1 in the middle of the points
+    # scaled so that the mean of w over the points is 1
     return np.asarray(matrix / w.mean(), dtype=np.float64)
 
 
 def _normaliser(points: Array) -> Array:
-    """Shift and scale to mean 0 and mean distance sqrt(2)."""
+    """Return the (3, 3) translation and scaling of points to mean 0 and mean distance sqrt(2)."""
     centre = points.mean(axis=0)
     scale = np.sqrt(2.0) / np.hypot(*(points - centre).T).mean()
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])

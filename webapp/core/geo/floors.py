@@ -1,7 +1,7 @@
 """Floors: several images of one map, one above the other.
 
-All floors share the pixels of the map's own image: a position means the same on each of them, and so does the
-georeference. The image of a further floor is laid on those pixels by an affine transformation.
+All floors share the pixel frame of the map's own image, and its georeference. The image of a further floor is
+mapped to that frame by an affine transformation.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class FloorImage:
     width, height : int
         Pixels.
     map_from_image : Affine
-        From its pixels to those of the map.
+        Transformation from its pixels to map pixels.
     """
 
     path: str
@@ -51,12 +51,12 @@ class Floor:
     name : str
         One line.
     level : float
-        Orders the floors, and stands on the switch: 0 is at the ground, halves are between floors, as in
+        Orders the floors, and labels the floor switch: 0 is at ground level, halves are between floors, as in
         OpenStreetMap's `level`.
     height_m : float or None
-        Of its floor, above any level that is the same for all.
+        Above any reference level common to all floors.
     image : FloorImage or None
-        None: the map's own image shows this floor.
+        None if the map's own image shows this floor.
     """
 
     id: int
@@ -67,26 +67,26 @@ class Floor:
 
 
 def stretched(width: int, height: int, *, over: tuple[int, int]) -> Affine:
-    """Lay an image on the whole map, which is `over` pixels wide and high."""
+    """Return the transformation that stretches an image over the whole map, (width, height) `over`."""
     return (over[0] / width, 0.0, 0.0, 0.0, over[1] / height, 0.0)
 
 
 def floor_name_problem(name: str) -> str | None:
-    """Say what is wrong with the name of a floor."""
+    """Return what is wrong with the name of a floor; None if it is valid."""
     if not is_line(name, most=MOST_FLOOR_NAME):
         return f"must be one line of 1 to {MOST_FLOOR_NAME} readable characters, without spaces at its ends"
     return None
 
 
 def level_problem(level: float) -> str | None:
-    """Say what is wrong with the level of a floor."""
-    if not abs(level) <= LARGEST_LEVEL:  # not a number is none either
+    """Return what is wrong with the level of a floor; None if it is valid."""
+    if not abs(level) <= LARGEST_LEVEL:  # also rejects NaN
         return f"must be a number from -{LARGEST_LEVEL:g} to {LARGEST_LEVEL:g}"
     return None
 
 
 def floors_problem(floors: Iterable[Floor]) -> str | None:
-    """Say what is wrong with floors together: with some, there is one that the map's image shows."""
+    """Return what is wrong with a set of floors; None if it is valid. Unless empty, it has `BASE_FLOOR`."""
     there = list(floors)
     if len({floor.level for floor in there}) < len(there):
         return "two floors have the same level"

@@ -1,4 +1,4 @@
-"""Where on the Earth the pixels of a map image are, exactly or sampled on a grid."""
+"""Georeference of a map image: exact transformations, and a sampled grid."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from webapp.errors import GeoreferenceError
 class Georeference:
     """Map pixels <-> latitude and longitude, through a plane.
 
-    Everything is defined over the whole image plane, also outside the image. What has no counterpart
-    (beyond the horizon of a projective image, beyond the reach of the coordinate system, NaN itself)
-    becomes NaN; no method raises for a position.
+    Transformations are defined on the whole plane, also outside the image. A position without a counterpart
+    (beyond the horizon of a projective image or the domain of the coordinate system, or NaN) becomes NaN; no
+    method raises for a position.
 
     Attributes
     ----------
@@ -32,7 +32,8 @@ class Georeference:
         x = east or longitude, y = north or latitude. The sign is chosen so that the third
         homogeneous coordinate is positive on the image.
     method : str
-        How it was found: `corners`, `similarity`, `affine`, `projective`, `worldfile`, `geotiff`, `blank`.
+        How it was made: `corners`, `similarity`, `affine`, `projective`, `worldfile`, `geotiff`, `blank`,
+        `tiles`.
 
     Raises
     ------
@@ -45,7 +46,7 @@ class Georeference:
     method: str
 
     def __post_init__(self) -> None:
-        """Refuse what could not answer."""
+        """Reject an unusable plane or matrix."""
         parse_crs(self.plane)
         matrix = np.asarray(self.plane_from_pixel, dtype=np.float64)
         if matrix.shape != (9,) or not np.isfinite(matrix).all():
@@ -61,7 +62,7 @@ class Georeference:
         return np.array(self.plane_from_pixel, dtype=np.float64).reshape(3, 3)
 
     def latlon_from_pixel(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Latitude and longitude of map pixels.
+        """Convert map pixels to latitude and longitude.
 
         Parameters
         ----------
@@ -76,7 +77,7 @@ class Georeference:
         return latlon_from_plane(self.plane, _project(self.matrix, pixels))
 
     def pixel_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
-        """Map pixels of latitude and longitude.
+        """Convert latitude and longitude to map pixels.
 
         Parameters
         ----------
@@ -91,21 +92,21 @@ class Georeference:
         return _project(_inverse(self.matrix), plane_from_latlon(self.plane, latlon))
 
     def enu_from_pixel(self, pixels: ArrayLike, frame: LocalFrame) -> NDArray[np.float64]:
-        """Metres east and north of the frame's origin, (n, 2) float64, of map pixels (n, 2)."""
+        """Convert map pixels (n, 2) to metres east and north of the frame's origin, (n, 2) float64."""
         return frame.enu_from_latlon(self.latlon_from_pixel(pixels))
 
     def latlon_of(self, pixel: MapPixel) -> LatLon:
-        """Latitude and longitude of one map pixel."""
+        """Convert one map pixel to latitude and longitude."""
         lat, lon = self.latlon_from_pixel([pixel])[0]
         return LatLon(float(lat), float(lon))
 
     def pixel_of(self, position: LatLon) -> MapPixel:
-        """Map pixel of one latitude and longitude."""
+        """Convert one latitude and longitude to a map pixel."""
         x, y = self.pixel_from_latlon([position])[0]
         return MapPixel(float(x), float(y))
 
     def jacobian(self, pixel: MapPixel) -> NDArray[np.float64]:
-        """How east and north change with x and y around one map pixel.
+        """Return the Jacobian of east and north by x and y at one map pixel.
 
         Returns
         -------
@@ -122,13 +123,14 @@ class Georeference:
         return np.column_stack([right - left, below - above])
 
     def metres_per_pixel(self, pixel: MapPixel) -> float:
-        """Size of a pixel there: the geometric mean of the two local scales, metres."""
+        """Return the size of a pixel there, metres: the square root of its area on the ground."""
         (a, b), (c, d) = self.jacobian(pixel).tolist()
         return math.sqrt(abs(a * d - b * c))
 
     def north_deg(self, pixel: MapPixel) -> float:
-        """Direction of true north in the image there: degrees clockwise from image-up, in (-180, 180];
-        NaN where the image is a line on the Earth, or nowhere.
+        """Return the direction of true north at a pixel: degrees clockwise from image-up, in (-180, 180].
+
+        NaN where the georeference is degenerate or undefined.
 
         A heading relative to north is `image_angle - north_deg`, with `image_angle` clockwise from image-up.
         """
@@ -141,7 +143,7 @@ class Georeference:
 
 
 def _inverse(homography: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of a homography; the true one, so that `w` stays positive in front of the horizon."""
+    """Invert a homography without rescaling it, so that `w` stays positive in front of the horizon."""
     return np.asarray(np.linalg.inv(homography), dtype=np.float64)
 
 
@@ -163,10 +165,10 @@ class LatLonGrid:
     Attributes
     ----------
     columns, rows : int
-        Cells across and down; there is one corner more each way.
+        Number of cells across and down; there is one more corner in each direction.
     latlon : tuple of (lat, lon) or None
         Degrees, row by row from the top-left corner of the image; None where there is no position. Longitudes
-        continue beyond 180 where the image crosses that meridian, so that they can be interpolated.
+        are continuous across the 180th meridian, beyond 180, so that they can be interpolated.
     """
 
     columns: int
@@ -175,17 +177,17 @@ class LatLonGrid:
 
 
 def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int = 16) -> LatLonGrid:
-    """Sample a georeference.
+    """Sample a georeference on a grid.
 
-    Interpolated linearly in a cell, a georeference without perspective is off by about an eighth of the
-    squared cell over the Earth's radius: a centimetre for an image of 5 km.
+    Without perspective, linear interpolation in a cell of size s has an error of about s^2 / (8 R), R being
+    the Earth's radius: a centimetre for an image of 5 km.
 
     Parameters
     ----------
     size : tuple of (int, int)
         Width and height of the image, pixels.
     cells : int
-        Along each side.
+        Number of cells along each side.
     """
     width, height = size
     x, y = np.meshgrid(np.linspace(0.0, width, cells + 1), np.linspace(0.0, height, cells + 1))
@@ -202,7 +204,7 @@ def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int
 
 
 def _continuous(longitudes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Bring all within half a turn of the first one that is known."""
+    """Shift longitudes by whole turns to within 180 degrees of the first known one."""
     if not known.any():
         return longitudes
     first = longitudes[known][0]

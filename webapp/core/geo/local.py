@@ -1,13 +1,13 @@
 """Latitude and longitude <-> metres around an origin.
 
 The plane is the azimuthal equidistant projection of the WGS 84 ellipsoid about the origin: a point's
-distance and azimuth from the origin are those of the geodesic, exactly, at any distance, and heights play
-no part. A topocentric frame would be a tangent plane in space: it shortens distances over ground (by 1 mm
-in 6 km) and asks for heights that photos do not know well. Between two points away from the origin the
-plane is true to about r^2 / (6 R^2) of their distance: 4 mm in 10 km, far below a micrometre on a yard.
-PROJ takes points within 1e-10 rad (0.6 mm) of the origin in latitude and longitude to be the origin.
+distance and azimuth from the origin are exactly those of the geodesic, at any distance, and heights are
+ignored. A topocentric frame would be a tangent plane in space: it shortens distances over ground (by 1 mm
+in 6 km) and needs heights, which are poorly known for photos. Between two points at a distance r from the
+origin, the relative error of lengths is about r^2 / (6 R^2): 4 mm in 10 km, far below a micrometre in 100 m.
+PROJ treats points within 1e-10 rad (0.6 mm) of the origin in latitude and longitude as the origin.
 
-Charles F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87 (2013), is what PROJ computes it with.
+PROJ uses Charles F. F. Karney, "Algorithms for geodesics", Journal of Geodesy 87 (2013).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class LocalFrame:
         return f"+proj=aeqd +lat_0={lat!r} +lon_0={lon!r} +datum=WGS84 +units=m +no_defs"
 
     def enu_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
-        """Metres east and north of the origin.
+        """Convert latitude and longitude to metres east and north of the origin.
 
         Parameters
         ----------
@@ -45,12 +45,12 @@ class LocalFrame:
         Returns
         -------
         (n, 2) float64
-            East, north; NaN for what is not a position on the Earth.
+            East, north; NaN for an invalid position.
         """
         return plane_from_latlon(self.plane, latlon)
 
     def latlon_from_enu(self, enu: ArrayLike) -> NDArray[np.float64]:
-        """Degrees north and east.
+        """Convert metres east and north of the origin to latitude and longitude.
 
         Parameters
         ----------
@@ -60,23 +60,23 @@ class LocalFrame:
         Returns
         -------
         (n, 2) float64
-            Latitude, longitude; a way that is longer than to the other side of the Earth goes on around it.
+            Latitude, longitude; distances beyond the antipode continue around the Earth.
         """
         return latlon_from_plane(self.plane, enu)
 
     def enu_of(self, position: LatLon) -> EnuMetres:
-        """Metres east and north of the origin of one position (`up` is 0)."""
+        """Convert one position to metres east and north of the origin (`up` is 0)."""
         east, north = self.enu_from_latlon([position])[0]
         return EnuMetres(float(east), float(north))
 
     def latlon_of(self, position: EnuMetres) -> LatLon:
-        """Latitude and longitude of one position; `up` plays no part."""
+        """Convert one position to latitude and longitude; `up` is ignored."""
         lat, lon = self.latlon_from_enu([position[:2]])[0]
         return LatLon(float(lat), float(lon))
 
 
 def centre_of(latlon: ArrayLike) -> LatLon:
-    """Find the middle of positions, also across the 180th meridian and around a pole.
+    """Return the mean of positions, also across the 180th meridian and around a pole.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def centre_of(latlon: ArrayLike) -> LatLon:
     Returns
     -------
     LatLon
-        Of the sum of the directions from the centre of a sphere; of the first position where that is zero.
+        Direction of the sum of unit vectors on a sphere; the first position if that sum is zero.
     """
     lat, lon = np.radians(np.asarray(latlon, dtype=np.float64).reshape(-1, 2)).T
     x, y, z = (np.cos(lat) * np.cos(lon)).sum(), (np.cos(lat) * np.sin(lon)).sum(), np.sin(lat).sum()

@@ -1,8 +1,8 @@
 """The grid of web map tiles: pixels of the whole Earth in web Mercator, at each zoom.
 
 At zoom z the square of web Mercator (EPSG:3857) has 256 * 2^z pixels a side, (0, 0) at its north-western
-corner; a tile has 256 x 256 of them. A cut-out of whole pixels is an affine image of that plane, so that its
-georeference is exact and nothing is resampled.
+corner; a tile has 256 x 256 of them. A cut-out of whole pixels is an affine image of that plane: its
+georeference is exact, and nothing is resampled.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ TILE_PX = 256
 MAX_ZOOM = 24
 MERCATOR = "EPSG:3857"
 MAX_LATITUDE = 85.05112877980659
-"""Where the square of web Mercator ends, degrees."""
+"""Latitude limit of the square of web Mercator, degrees."""
 
 _MERCATOR_FROM_180 = "+proj=webmerc +datum=WGS84 +lon_0=180 +units=m +no_defs"
-"""The same with the 180th meridian in its middle, for an area across it."""
+"""Web Mercator centred on the 180th meridian, for an area across it."""
 
 _HALF_M = math.pi * 6378137.0
-"""Half a side of the square, metres of the plane."""
+"""Half a side of the square, in metres of the projection."""
 
 
 class GeoBox(NamedTuple):
-    """An area between two parallels and two meridians, degrees; east of west, also across the 180th one."""
+    """An area between two parallels and two meridians, degrees; west > east across the 180th meridian."""
 
     north: float
     south: float
@@ -54,7 +54,7 @@ class TileCut:
     Attributes
     ----------
     left, top : int
-        Of its outer corner, pixels of the whole Earth; `left` is less than the Earth's width.
+        Its outer corner in the pixel grid of the whole Earth; `left` is less than the grid's width.
     width, height : int
         Pixels.
     """
@@ -67,18 +67,18 @@ class TileCut:
 
     @property
     def world_px(self) -> int:
-        """Width of the Earth, pixels."""
+        """Width of the grid of the whole Earth, pixels."""
         return TILE_PX << self.zoom
 
     @property
     def tile_count(self) -> int:
-        """How many tiles it touches."""
+        """Number of tiles that it touches."""
         columns, rows = self._ranges()
         return len(columns) * len(rows)
 
     @property
     def georeference(self) -> Georeference:
-        """Where its pixels are, exactly."""
+        """Exact georeference of its pixels."""
         scale = 2.0 * _HALF_M / self.world_px
         across = self.left + self.width > self.world_px
         west = self.left * scale - (2.0 * _HALF_M if across else _HALF_M)
@@ -87,11 +87,11 @@ class TileCut:
 
     @property
     def metres_per_pixel(self) -> float:
-        """Size of a pixel on the ground, in the middle."""
+        """Size of a pixel on the ground at its centre."""
         return self.georeference.metres_per_pixel(MapPixel(self.width / 2, self.height / 2))
 
     def tiles(self) -> Iterator[tuple[Tile, int, int]]:
-        """Yield each tile with where its left and top edges are in the rectangle, pixels, row by row."""
+        """Yield each tile with its left and top edges relative to the rectangle, pixels, row by row."""
         columns, rows = self._ranges()
         for y in rows:
             for x in columns:
@@ -107,7 +107,7 @@ class TileCut:
 
 
 def cut_of(box: GeoBox, zoom: int) -> TileCut:
-    """Cut an area out of the grid: its edges at the nearest boundaries of pixels.
+    """Cut an area out of the grid, with its edges at the nearest pixel boundaries.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def cut_of(box: GeoBox, zoom: int) -> TileCut:
     Raises
     ------
     GeoreferenceError
-        No area, beyond the square of web Mercator, or the zoom level does not exist.
+        The area is empty, invalid or beyond the square of web Mercator, or there is no such zoom level.
     """
     if not 0 <= zoom <= MAX_ZOOM:
         raise GeoreferenceError(f"zoom {zoom} does not exist", hint=f"choose 0 to {MAX_ZOOM}")

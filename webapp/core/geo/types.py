@@ -1,4 +1,4 @@
-"""Positions as types, so that the order of two numbers is never a guess; whole pixels and borders."""
+"""Types of positions, which fix the order of coordinates; rounding to pixels, and image bounds."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def round_half_up(value: float) -> int:
 
 
 def whole_pixel(position: MapPixel) -> tuple[int, int]:
-    """Return the (x, y) that a `.cfg` holds for `position`."""
+    """Return the (x, y) that a `.cfg` stores for `position`."""
     return round_half_up(position.x), round_half_up(position.y)
 
 
 def inside(position: MapPixel, *, width: int, height: int) -> bool:
-    """Return whether a position lies on an image of that size in pixels, borders included; NaN does not."""
+    """Return whether a position is on an image of that size in pixels, borders included; False for NaN."""
     return 0 <= position.x <= width and 0 <= position.y <= height

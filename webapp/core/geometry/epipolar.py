@@ -1,8 +1,8 @@
 """Sampson error of the epipolar constraint between pairs of cameras, at depth 1.
 
-The first-order distance of a match from meeting the constraint (Sampson 1982; Hartley and Zisserman,
-"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_residuals.py` has it for many poses of one camera
-at once.
+It is the first-order distance of a match from satisfying the constraint (Sampson 1982; Hartley and Zisserman,
+"Multiple View Geometry", 2004, 11.4.3). `core/localize/pose_residuals.py` computes it for many poses of one
+camera at once.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class SampsonError:
     sigma : (m,) float64
         Standard deviation of `value` for a right match.
     d_first, d_second : (m, 3) float64
-        Derivatives by rotations of the first and the second camera, in the world, radians.
+        Derivatives by world rotations of the first and the second camera, radians.
     d_height : (m,) float64
-        Derivative by the second camera's height (down), over the baseline.
+        Derivative by the second camera's height (down), in units of the baseline.
     """
 
     value: Array

@@ -1,4 +1,4 @@
-"""Level perspective views of panoramas: images of the whole sphere, of which a pixel is a fixed angle."""
+"""Level perspective views of equirectangular panoramas, which show the whole sphere."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _DIAGONAL_35MM = math.hypot(36.0, 24.0)
 
 @dataclass(frozen=True, slots=True)
 class ViewSize:
-    """Of views with sides 4:3, whose field of view EXIF can state exactly.
+    """Size of views of 4:3, whose field of view EXIF can state exactly.
 
     Attributes
     ----------
     focal_35mm : int
-        Focal length in 35 mm film, mm, over the diagonal.
+        Focal length equivalent to 35 mm film by the diagonal, mm.
     """
 
     width: int
@@ -31,26 +31,26 @@ class ViewSize:
 
     @property
     def camera(self) -> Camera:
-        """The camera of such a view."""
+        """Camera of a view of this size."""
         diagonal = math.hypot(self.width, self.height)
         focal_px = self.focal_35mm / _DIAGONAL_35MM * diagonal
         return Camera(self.width, self.height, math.degrees(2.0 * math.atan(self.width / 2.0 / focal_px)))
 
 
 def panorama_size(view_width: int, focal_35mm: int) -> tuple[int, int]:
-    """Compute the width and height of the panorama that a view was cut out of, to two pixels."""
+    """Compute the width and height of the panorama that a view was cut from, accurate to two pixels."""
     quarter = view_width / 4.0
     width = 2 * round(math.pi * quarter * 5.0 / _DIAGONAL_35MM * focal_35mm)
     return width, width // 2
 
 
 def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
-    """Choose the size at which a view has as many pixels a degree in its middle as the panorama.
+    """Compute the size at which a view has as many pixels per degree in its centre as the panorama.
 
     Parameters
     ----------
     panorama_width : int
-        Pixels, of 360 degrees.
+        Pixels of 360 degrees.
     """
     focal_px = panorama_width / (2.0 * math.pi)
     quarter = focal_px / focal_35mm * _DIAGONAL_35MM / 5.0
@@ -60,19 +60,19 @@ def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
 def view_pixels(
     size: ViewSize, *, panorama: tuple[int, int], turn_deg: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Find where in a panorama the pixels of a level view are.
+    """Compute the positions in a panorama of all pixels of a level view.
 
     Parameters
     ----------
     panorama : (int, int)
         Its width and height.
     turn_deg : float
-        By how much the view is turned clockwise from the middle of the panorama.
+        Clockwise rotation of the view from the centre of the panorama.
 
     Returns
     -------
     x, y : (h, w) float32
-        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama begins again. As the
+        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama wraps around. As the
         view is level, x is the same in all rows.
     elevation_deg : (h, w) float32
         Above the horizon.
@@ -88,7 +88,7 @@ def view_pixels(
 def panorama_pixels(
     xy: NDArray[np.float64], size: ViewSize, *, panorama: tuple[int, int], turn_deg: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Find where in a panorama some pixels of a level view are.
+    """Compute the positions in a panorama of some pixels of a level view.
 
     Parameters
     ----------
@@ -107,12 +107,12 @@ def panorama_pixels(
 
 
 def ray_of_panorama(x: float, y: float) -> NDArray[np.float64]:
-    """Return the unit vector (3,), right, down and front of its middle, to a spot of a panorama.
+    """Return the unit vector (3,) to a point of a panorama: right, down and forward from its centre.
 
     Parameters
     ----------
     x, y : float
-        Shares of its width and height, from the top left corner.
+        Shares of its width and height, from the top-left corner.
     """
     longitude, elevation = 2.0 * math.pi * (x - 0.5), math.pi * (0.5 - y)
     level = math.cos(elevation)
@@ -122,7 +122,7 @@ def ray_of_panorama(x: float, y: float) -> NDArray[np.float64]:
 def _pixels_of_rays(
     right: NDArray[Any], down: NDArray[Any], *, panorama: tuple[int, int], turn_deg: float
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Find where rays of depth 1 meet a panorama, in the precision in which they are given."""
+    """Project rays of depth 1 to a panorama, in the precision in which they are given."""
     longitude = np.degrees(np.arctan(right)) + turn_deg
     elevation = np.degrees(np.arctan2(-down, np.hypot(right, 1.0)))
     width, height = panorama
@@ -151,5 +151,5 @@ def cut_view(
 
 
 def sample(pixels: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Interpolate a panorama at pixels of level views; its left edge continues the right one."""
+    """Interpolate a panorama at pixels of level views; it wraps around from right to left."""
     return np.asarray(cv2.remap(pixels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), np.uint8)

@@ -1,4 +1,4 @@
-"""An estimate that failed, as a value."""
+"""Value that represents a failed estimate."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ class NoPose:
     reason: str
 
     def __bool__(self) -> bool:
-        """Return False: there is no pose."""
+        """Return False, as there is no pose."""
         return False

@@ -1,4 +1,4 @@
-"""How the photos of a map were held, and how far away is what they see."""
+"""Extrinsics of the photos of a map, and depths of their keypoints."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_TRUST = 0.5
-"""Sum of the trust in agreeing pairs from which on an orientation is used."""
+"""Minimum sum of the trust in agreeing pairs for an orientation to be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeypointDepths:
-    """How far away is what d keypoints show, along their photos' viewing directions.
+    """Depths of d keypoints along their photos' viewing directions.
 
     Attributes
     ----------
     photo : (d,) int32
-        Rising.
+        Ascending.
     row : (d,) int32
-        Which keypoint of the photo, rising within it.
+        Number of the keypoint in the photo, ascending within it.
     inverse_depth : (d,) float32
         One over the depth, per map pixel.
     sigma : (d,) float32
@@ -33,7 +33,7 @@ class KeypointDepths:
     sigma: NDArray[np.float32]
 
     def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
+        """Look up inverse depths of a photo's keypoints (m,) and their sigmas (m,); NaN where unknown."""
         first, stop = np.searchsorted(self.photo, [photo, photo + 1])
         inverse, spread = np.full((2, len(row)), np.nan)
         if first == stop:
@@ -44,7 +44,7 @@ class KeypointDepths:
         return inverse, spread
 
     def renumbered(self, number: NDArray[np.int64]) -> KeypointDepths:
-        """Renumber photos (p,), and leave out those whose number is -1."""
+        """Renumber photos by their new numbers (p,), and leave out those whose number is -1."""
         left = np.flatnonzero(number[self.photo] >= 0)
         photo = number[self.photo[left]]
         if np.array_equal(photo, self.photo):
@@ -58,28 +58,28 @@ class KeypointDepths:
 
 
 def empty_depths() -> KeypointDepths:
-    """Return the depths of no keypoint."""
+    """Return an empty set of depths."""
     rows, values = np.zeros(0, np.int32), np.zeros(0, np.float32)
     return KeypointDepths(rows, rows, values, values)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapExtrinsics:
-    """How p photos were held, and how far away is what they see.
+    """Extrinsics of p photos, and depths of their keypoints.
 
     Attributes
     ----------
     rotation : (p, 3, 3) float64
         Camera from world.
     height : (p,) float64
-        Downwards from the others', map pixels.
+        Downwards, relative to the other photos, map pixels.
     trust : (p,) float64
-        Sum of the trust in the pairs that agree with it; 0 where nothing is known.
+        Sum of the trust in the pairs that agree with the rotation; 0 if it is unknown.
     depths : KeypointDepths
-        Of those of their keypoints that several of them see.
+        Depths of keypoints that several photos see.
     partner : (p,) int64
-        Of each photo that certainly shows the same as others, the number of the one that shares most with
-        it; -1 for the rest, and by default for all.
+        For each photo that certainly shows the same scene as another, the number of the one with which it
+        shares most inliers; -1 for the rest, and by default for all.
     """
 
     rotation: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The prior that cameras are held level: roll close to zero, pitch about zero."""
+"""Prior for level cameras: roll and pitch near zero."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LevelPrior:
     roll_sigma, pitch_sigma : float
         Standard deviations, radians.
     weight : float
-        Factor on the information, below 1 where other terms are weighted down as well.
+        Factor on the information, below 1 if other terms are weighted down as well.
     """
 
     roll_sigma: float
@@ -46,7 +46,7 @@ class LevelPrior:
 
 
 def roll_pitch_sines(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Compute how far (n, 3, 3) camera-from-world rotations are from level: roll, then pitch.
+    """Compute the sines of roll, then pitch, of (n, 3, 3) camera-from-world rotations, with derivatives.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Geometric verification: how two cameras that saw the same thing stood to each other."""
+"""Geometric verification: relative pose of two cameras that saw the same scene."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _MAX_EPIPOLAR_ERROR = 0.0025
 """Largest distance of an inlier from its epipolar line, as a share of the longer side of the photo."""
 
 INLIER_SCALE = 35.0
-"""Inliers beyond chance that make two out of three poses right."""
+"""Inliers beyond chance at which two out of three poses are right."""
 
 _CHANCE_INLIERS = 6.0
-"""Inliers that any pair of photos has."""
+"""Inliers that any pair of photos has by chance."""
 
 _CHANCE_SHARE, _SURE_SHARE = 0.15, 0.5
-"""Share of the matches that agree on some pose by chance, and from which on it is not by chance."""
+"""Share of the matches that agree on some pose by chance, and share from which on it is not by chance."""
 
 _WILD_PARALLAX = math.radians(20.0)
-"""A pose with more parallax is rather a wrong one: its turn does not bring the rays together."""
+"""Poses with more parallax are probably wrong: their rotation does not align the rays."""
 
 _RANSAC = {"max_iterations": 100, "min_iterations": 50, "seed": 0}
 _BUNDLE = {"max_iterations": 5}
@@ -68,16 +68,16 @@ class Camera:
         return sigma_px / (self.focal_px * scale)
 
     def rays(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn (n, 2) pixels into (n, 3) directions: x right, y down, z forward with length 1."""
+        """Convert (n, 2) pixels to (n, 3) rays: x right, y down, z forward and 1."""
         centre = np.array([(self.width - 1) / 2.0, (self.height - 1) / 2.0])
         return np.column_stack([(xy - centre) / self.focal_px, np.ones(len(xy))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RelativePose:
-    """How the query's camera stood to a map photo's.
+    """Relative pose of the query's camera and a map photo's.
 
-    Rotation and translation are complete; `bearing` takes both cameras to be held level.
+    Rotation and translation are three-dimensional; `bearing` assumes that both cameras are level.
 
     Attributes
     ----------
@@ -85,8 +85,8 @@ class RelativePose:
         Direction from the query to the map photo's camera, radians clockwise from the query's viewing
         direction, -pi to pi.
     parallax : float
-        Median angle between the two rays of a match when the turn is taken out, radians. Small: the
-        cameras stood close together compared with what they saw, and the bearings mean little.
+        Median angle between the two rays of a match without the rotation, radians. If it is small, the
+        baseline is short compared with the depths, and the bearing is unreliable.
     inlier : (n,) bool
         Which matches agree.
     rotation : (3, 3) float64
@@ -108,14 +108,14 @@ class RelativePose:
 
     @property
     def trust(self) -> float:
-        """How far the pose can be trusted, 0 to 1."""
+        """Trust in the pose, 0 to 1."""
         enough = 1.0 - math.exp(-max(0.0, self.inliers - _CHANCE_INLIERS) / INLIER_SCALE)
         share = self.inliers / len(self.inlier)
         common = min(1.0, max(0.0, (share - _CHANCE_SHARE) / (_SURE_SHARE - _CHANCE_SHARE)))
         return enough * common / (1.0 + (self.parallax / _WILD_PARALLAX) ** 4)
 
     def rotated(self, turn: NDArray[np.float64]) -> RelativePose:
-        """Return the pose with another frame of the query's camera, to which (3, 3) `turn` brings its own."""
+        """Return the pose in another frame of the query's camera; (3, 3) `turn` maps the old to the new."""
         rotation = self.rotation @ turn.T
         return replace(self, bearing=_bearing(rotation, self.translation), rotation=rotation)
 
@@ -133,7 +133,7 @@ def relative_pose(
     if len(query_xy) < MIN_MATCHES:
         return NoPose(f"{len(query_xy)} matches, {MIN_MATCHES} needed")
     longer = max(query.width, query.height)
-    # Both photos are brought to the query's scale, so that one tolerance in pixels fits both.
+    # scale both photos to the query's size, so that one tolerance in pixels fits both
     ratio = longer / max(photo.width, photo.height)
     scaled = Camera(round(photo.width * ratio), round(photo.height * ratio), photo.fov_deg)
     ours = query_xy.astype(np.float64)

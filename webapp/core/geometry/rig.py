@@ -1,4 +1,4 @@
-"""Cameras that look around from one point, and the panorama of the whole sphere that they show together."""
+"""Camera rigs: cameras that share one projection centre, and the panorama stitched from their photos."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from webapp.core.geometry.relative_pose import Camera
 
 _BLEND = 8.0
-"""Power of the distance to the edge of a photo by which it counts: seams are soft, and narrow."""
+"""Exponent of the distance to a photo's edge in its blending weight: seams are soft, but narrow."""
 
 _ROWS = 64
-"""Rows of the panorama that are computed at a time."""
+"""Rows of the panorama computed at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +26,9 @@ class RigCamera:
     Attributes
     ----------
     yaw_deg : float
-        Clockwise from the rig's front, which the middle of the panorama shows.
+        Clockwise from the rig's front, which is the centre of the panorama.
     pitch_deg : float
-        Of the line of sight above the horizon.
+        Angle of the line of sight above the horizon.
     roll_deg : float
         Clockwise, about the line of sight.
     fov_deg : float
@@ -54,27 +54,27 @@ class RigCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigPhoto:
-    """An upright photo, (h, w, 3) uint8, of a camera."""
+    """An upright photo, (h, w, 3) uint8, and the camera that took it."""
 
     pixels: NDArray[np.uint8]
     camera: RigCamera
 
     @property
     def lens(self) -> Camera:
-        """Its camera."""
+        """Pinhole camera of the photo."""
         height, width = self.pixels.shape[:2]
         return Camera(width, height, self.camera.fov_deg)
 
 
 def panorama_width(photos: Sequence[RigPhoto]) -> int:
-    """Choose the width at which a panorama has as many pixels a degree as the photos in their middle."""
+    """Compute the width at which a panorama has as many pixels per degree as the photos in their centres."""
     return 2 * round(math.pi * max(photo.lens.focal_px for photo in photos))
 
 
 def join(photos: Sequence[RigPhoto], width: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Join photos that were taken from one point at one instant to a panorama of the whole sphere.
+    """Stitch photos taken from one point at one instant to a panorama of the whole sphere.
 
-    Where photos overlap, the one whose edge is farther away counts more.
+    Where photos overlap, the one whose edge is farther away has more weight.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def join(photos: Sequence[RigPhoto], width: int) -> tuple[NDArray[np.uint8], NDA
 
 
 def _directions(width: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Directions (r, width, 3) of the pixels of some rows, in the rig."""
+    """Compute the directions (r, width, 3) of the pixels of some rows, in the rig."""
     longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
     elevation = (0.5 - (rows[:, None] + 0.5) / (width // 2)) * np.pi
     level = np.cos(elevation)
@@ -118,14 +118,14 @@ def _directions(width: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
 def _sample(
     photo: RigPhoto, directions: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Weights and colours of a photo where some directions meet it; the weight is 0 outside."""
+    """Return weights and colours of a photo in some directions; the weight is 0 outside it."""
     lens = photo.lens
     ray = directions @ photo.camera.rotation().T
     ahead = ray[..., 2] > 1e-6
     depth = np.where(ahead, ray[..., 2], 1.0)
     centre = (lens.width - 1) / 2.0, (lens.height - 1) / 2.0
     x, y = (lens.focal_px * ray[..., axis] / depth + centre[axis] for axis in range(2))
-    # Beyond the centres of the outermost pixels there is nothing to interpolate between.
+    # beyond the centres of the outermost pixels there are no neighbours for interpolation
     margin = np.minimum(1.0 - np.abs(x / centre[0] - 1.0), 1.0 - np.abs(y / centre[1] - 1.0))
     weight = np.where(ahead & (margin >= 0.0), np.maximum(margin, 1e-3) ** _BLEND, 0.0)
     clipped = (np.clip(axis, -1.0, 32_000.0).astype(np.float32) for axis in (x, y))

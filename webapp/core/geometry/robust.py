@@ -1,6 +1,6 @@
-"""Robust kernels, and graduated non-convexity: estimation that outliers do not pull away.
+"""Robust kernels and graduated non-convexity, for estimation in the presence of outliers.
 
-A kernel is written as the weight that iteratively reweighted least squares gives a residual; `squared` is the
+A kernel is given as the weight of a residual in iteratively reweighted least squares; `squared` is the
 squared residual, `sigma` the standard deviation of an inlier, in the same unit.
 """
 
@@ -50,7 +50,7 @@ class Annealing:
     start : float
         Factor on sigma in the first round.
     decay : float
-        What the factor is multiplied by from round to round, until it is 1.
+        Ratio of the factors of consecutive rounds, until the factor is 1.
     """
 
     rounds: int

@@ -1,4 +1,4 @@
-"""Rotations and their logarithms, many at a time."""
+"""Rotations and their logarithms, vectorised."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def exp(turn: Array) -> Array:
-    """Exponential map: (..., 3) rotation vectors, radians, to (..., 3, 3) matrices (Rodrigues)."""
+    """Convert (..., 3) rotation vectors, radians, to (..., 3, 3) matrices (exponential map, Rodrigues)."""
     angle = np.linalg.norm(turn, axis=-1)[..., None, None]
     cross = np.zeros((*turn.shape[:-1], 3, 3))
     cross[..., 0, 1], cross[..., 0, 2], cross[..., 1, 2] = -turn[..., 2], turn[..., 1], -turn[..., 0]
@@ -24,7 +24,7 @@ def exp(turn: Array) -> Array:
 
 
 def log(rotation: Array) -> Array:
-    """Logarithm: (..., 3, 3) matrices to (..., 3) rotation vectors, radians; inaccurate close to pi."""
+    """Convert (..., 3, 3) matrices to (..., 3) rotation vectors, radians (logarithm); inaccurate near pi."""
     trace = np.trace(rotation, axis1=-2, axis2=-1)
     angle = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
     axis = np.stack(
@@ -61,13 +61,13 @@ def wrap(angle: Array) -> Array:
 
 
 def retract(rotation: Array, turn: Array) -> Array:
-    """Update (..., 3, 3) camera-from-world rotations by (..., 3) rotations of the world, radians."""
+    """Update (..., 3, 3) camera-from-world rotations by (..., 3) rotation vectors in the world, radians."""
     after: Array = rotation @ np.swapaxes(exp(turn), -1, -2)
     return after
 
 
 def clamp_norm(step: Array, most: float) -> Array:
-    """Scale (n, d) steps down to a length of at most `most`."""
+    """Scale (n, d) steps down to a norm of at most `most`."""
     length: Array = np.sqrt((step**2).sum(1, keepdims=True))
     factor: Array = most / np.maximum(length, most)
     return step * factor

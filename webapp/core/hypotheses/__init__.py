@@ -1,1 +1,1 @@
-"""What localization answers: places, their probabilities, and why."""
+"""Answers of localization: places, their probabilities, and the evidence for them."""

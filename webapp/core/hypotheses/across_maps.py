@@ -1,11 +1,11 @@
-"""Probabilities over several maps, from what each of them says by itself.
+"""Probabilities over several maps, from the probability that each gives by itself.
 
-Each map gives the probability p that a photo was taken on it, as if there were that map or none. At most one
-of the maps is right, so that a map has the odds p / (1 - p) against none, and
+Each map gives the probability p that a photo was taken on it rather than on none. At most one of the maps is
+right, so each map has the odds p / (1 - p) against none, and
 
     P(map m) = odds_m / (1 + sum of all odds),    P(none) = 1 / (1 + sum of all odds).
 
-Of one map that is p itself. Maps that show the same place share its probability.
+With a single map this is p itself. Maps that show the same place share its probability.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from collections.abc import Sequence
 import numpy as np
 
 _CERTAIN = 1e-6
-"""No map is surer than that."""
+"""Probabilities are clipped to this distance from 0 and 1."""
 
 
 def probabilities_over_maps(on_map: Sequence[float]) -> tuple[list[float], float]:
-    """Combine what maps say of a photo.
+    """Combine the probabilities of several maps for a photo.
 
     Parameters
     ----------
     on_map : sequence of float
-        Of each map, the probability that the photo was taken on it.
+        For each map by itself, the probability that the photo was taken on it.
 
     Returns
     -------
     list of float
-        Of each map; with the next one they add up to 1.
+        Probability of each map; they and the next value add up to 1.
     float
         That it was taken on none of them.
     """

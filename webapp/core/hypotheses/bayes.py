@@ -1,4 +1,4 @@
-"""Bayes' rule on answers: what is known besides the photo weighs its hypotheses."""
+"""Bayes' rule on answers: reweight hypotheses by other knowledge than the photo."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import replace
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
 _LEAST_MISS = 0.02
-"""No photo is so sure of its hypotheses that none could be right."""
+"""Minimum probability that none of a photo's hypotheses is right."""
 
 _UNKNOWN_MISS = 0.5
-"""The probability that none is right, for methods that do not estimate it."""
+"""Probability that none is right, for methods that do not estimate it."""
 
 _NOTHING = 1e-12
-"""A hypothesis is less probable than this only in name."""
+"""Hypotheses less probable than this are ignored."""
 
 
 NEARBY_SHARE = 0.5
@@ -22,20 +22,19 @@ NEARBY_SHARE = 0.5
 
 
 def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
-    """Weigh the hypotheses of an answer.
+    """Reweight the hypotheses of an answer.
 
     Parameters
     ----------
     likelihood : sequence of float
-        Of what is known, given each hypothesis, over that given anything.
+        Likelihood of an observation given each hypothesis, relative to its average over all places.
 
     Returns
     -------
     Answer
-        Its probabilities add up to 1 again; hypotheses are ranked by them. Places that were cut, and
-        "not on this map", keep their odds against each other. What is known often fits hypotheses that are
-        wrong, too, because they are near the truth: so it can make a lone one at most twice
-        as likely against that none is right.
+        Its probabilities add up to 1 again; hypotheses are ranked by them. The odds between places that were
+        cut and "not on this map" do not change. Observations often fit wrong hypotheses, too, because these
+        are near the truth: therefore the odds of a single hypothesis against none being right at most double.
     """
     listed = sum(h.probability for h in answer.hypotheses)
     if not listed:
@@ -55,7 +54,7 @@ def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
 
 
 def rerank(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:
-    """Give an answer these hypotheses, the most probable first, and its evidence in their order."""
+    """Replace an answer's hypotheses, the most probable first; the evidence of the first comes first."""
     order = sorted(hypotheses, key=lambda h: -h.probability)
     first = set(order[0].experiences) if order else set()
     return replace(
@@ -66,7 +65,7 @@ def rerank(answer: Answer, hypotheses: Sequence[Hypothesis]) -> Answer:
 
 
 def truncate(answer: Answer, top: int) -> Answer:
-    """Cut all hypotheses but the first `top`, with their evidence; what they had is other places'."""
+    """Keep the first `top` hypotheses and their evidence; the rest is added to `other_probability`."""
     kept, cut = answer.hypotheses[:top], answer.hypotheses[top:]
     if not cut:
         return answer
@@ -80,7 +79,7 @@ def truncate(answer: Answer, top: int) -> Answer:
 
 
 def split_missed(answer: Answer) -> tuple[list[Hypothesis], float]:
-    """Normalize hypotheses and the probability that none is right, to a sum of 1."""
+    """Return hypotheses and the probability that none is right, normalised to a sum of 1."""
     given = [h for h in answer.hypotheses if h.probability > _NOTHING]
     listed, off = sum(h.probability for h in given), answer.off_map_probability
     if not listed:

@@ -2,7 +2,7 @@
 
 Each place has a log-odds of being right, linear in its evidence; "not on this map" has zero. The
 probabilities are the softmax of these, so that they add up to 1. The coefficients are fitted on the map's
-own photos, hidden in turn; `DEFAULT` stands in until then and is what the fit is pulled towards.
+own photos, hidden in turn; `DEFAULT` is used until then, and the fit is regularised towards it.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 EVIDENCE = 6
-"""Numbers that describe one place: see `localize.evidence`, which computes them."""
+"""Number of evidence values of one place; `localize.evidence` computes them."""
 
 _GLOBAL = 5
-"""Which of them is by the global descriptor: zero everywhere where there is no model for one, and then
-calculated without, so that nothing depends on it to the last bit."""
+"""Index of the value from the global descriptor. Without a model it is zero everywhere and then left out of
+the computation, so that results are the same to the last bit."""
 
 _PRIOR_WEIGHT = 1.0
-"""Pull towards the default, in units of one photo, times the root of their number."""
+"""Strength of the penalty towards the default, in units of one photo; times the root of their number."""
 
 _STEPS = 60
 _CONVERGED = 1e-6
@@ -36,13 +36,13 @@ class Calibration:
     offset : float
         Log-odds of a place without any evidence, against "not on this map".
     radius_scale : float
-        68 % radius over the spread that the estimate of a position states.
+        68 % radius over the standard deviation of an estimated position.
     photo_sigma : float
-        How far a query is from the photo that matches it best, place radii.
+        Standard deviation of a query's distance from the best-matching photo, place radii.
     schematic : bool
-        Computed positions contradict the map, and answers name photos.
+        Whether computed positions contradict the map, so that answers name photos.
     cases : int
-        Photos it was fitted on; 0 for the default.
+        Number of photos that it was fitted on; 0 for the default.
     """
 
     slope: tuple[float, ...]
@@ -55,19 +55,19 @@ class Calibration:
 
 DEFAULT = Calibration(slope=(0.7, 0.3, 2.7, 0.6, 1.2, 0.0), offset=-3.0, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each with the same weight; see `benchmarks/battery.py`.
-What a global descriptor is worth depends on its model, and is for the map's own photos to show."""
+The weight of a global descriptor depends on its model and is fitted on the map's own photos."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One photo whose place is known, and what was found.
+    """One photo with known place, and the places found for it.
 
     Attributes
     ----------
     evidence : (h, EVIDENCE) float64
-        Of each hypothesis.
+        Evidence of each hypothesis.
     right : (h,) bool
-        Which lie within the place radius of the truth; none when the photo's place was hidden.
+        Whether each is within the place radius of the truth; all False when the photo's place was hidden.
     """
 
     evidence: NDArray[np.float64]
@@ -76,7 +76,7 @@ class Case:
 
 
 def weigh(evidence: NDArray[np.float64], calibration: Calibration) -> NDArray[np.float64]:
-    """Sum up the evidence of each place, times the slopes: log-odds but for the offset; (h,)."""
+    """Sum the evidence of each place times the slopes: log-odds without the offset; (h,)."""
     used = _used(calibration, [evidence])
     weight: NDArray[np.float64] = np.ascontiguousarray(evidence[:, :used]) @ np.array(
         calibration.slope[:used]
@@ -85,7 +85,7 @@ def weigh(evidence: NDArray[np.float64], calibration: Calibration) -> NDArray[np
 
 
 def _used(calibration: Calibration, evidence: Sequence[NDArray[np.float64]]) -> int:
-    """Count the numbers that say something: the last one only where there is a global descriptor."""
+    """Count the evidence values in use: the last one only if there is a global descriptor."""
     without = len(calibration.slope) == EVIDENCE and not any(e[:, _GLOBAL:].any() for e in evidence)
     return _GLOBAL if without else len(calibration.slope)
 
@@ -93,7 +93,7 @@ def _used(calibration: Calibration, evidence: Sequence[NDArray[np.float64]]) -> 
 def probabilities(
     evidence: NDArray[np.float64], calibration: Calibration
 ) -> tuple[NDArray[np.float64], float]:
-    """Turn evidence into probabilities.
+    """Convert evidence to probabilities.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def probabilities(
     -------
     place : (h,) float64
     off_map : float
-        Together with `place` it adds up to 1.
+        It and `place` add up to 1.
     """
     odds = weigh(evidence, calibration) + calibration.offset
     top = max(0.0, float(odds.max(initial=0.0)))
@@ -118,7 +118,7 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
     Parameters
     ----------
     start : Calibration
-        The fit is pulled towards it, so that few cases change it little.
+        The fit is regularised towards it, so that few cases change it little.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
     for _ in range(_STEPS):
         gradient, hessian = stack.derivatives(theta)
         gradient, hessian = gradient + penalty * (prior - theta), hessian + penalty * np.eye(len(theta))
-        # A slope at zero that the gradient would make negative stays; the others take a step of their own.
+        # Slopes at zero that the gradient would make negative are fixed; solve for a step of the others.
         free = np.append((theta[:-1] > 0.0) | (gradient[:-1] > 0.0), True)
         step = np.zeros(len(theta))
         step[free] = np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
@@ -150,16 +150,16 @@ def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[f
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stack:
-    """All cases in arrays of one shape: one after the other would take twenty times as long.
+    """All cases, padded to arrays of one shape: twenty times as fast as a loop over the cases.
 
-    Sums are by einsum, so that they do not depend on how many threads a BLAS has.
+    Sums use einsum, so that they do not depend on the number of BLAS threads.
 
     Attributes
     ----------
     design : (n, h + 1, k) float64
-        Evidence and 1 of each place; zeros for "not on this map", the last, and for places that a case lacks.
+        Evidence and 1 of each place; zeros for "not on this map", which is last, and for padding.
     places, right : (n, h + 1) bool
-        What there is, and what is true.
+        Which entries are not padding, and which are right.
     weight : (n,) float64
     """
 
@@ -170,7 +170,7 @@ class _Stack:
 
     @classmethod
     def of(cls, cases: Sequence[Case], used: int) -> _Stack:
-        """Stack the first `used` numbers of the evidence."""
+        """Stack the first `used` values of the evidence."""
         most = max(len(c.right) for c in cases)
         design = np.zeros((len(cases), most + 1, used + 1))
         places, right = np.zeros((2, len(cases), most + 1), dtype=np.bool_)
@@ -182,11 +182,11 @@ class _Stack:
         return cls(design, places, right, np.array([c.weight for c in cases]))
 
     def odds(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log-odds against "not on this map", (n, h + 1); of no place -inf."""
+        """Compute log-odds against "not on this map", (n, h + 1); -inf for padding."""
         return np.where(self.places, np.einsum("nhk,k->nh", self.design, theta), -np.inf)
 
     def derivatives(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gradient (k,) and positive curvature (k, k) of the log likelihood."""
+        """Compute the gradient (k,) and the negated Hessian (k, k) of the log likelihood."""
         odds = self.odds(theta)
         p = np.exp(odds - odds.max(axis=1, keepdims=True))
         p /= p.sum(axis=1, keepdims=True)
@@ -208,7 +208,7 @@ def _search(
     prior: NDArray[np.float64],
     penalty: float,
 ) -> tuple[NDArray[np.float64], float]:
-    """Go along a step, cut off where slopes would be negative, as far as the loss falls."""
+    """Search along a step by backtracking, with slopes clipped at zero, until the loss falls."""
     length = 1.0 / max(1.0, float(np.abs(step).max()))
     while length > _CONVERGED:
         there = theta + length * step
@@ -221,7 +221,7 @@ def _search(
 
 
 def _loss(stack: _Stack, theta: NDArray[np.float64], *, prior: NDArray[np.float64], penalty: float) -> float:
-    """Negative log likelihood and penalty."""
+    """Compute the negative log likelihood plus the penalty."""
     odds = stack.odds(theta)
     right = np.where(stack.right, odds, -np.inf)
     surprise = np.logaddexp.reduce(odds, axis=1) - np.logaddexp.reduce(right, axis=1)

@@ -1,4 +1,4 @@
-"""Headings of hypotheses: relative to north, and what a compass says about them."""
+"""Headings of hypotheses: conversion to north, and weighting by a compass reading."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from webapp.core.hypotheses.bayes import reweight
 from webapp.core.hypotheses.model import Answer, Hypothesis
 
 _SPREAD_DEG = 25.0
-"""Of a hand-held compass near steel and electronics, and of headings that were computed."""
+"""Standard deviation of a hand-held compass near steel and electronics against a computed heading."""
 
 _OF_PHOTO_DEG = 40.0
-"""Spread of a query about the heading of a photo that it is matched with: both see the same thing."""
+"""Standard deviation of a query's heading about that of a matched photo, which sees the same scene."""
 
 _ASTRAY = 0.1
-"""Share of compass readings that say nothing: disturbed, or of the phone and not of its camera."""
+"""Share of compass readings without information: disturbed, or of the phone and not of its camera."""
 
 
 def relative_to_north(answer: Answer, georeference: Georeference | None) -> Answer:
-    """Turn headings that count from image-up into headings from north; without a georeference up is north.
+    """Convert headings from image-up to headings from north; without a georeference up is north.
 
-    Where the image is nowhere on the Earth there is no heading.
+    A heading becomes None where the georeference is undefined.
     """
     if georeference is None:
         return answer
@@ -42,18 +42,17 @@ def _from_north(hypothesis: Hypothesis, georeference: Georeference) -> Hypothesi
 def apply_compass(
     answer: Answer, heading_deg: float, *, looked_deg: Mapping[int, float] = MappingProxyType({})
 ) -> Answer:
-    """Weigh the hypotheses of an answer with a compass heading, by Bayes' rule.
+    """Reweight the hypotheses of an answer by a compass heading.
 
-    The reading is normal about the true heading, and anything in a tenth of the cases. What has no heading,
-    "not on this map" among it, could look anywhere.
+    The reading is normally distributed about the true heading, or in a tenth of the cases uniform. It is
+    uniform, too, for hypotheses without a heading and for "not on this map".
 
     Parameters
     ----------
     heading_deg : float
         Degrees clockwise from north.
     looked_deg : mapping of int to float
-        Headings of the map's photos, by id, as far as they are known: used where a hypothesis
-        has no heading itself.
+        Known headings of the map's photos, by id: used for hypotheses without a heading.
 
     Returns
     -------
@@ -64,7 +63,7 @@ def apply_compass(
 
 
 def _likelihood(hypothesis: Hypothesis, compass_deg: float, looked_deg: Mapping[int, float]) -> float:
-    """Density of the reading over that of a reading that may be anything."""
+    """Compute the density of the reading relative to a uniform one."""
     heading, spread = hypothesis.heading_deg, _SPREAD_DEG
     if heading is None and hypothesis.experiences:
         heading, spread = looked_deg.get(hypothesis.experiences[0]), math.hypot(_SPREAD_DEG, _OF_PHOTO_DEG)

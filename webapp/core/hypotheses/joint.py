@@ -1,9 +1,9 @@
 """One answer from several photos of one spot.
 
-Each photo's probabilities, over the prior, measure how far it supports each place:
-independent photos would multiply their odds (naive Bayes). Photos of one spot err together, so that for each
-place the photo that says most counts whole and each further one half. A photo that does not name a place
-speaks a little against it, but a dark one, which names none, says nothing.
+Each photo's probabilities, divided by the prior, measure its support for each place; the odds of independent
+photos would multiply (naive Bayes). Photos of one spot have correlated errors, so that for each place the
+photo with the strongest support counts fully and each further one half. A photo that does not name a place
+counts slightly against it; a photo that names none, e.g. a dark one, is ignored.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.path_prior import PathPrior
 
 _FURTHER = 0.5
-"""What each photo but the one that says most counts."""
+"""Weight of each photo other than the one with the strongest support."""
 
 _NOT_NAMED = -0.5
-"""Log likelihood ratio of a place that a photo does not name: photos of mapped places are missed often."""
+"""Log likelihood ratio of a place that a photo does not name; small, as mapped places are often missed."""
 
 _LEAST_RADIUS = 0.5
-"""No position is exact to more than this, place radii, against others that err together with it."""
+"""Added in quadrature to the radii by which positions are weighted, place radii: errors are correlated."""
 
 
 @dataclass(slots=True, eq=False)
@@ -37,27 +37,27 @@ class PlaceCluster:
 
     @property
     def lead(self) -> Hypothesis:
-        """The most probable one."""
+        """The most probable hypothesis."""
         return self.members[0][1]
 
 
 def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
-    """Join the answers about photos that were taken at one spot.
+    """Combine the answers about photos taken at one spot.
 
     Parameters
     ----------
     answers : sequence of Answer
-        At least one, all by one method.
+        At least one, all by the same method.
     paths : Paths
-        Of the map.
+        Paths of the map.
     top : int
         Maximum number of hypotheses.
 
     Returns
     -------
     Answer
-        Its headings and evidence are those of the photo that is surest about the first place: photos of one
-        spot look in several directions.
+        The evidence is that of the photo that is most certain of the first place. Each heading is that of
+        the most probable hypothesis about the place, since photos of one spot look in several directions.
     """
     if len(answers) == 1:
         return truncate(answers[0], top)
@@ -88,7 +88,7 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
 
 
 def most_confident(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> int:
-    """Find which of the answers is the surest of the first place of the joint answer, the best first."""
+    """Return the index of the answer that is most certain of the first of the sorted joint hypotheses."""
     if not joined:
         return 0
     first = set(joined[0].experiences)
@@ -100,7 +100,7 @@ def most_confident(answers: Sequence[Answer], joined: Sequence[Hypothesis]) -> i
 
 
 def with_evidence_of(joint: Answer, one: Answer) -> Answer:
-    """Give a joint answer the evidence of one of its photos: what is known besides can change which."""
+    """Return a joint answer with one photo's evidence: priors applied to it can change the best photo."""
     return rerank(replace(joint, evidence=one.evidence, fov=one.fov, looks=one.looks), joint.hypotheses)
 
 
@@ -123,14 +123,14 @@ def cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius_px: float) -> l
 
 
 def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: float) -> float:
-    """Compute log odds of a place, against that none is right.
+    """Compute the log-odds of a place against no place being right.
 
     Parameters
     ----------
     missed : mapping of int to float
-        Of each photo that has hypotheses, the probability that none of them is right.
+        For each photo with hypotheses, the probability that none of them is right.
     expected : float
-        Log odds of a place before any photo.
+        Prior log-odds of a place.
     """
     says = []
     for number, miss in missed.items():
@@ -141,7 +141,7 @@ def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: floa
 
 
 def fuse(members: Sequence[Hypothesis], *, probability: float, place_radius_px: float) -> Hypothesis:
-    """Average the positions, by probability and precision; what speaks for the surest speaks for all."""
+    """Average positions by probability and precision; heading and inliers are from the most probable one."""
     computed = [h for h in members if h.kind == "position"] or members
     least = _LEAST_RADIUS * place_radius_px
     squared = [(h.radius_px or place_radius_px) ** 2 + least**2 for h in computed]

@@ -1,4 +1,4 @@
-"""An answer as the JSON object that the command line and the web both give."""
+"""JSON form of an answer, shared by the command line and the web API."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from webapp.core.hypotheses.places import MapKind
 from webapp.core.hypotheses.verdict import sentence_of, verdict_of
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
-"""Names of the times in `seconds`, in the order of the work."""
+"""Names of the times in `seconds`, in order of execution."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerSource:
-    """What gave the answer.
+    """Map and method that an answer comes from.
 
     Attributes
     ----------
     method, features : str
-        As `--method` and `--features` name them, the latter resolved.
+        Values of `--method` and `--features`, the latter resolved.
     georeference : Georeference or None
         Of the map.
     map_kind : MapKind
-        What the positions of its photos are.
+        Kind of the map.
     place_radius_px : float or None
-        How far off a right hypothesis may be.
+        Distance within which a hypothesis counts as right.
     sequence : bool
-        The photo was one of a sequence, and those before it count, too.
+        Whether the photo was one of a sequence, whose earlier photos count, too.
     floors : tuple of Floor
-        Of the map.
+        Floors of the map.
     """
 
     method: str
@@ -56,12 +56,12 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
     Parameters
     ----------
     query : str
-        The photo, as it was named.
+        Name of the photo, as given.
 
     Returns
     -------
     dict
-        Plain values only; what is unknown is None.
+        Plain values only; None if unknown.
     """
     return {
         "query": query,
@@ -86,7 +86,7 @@ def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[
 
 
 def answer_from_json(form: Mapping[str, Any]) -> Answer:
-    """Read what `answer_to_json` makes, as far as pictures of the map show it: not the matches."""
+    """Parse the output of `answer_to_json`, as far as it is drawn on maps: without the matches."""
     hypotheses = tuple(
         Hypothesis(
             rank,
@@ -147,7 +147,7 @@ def _hypothesis(hypothesis: Hypothesis, source: AnswerSource) -> dict[str, Any]:
 
 
 def _floor(id: int, floors: tuple[Floor, ...]) -> dict[str, Any]:
-    """Name the floor of a place on a map that has several."""
+    """Return id, name and height of a place's floor; empty if the map does not list it."""
     found = next((floor for floor in floors if floor.id == id), None)
     if found is None:
         return {}
@@ -167,5 +167,5 @@ def _camera(camera: CameraPose, at: MapPixel, georeference: Georeference | None)
 
 
 def _known(value: float) -> float | None:
-    """NaN is how the geometry says "none there"; JSON has null for it."""
+    """Convert undefined values of the geometry, which are not finite, to None: null in JSON."""
     return value if math.isfinite(value) else None

@@ -1,9 +1,9 @@
-"""One answer from several looks at one photo, each by other features.
+"""One answer from several looks at one photo, each with other features.
 
-Each look gives a place its odds against "not on this map". Which look is worth more differs from map to map,
-so that their odds are combined by a second calibrated softmax (stacked generalization, Wolpert 1992), fitted
-on the trials that the looks themselves are calibrated on. What a look says of a place is log(1 + odds):
-nothing where it does not name the place, and about the log-odds where it is sure.
+Each look gives a place odds against "not on this map". Which look is more reliable differs from map to map,
+so their odds are combined by a second calibrated softmax (stacked generalization, Wolpert 1992), fitted on
+the trials that the looks themselves are calibrated on. A look's evidence for a place is log(1 + odds): zero
+if it does not name the place, and about the log-odds if it is certain.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ DEFAULT = Calibration(slope=(0.8, 1.0), offset=-2.4, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
 SURE = 0.9
-"""An answer as probable as this needs no further look."""
+"""Probability of the first hypothesis from which on no further look is needed."""
 
 _MUCH_LESS = 0.1
-"""A computed position goes before a photo's place unless it is less probable than this share of it."""
+"""Hypotheses about a place that are less probable than this share of the best do not affect its position."""
 
 _LARGEST = 1e12
-"""Odds that no photo exceeds; what is less probable than one over this is not looked at."""
+"""Upper limit of the odds; hypotheses less probable than its reciprocal are ignored."""
 
 
 def is_sure(answer: Answer) -> bool:
@@ -43,7 +43,7 @@ def is_sure(answer: Answer) -> bool:
 def evidence_of_looks(
     looks: Sequence[Sequence[Hypothesis]], off_map: Sequence[float], *, radius_px: float
 ) -> tuple[list[list[tuple[int, Hypothesis]]], NDArray[np.float64]]:
-    """Gather what the looks say of each place.
+    """Collect the evidence of the looks for each place.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ def evidence_of_looks(
     off_map : sequence of float
         Each look's probability of "not on this map".
     radius_px : float
-        Hypotheses so near to each other are one place.
+        Hypotheses within this distance are one place.
 
     Returns
     -------
     places : list of list of (int, Hypothesis)
-        Those about each place with the numbers of their looks, the most probable first.
+        Hypotheses about each place with the numbers of their looks, the most probable first.
     evidence : (h, LOOKS) float64
     """
     named = [(n, h) for n, look in enumerate(looks) for h in look if h.probability > 1.0 / _LARGEST]
@@ -73,10 +73,10 @@ def evidence_of_looks(
 def fuse_place(
     place: Sequence[tuple[int, Hypothesis]], *, probability: float, place_radius_px: float
 ) -> Hypothesis:
-    """Make one hypothesis of those about a place, as from `evidence_of_looks`.
+    """Fuse the hypotheses about a place, as from `evidence_of_looks`.
 
-    Positions are averaged where looks computed them. A look that hardly believes in its own does not move the
-    answer of one that does.
+    Computed positions are preferred to photos' places, and averaged. Hypotheses that are much less probable
+    than the best have no effect on that.
     """
     believed = [h for _, h in place if h.probability >= _MUCH_LESS * place[0][1].probability]
     kind = "position" if any(h.kind == "position" for h in believed) else believed[0].kind
@@ -95,14 +95,14 @@ def combine_looks(
     answers : sequence of Answer
         `LOOKS` of them, with all their hypotheses.
     calibration : Calibration
-        Of the looks together: a slope for each.
+        Calibration of the combination: a slope for each look.
     top : int
         Maximum number of hypotheses.
 
     Returns
     -------
     Answer
-        Statistics are those of the look that is surest of the first place; its evidence comes first.
+        Statistics are those of the look that is most certain of the first place; its evidence comes first.
     """
     off_map = [a.off_map_probability or 0.0 for a in answers]
     places, evidence = evidence_of_looks([a.hypotheses for a in answers], off_map, radius_px=place_radius_px)

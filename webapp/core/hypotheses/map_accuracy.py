@@ -1,4 +1,4 @@
-"""No position is known better than those of the photos that it is computed from."""
+"""Limit to accuracy: no position is better than those of the photos that it is computed from."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 
 
 def limit_accuracy(answer: Answer, position_radius_px: Mapping[int, float]) -> Answer:
-    """Widen the radii of hypotheses to that of the positions of their photos, in the median.
+    """Widen the radii of hypotheses to the median radius of their photos' positions.
 
-    Photos that were placed by the GPS of one phone, on one walk, may all be off in the same direction, so
-    that the mean of several is not better than each.
+    Photos placed by the GPS of one phone on one walk may all be off in the same direction, so that the mean
+    of several is not better than each.
 
     Parameters
     ----------
     position_radius_px : mapping of int to float
-        68 % radii of the positions of experiences by their ids; those that are not in it are exact.
+        68 % radii of the positions of experiences, by id; all other positions are exact.
     """
     if not position_radius_px:
         return answer

@@ -1,6 +1,6 @@
-"""Courses that a camera may be on: Gaussians over position and velocity, with weights.
+"""Gaussian mixture over the position and velocity of a camera.
 
-Both axes have the same covariance and are independent, so that a component has three numbers of it.
+Both axes are independent and have the same covariance, so that a component needs three numbers for it.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.model import Hypothesis
 
 _MEMORY = 100.0
-"""Frames after which a velocity is forgotten; in each it changes by about a seventh of the usual speed."""
+"""Correlation time of the velocity, frames; per frame it changes by about a seventh of the usual speed."""
 
 _ALIKE = 1.0
-"""Tracks nearer to each other than this, in spreads, are one."""
+"""Components nearer to each other than this, in standard deviations, are merged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One course that the camera may be on.
+    """One component of the mixture.
 
     Attributes
     ----------
     weight : float
         Probability.
     x, y : (float, float)
-        Position and velocity, map pixels and map pixels a frame.
+        Position and velocity, map pixels and map pixels per frame.
     covariance : (3,) float
-        Of position, of position with velocity, of velocity: the same along both axes.
+        Variance of position, covariance of position and velocity, variance of velocity; for both axes.
     hypothesis : Hypothesis
-        The last one of a frame that spoke for it.
+        The latest one that supported it.
     seen : bool
-        Whether that was in the last frame.
+        Whether that was in the latest frame.
     """
 
     weight: float
@@ -53,26 +53,26 @@ class Component:
 
     @property
     def position(self) -> MapPixel:
-        """Where it is."""
+        """Position, map pixels."""
         return MapPixel(self.x[0], self.y[0])
 
 
 def spawn(hypothesis: Hypothesis, *, weight: float, variance: float, speed_px: float) -> Component:
-    """Begin a component at a hypothesis; its velocity is not known."""
+    """Create a component at a hypothesis, with unknown velocity."""
     x, y = hypothesis.position
     covariance = (variance, 0.0, speed_px**2 / 2.0)
     return Component(weight, (float(x), 0.0), (float(y), 0.0), covariance, hypothesis, seen=True)
 
 
 def predict(component: Component, *, speed_px: float, steps: float) -> Component:
-    """Move on by some frames.
+    """Predict a component some frames ahead.
 
-    The velocity is an Ornstein-Uhlenbeck process: near-constant, and bounded however long the gap.
+    The velocity is an Ornstein-Uhlenbeck process: nearly constant, yet bounded after a gap of any length.
 
     Parameters
     ----------
     speed_px : float
-        Root mean square of the speed, map pixels a frame.
+        Root mean square of the speed, map pixels per frame.
     """
     rate = 1.0 / _MEMORY
     fade = math.exp(-rate * steps)
@@ -90,20 +90,20 @@ def predict(component: Component, *, speed_px: float, steps: float) -> Component
 
 
 def reverse_time(component: Component) -> Component:
-    """Turn time around."""
+    """Reverse the direction of time."""
     (x, right), (y, down), (pp, pv, vv) = component.x, component.y, component.covariance
     return replace(component, x=(x, -right), y=(y, -down), covariance=(pp, -pv, vv))
 
 
 def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, variance: float) -> Component:
-    """Take in a hypothesis by Kalman's update.
+    """Update a component with a hypothesis (Kalman filter).
 
     Parameters
     ----------
     mass : float
-        Integral of its likelihood, map pixels squared; the weight is multiplied by how far it was foreseen.
+        Integral of its likelihood, map pixels squared; it and the predicted density multiply the weight.
     variance : float
-        Of its position along an axis, map pixels squared.
+        Variance of its position along an axis, map pixels squared.
     """
     pp, pv, vv = component.covariance
     total = pp + variance
@@ -121,9 +121,9 @@ def should_merge(a: Component, b: Component) -> bool:
 
 
 def merge(components: Sequence[Component]) -> Component:
-    """Make one of several, the heaviest first.
+    """Merge components, the heaviest first, into one.
 
-    Mean and covariance are those of the sum; what speaks for the heaviest that was seen speaks for all.
+    Mean and covariance are those of their sum; the hypothesis is that of the heaviest one that was seen.
     """
     if len(components) == 1:
         return components[0]
@@ -150,7 +150,7 @@ def merge(components: Sequence[Component]) -> Component:
 
 
 def _distance(a: Component, b: Component) -> float:
-    """Measure how far apart two components are, in spreads of the first, the heavier one."""
+    """Compute the Mahalanobis distance of two components by the covariance of the first, the heavier one."""
     pp, pv, vv = a.covariance
     squared = 0.0
     for p, q in ((a.x, b.x), (a.y, b.y)):

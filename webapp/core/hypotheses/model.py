@@ -1,4 +1,4 @@
-"""The answer to "where was this photo taken?", as every view of it needs it."""
+"""Data model of the answer to "where was this photo taken?"."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ class Hypothesis:
     rank : int
         From 1, most probable first.
     kind : {"position", "photo", "area"}
-        "position": computed from what it shares with map photos; "photo": the place of one is all that is
-        known; "area": the photos stand for a place as a whole, and so does the answer.
+        "position": computed from matches with map photos; "photo": only the position of a matching photo is
+        known; "area": the area as a whole, whose photos share one position.
     probability : float
         That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
     radius_px : float or None
-        Radius that holds the truth in 68 % of the cases, given that the hypothesis is right; map pixels.
+        Radius that contains the truth in 68 % of cases, given that the hypothesis is right; map pixels.
     heading_deg : float or None
-        Where the camera looked, degrees clockwise from north.
+        Viewing direction, degrees clockwise from north.
     experiences : tuple of int
-        Ids of the map photos that speak for it, the best first.
+        Ids of the map photos that support it, the best first.
     inliers : int or None
         Matches with the best photo that agree on one geometry; None where no geometry was checked.
     matches : int
-        Matches that speak for it before any geometry.
+        Matches that support it, before geometric verification.
     camera : CameraPose or None
-        How the camera was held, where that was solved from landmarks.
+        Height and orientation of the camera, if solved from landmarks.
     floor : int
-        Id of the floor that it is on.
+        Id of its floor.
     """
 
     rank: int
@@ -58,14 +58,14 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class MatchStatistics:
-    """What the matching looked like before anybody interpreted it.
+    """Statistics of the raw matches.
 
-    Distances are in the units of the matcher's norm, over all matches, and None when there was no match.
+    Distances are in the units of the matcher's norm, over all matches; None if there was no match.
 
     Attributes
     ----------
     matches_pruned : int
-        Matches that pruning left.
+        Matches left after pruning.
     """
 
     keypoints: int
@@ -88,7 +88,7 @@ class Evidence:
     query_xy, photo_xy : (n, 2) float32
         Matched points, pixels of the upright query and of the upright map photo, both at full size.
     inlier : (n,) bool
-        Which of them agree on one geometry; all False where none was found or none was looked for.
+        Which of them agree on one geometry; all False if none was found or sought.
     """
 
     experience: int
@@ -99,7 +99,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class FieldOfView:
-    """Horizontal field of view of an upright photo, and how it is known.
+    """Horizontal field of view of an upright photo, and its source.
 
     Attributes
     ----------
@@ -112,32 +112,32 @@ class FieldOfView:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """All hypotheses about one photo, and what speaks for them.
+    """All hypotheses about one photo, and the evidence for them.
 
     Attributes
     ----------
     hypotheses : tuple of Hypothesis
         The most probable first; may be empty.
     off_map_probability : float or None
-        That the photo was not taken on this map. None where the method does not know (`vote`).
+        That the photo was not taken on this map. None if the method does not estimate it (`vote`).
         The hypotheses' probabilities, `other_probability` and this add up to 1.
     other_probability : float
-        Of the places that the caller's limit cut from the list.
+        Total of the places that the caller's limit cut from the list.
     no_pose : NoPose or None
-        Why there is no hypothesis, when there is none.
+        Why there is no hypothesis, if there is none.
     evidence : tuple of Evidence
         The matches with the best hypothesis' photos, the best first; then those with the best photo of each
-        further hypothesis, as far as the method knows them.
+        further hypothesis, if the method has them.
     seconds : dict of str to float
         Time of each stage: read, extract, retrieve, verify, position, total.
     fov : FieldOfView or None
-        Of the query; None where the method does not ask for it.
+        Of the query; None if the method does not use it.
     looks : tuple of str
-        Features that were used, in order; where the first were sure, there are no others.
+        Features of each look, in order; there is no further look after a certain one.
     quarter_turns : int
-        Clockwise, that bring the query upright; 0 where its keypoints show none.
+        Clockwise quarter turns that bring the query upright; 0 if its keypoints show none.
     note : str
-        Why there is less than was asked for; empty where there is not.
+        Why the answer is less than was requested; else empty.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -165,8 +165,8 @@ def is_off_map(best: float | None, off: float | None) -> bool:
     Parameters
     ----------
     best : float or None
-        Probability of its first hypothesis; None where it has none.
+        Probability of its first hypothesis; None without one.
     off : float or None
-        Probability that the photo is of another place; None where that is unknown.
+        Probability that the photo was not taken on this map; None if unknown.
     """
     return best is None or (off is not None and off > best)

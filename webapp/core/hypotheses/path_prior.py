@@ -1,9 +1,9 @@
-"""Where cameras are: about where the photos of the map were taken, along the paths that these trace.
+"""Prior over camera positions: near the map's photos, along the paths that these trace.
 
-A prior over positions, to be joined with what one photo says by Bayes' rule. The map's photos around a
-position are seen through a Gaussian window; their scatter, freed of the window, is the density of cameras
-there. Along a row of photos it is long and thin, so that what lies off the row is drawn across to it and
-nothing is moved along it; where photos stand on all sides it says nothing.
+It is combined with the position estimated from one photo by Bayes' rule. The map's photos around a position
+are weighted by a Gaussian window; their scatter, corrected for the window, describes the density of cameras
+there. Along a row of photos it is long and thin, so that a position off the row is drawn towards it but not
+moved along it; where there are photos on all sides the prior has no effect.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from webapp.core.hypotheses.model import Answer, Hypothesis
 Array = NDArray[np.float64]
 
 INSIDE_68 = math.sqrt(-2.0 * math.log(1.0 - 0.68))
-"""Radius that holds 68 % of a round Gaussian over its spread."""
+"""Radius that contains 68 % of an isotropic Gaussian in the plane, over its standard deviation."""
 
 _WINDOW = 1.5
-"""Spread of the window through which the photos around a position are seen, place radii."""
+"""Standard deviation of the window by which the photos around a position are weighted, place radii."""
 
 _NARROW = 0.5
-"""Photos that vary by more than this share of the window's variance could be anywhere in it."""
+"""Share of the window's variance: photos that vary by more give no prior along that axis."""
 
 _LONG = 0.5
-"""Photos that spread less than this around a position, place radii, make a spot and no path."""
+"""Minimum standard deviation of photos along a path, place radii: with less they are a spot."""
 
 _ACROSS = 0.1
-"""Spread of cameras across the path, place radii."""
+"""Standard deviation of cameras across a path, place radii."""
 
 _NONE = 1e-9
 """Sum of weights below which there are no photos around a position."""
 
 _DOUBT = 2.5
-"""A position that is more standard deviations off the path than this is not on it."""
+"""Standard deviations off the path at which the prior fades out: the position is probably not on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPrior:
-    """Where the photos of a map were taken.
+    """Positions of a map's photos, as a prior.
 
     Attributes
     ----------
     photos : (n, 2) float64
         Their distinct positions, map pixels.
     floor : (n,) int64
-        Ids of the floors of these.
+        Ids of their floors.
     area_px2 : float
-        Where a camera can be at all.
+        Area in which a camera can be.
     """
 
     photos: Array
@@ -63,16 +63,16 @@ class PathPrior:
 
     @property
     def places(self) -> float:
-        """About how many places there are."""
+        """Approximate number of places."""
         return max(self.area_px2 / (math.pi * self.place_radius_px**2), 2.0)
 
 
 def fit_path_prior(
     position: Array, *, place_radius_px: float, floor: NDArray[np.int64] | None = None
 ) -> PathPrior:
-    """Describe where the photos at (p, 2) map pixels were taken; all on one floor unless `floor` is given."""
+    """Fit the prior to photos at (p, 2) map pixels; all are on one floor unless `floor` is given."""
     on = np.full(len(position), BASE_FLOOR) if floor is None else floor
-    # Squares of a place radius that hold photos: a map is a path more often than it is a rectangle.
+    # Count grid cells that contain photos: most maps are paths rather than rectangles.
     squares = np.unique(np.column_stack([np.floor(position / place_radius_px), on]), axis=0)
     area = max(len(squares), 1) * place_radius_px**2
     distinct = np.unique(np.column_stack([position, on]), axis=0)
@@ -87,23 +87,23 @@ def apply_path_prior(
     weight: Array | None = None,
     floor: int = BASE_FLOOR,
 ) -> tuple[MapPixel, Array]:
-    """Join a position with where cameras are.
+    """Combine a position with the prior.
 
     Parameters
     ----------
     position : MapPixel
-        What one photo says.
+        Estimate from one photo.
     variance : float
-        Of it, along an axis, map pixels squared.
+        Its variance along an axis, map pixels squared.
     weight : (n,) float64, optional
-        How probable the surroundings of each of `paths.photos` are; all the same without it.
+        Prior weight of the surroundings of each of `paths.photos`; uniform by default.
     floor : int
-        Of the position; photos of others say nothing.
+        Floor of the position; photos on other floors are ignored.
 
     Returns
     -------
     variance : (2,) float64
-        Of it, along the axis that is known better and along the other: a path says little of where along it.
+        Of the result, along the more and the less certain axis: a path constrains positions only across it.
     """
     at = np.array(position)
     off = paths.photos - at
@@ -119,7 +119,7 @@ def apply_path_prior(
     across = (_ACROSS * paths.place_radius_px) ** 2
     scatter = np.einsum("n,ni,nj->ij", near, apart, apart) / mass + across * np.eye(2)
     spreads, axes = np.linalg.eigh(scatter)
-    # The window multiplies the density of cameras by a Gaussian, so that its precision is to be subtracted.
+    # The window multiplies the density of cameras by a Gaussian, whose precision has to be subtracted.
     precision = np.maximum(1.0 / spreads - 1.0 / (_NARROW * window), 0.0)
     if weight is None:
         precision[1] = 0.0
@@ -133,12 +133,12 @@ def apply_path_prior(
 
 
 def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Array | None = None) -> Answer:
-    """Join each position that was computed with where cameras are, and update its radius.
+    """Combine each computed position with the prior, and update its radius.
 
     Parameters
     ----------
     weight : (n,) float64, optional
-        As for `drawn`.
+        As for `apply_path_prior`.
     """
     hypotheses = tuple(_on_paths(h, paths, weight) for h in answer.hypotheses)
     return replace(answer, hypotheses=hypotheses)

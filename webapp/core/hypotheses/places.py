@@ -1,8 +1,8 @@
-"""What counts as one place, and what kind of map the positions of its photos make.
+"""Kind and place radius of a map, from the positions of its photos.
 
-On a *metric* map photos stand where they were taken. On a map of *areas* (rooms, floors, parts of a park)
-many photos stand for one place. A *mixed* map has both. Whether a map is *schematic*, a plan that is not to
-scale, shows only when positions are computed on it: see `tasks.localize.calibrate`.
+On a *metric* map positions are where the photos were taken. On a map of *areas* (rooms, floors, parts of a
+park) many photos share one position. A *mixed* map has both. A *schematic* map, a plan that is not to scale,
+is recognised only when positions are computed on it: see `tasks.localize.calibrate`.
 """
 
 from __future__ import annotations
@@ -25,40 +25,40 @@ KIND_WORDS: dict[MapKind, str] = {
     "schematic": "a schematic map",
     "mixed": "a map of places and areas",
 }
-"""What reports call a map of each kind."""
+"""Names of the kinds in reports."""
 
 RADIUS_OVER_SPACING = 2.0
 AREA_RADIUS_OVER_SPACING = 0.4
-"""Less than half: areas never overlap."""
+"""Less than half, so that areas never overlap."""
 
 _SHARE_OF_SIDE = 0.05
 
 _FEWEST_MATCHED = 10
-"""Photos that certainly match others from which on their distances say how exact positions are."""
+"""Minimum number of photos with certain matches for judging how accurate positions are."""
 
 _SHARED = 3
-"""Photos at one position from which on it may be an area."""
+"""Minimum number of photos at a position that may be an area."""
 
 _PANORAMA = 12
-"""More photos at one position than anybody takes of a panorama: an area."""
+"""Maximum number of photos of a panorama: a position with more is an area."""
 
 _CONFIRMED = 0.6
-"""Share of the photos at shared positions whose relative poses agree with these: then they are true."""
+"""Share of photos at shared positions with agreeing relative poses from which on these are no areas."""
 
 _FEW, _MOST = 0.1, 0.9
-"""Share of photos in areas up to which a map is metric, and from which on it is one of areas."""
+"""Share of photos in areas up to which a map is metric, and from which on it is a map of areas."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPlaces:
-    """What kind of map the positions make.
+    """Kind of a map, its areas and its place radius.
 
     Attributes
     ----------
     area : (p,) int64
-        For each photo the number of its area; -1 where it stands where it was taken.
+        Number of each photo's area; -1 for a photo at the position where it was taken.
     radius_px : float
-        How far from the truth an answer may be and still name the right place.
+        Place radius: maximum error of an answer that names the right place.
     """
 
     kind: MapKind
@@ -68,14 +68,14 @@ class MapPlaces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoGroups:
-    """Which photos belong together.
+    """Experience and floor of each photo.
 
     Attributes
     ----------
     experience : (p,) int64
-        Of which experience each photo is: views of one panorama are one.
+        Number of each photo's experience: all views of a panorama are one.
     floor : (p,) int64
-        Id of each photo's floor: what is above each other is not one place.
+        Id of each photo's floor: positions above each other are different places.
     """
 
     experience: NDArray[np.int64]
@@ -91,27 +91,27 @@ def describe_places(
     partner: NDArray[np.int64] | None = None,
     groups: PhotoGroups | None = None,
 ) -> MapPlaces:
-    """Find out what kind of map it is.
+    """Determine the kind, areas and place radius of a map.
 
-    Photos at a position that they share with two others are an area where they are more than a panorama has,
-    or where relative poses between positions do not agree with the positions: at a stand from which somebody
-    took five photos they do. Photos that certainly show the same as one elsewhere decide, where there are
-    enough of them: on a thin map most see what no other does, which contradicts nothing.
+    Three or more photos at one position are an area if they are more than a panorama has, or if relative
+    poses between positions do not agree with the positions; where several photos were taken from one spot,
+    they agree. If there are enough of them, only photos that certainly match one elsewhere decide: on a
+    sparse map most photos have no such match, which is no contradiction.
 
     Parameters
     ----------
     position : (p, 2) float64
-        Of the map's photos, map pixels.
+        Positions of the map's photos, map pixels.
     trust : (p,) float64 or None
-        As `MapExtrinsics` has it; None while relative poses are not known.
+        As in `MapExtrinsics`; None while relative poses are unknown.
     size : (int, int)
         Width and height of the satellite image.
     kind : MapKind, optional
-        What the user says it is.
+        Kind stated by the user.
     partner : (p,) int64, optional
-        As `MapExtrinsics` has it: where positions are noisy, as by GPS, photos of one view are far apart.
+        As in `MapExtrinsics`: where positions are noisy, e.g. from GPS, photos of one view are far apart.
     groups : PhotoGroups, optional
-        By default each photo is an experience of its own, and all are on one floor.
+        By default each photo is a separate experience, and all are on one floor.
     """
     if groups is None:
         groups = PhotoGroups(np.arange(len(position)), np.zeros(len(position), np.int64))
@@ -147,7 +147,7 @@ def _stands(position: NDArray[np.float64], floor: NDArray[np.int64]) -> NDArray[
 
 
 def _all_areas(number: NDArray[np.int64], areas: bool) -> NDArray[np.int64]:
-    """Take each distinct position for an area, or none; (p,)."""
+    """Return the number of each photo's area if all distinct positions are areas, else -1; (p,)."""
     return number if areas else np.full(len(number), -1, np.int64)
 
 
@@ -166,7 +166,7 @@ def _areas(
     count = np.bincount(number[one_each], minlength=number.max() + 1)
     large, shared = count[number] > _PANORAMA, count[number] >= _SHARED
     stands = shared & ~large
-    # On a map of areas small ones are areas, too, also where photos of neighbouring ones show the same.
+    # A map with large areas has small ones, too, even if photos of neighbouring areas match: use all photos.
     sure = None if partner is None or large.any() else partner >= 0
     return np.where(large if _are_confirmed(stands, trust, sure=sure) else shared, number, none)
 
@@ -174,12 +174,12 @@ def _areas(
 def _are_confirmed(
     stands: NDArray[np.bool_], trust: NDArray[np.float64] | None, *, sure: NDArray[np.bool_] | None
 ) -> bool:
-    """Check whether relative poses agree with the positions of the stands, (p,).
+    """Check whether relative poses confirm the shared positions of the photos `stands`, (p,).
 
     Parameters
     ----------
     sure : (p,) bool or None
-        Photos that decide, where enough of them are at stands.
+        Photos with certain matches: if enough of them are in `stands`, only they decide.
     """
     if trust is None or not stands.any():
         return True
@@ -190,7 +190,7 @@ def _are_confirmed(
 
 
 def _noise_px(position: NDArray[np.float64], partner: NDArray[np.int64] | None) -> float:
-    """Compute the median distance between photos of one view; 0 where too few are known."""
+    """Compute the median distance between photos of one view; 0 if too few are known."""
     if partner is None:
         return 0.0
     matched = np.flatnonzero(partner >= 0)
@@ -205,21 +205,21 @@ def spacing_px(
     of: NDArray[np.bool_] | None = None,
     floor: NDArray[np.int64] | None = None,
 ) -> float | None:
-    """Compute the median distance from each distinct position to the nearest other.
+    """Compute the median distance from each distinct position to its nearest neighbour.
 
     Parameters
     ----------
     position : (p, 2) float64
         Map pixels.
     of : (p,) bool, optional
-        Only for these of them.
+        Only from these positions.
     floor : (p,) int64, optional
-        Ids of their floors: the nearest other is on the same one.
+        Ids of their floors: neighbours are on the same floor.
 
     Returns
     -------
     float or None
-        None when there are fewer than two distinct positions, on one floor.
+        None if no floor has two distinct positions.
     """
     on = np.zeros(len(position), np.int64) if floor is None else floor
     asked = np.ones(len(position), np.bool_) if of is None else of
@@ -229,7 +229,7 @@ def spacing_px(
 
 
 def _nearest_px(position: NDArray[np.float64], *, of: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Compute the distance from each distinct position to the nearest other; none where there is no other."""
+    """Compute the distance from each distinct position `of` to its nearest neighbour; empty without any."""
     distinct = np.unique(position, axis=0).astype(np.float32)
     if len(distinct) < 2 or not of.any():
         return np.zeros(0, np.float32)
@@ -246,14 +246,14 @@ def place_radius_px(
     height: int,
     floor: NDArray[np.int64] | None = None,
 ) -> float:
-    """Choose the place radius of a map whose photos stand where they were taken.
+    """Compute the place radius of a map whose positions are where the photos were taken.
 
     Parameters
     ----------
     position : (p, 2) float64
-        Of the map's photos, map pixels.
+        Positions of the map's photos, map pixels.
     width, height : int
-        Of the satellite image.
+        Size of the satellite image.
     floor : (p,) int64, optional
         Ids of their floors.
 

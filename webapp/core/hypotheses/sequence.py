@@ -1,17 +1,17 @@
-"""One belief from the frames of a sequence: each frame's answer updates the belief of the frame before.
+"""Filter a sequence of frames: each frame's answer updates the belief from the frames before it.
 
-Where the camera is, if a frame has named the place, is estimated by a Gaussian-sum filter (Alspach and
+The position, given that some frame has named the place, is estimated by a Gaussian-sum filter (Alspach and
 Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", 1972). Its state is a Gaussian
 mixture over position and velocity, plus the probability of being lost: at a place that no frame has named.
-A frame's answer is read as a likelihood: its hypotheses as Gaussians of their radius, and that none of them
-is right as the probability of a missed detection, which spares components that the frame does not see. New
-components are spawned from the lost state, so that a robot that was carried elsewhere (the kidnapped robot)
-is found again after some frames, and one outlier frame is not believed.
+A frame's answer is converted to a likelihood: each hypothesis is a Gaussian with the width of its radius, and
+the probability that none is right is that of a missed detection, which preserves components that the frame
+does not support. New components are spawned from the lost state, so that a robot that was carried elsewhere
+(the kidnapped robot) is found again after some frames, and a single outlier frame is not believed.
 
-Whether a frame has named the place at all, and whether the camera is on the map, are other questions: frames
-of one foreign scene name the same wrong places again and again, and a course on which they agree proves
-nothing. So only what each frame itself says of it counts, and fades: a hundred frames that do not know weigh
-as much as the last few of them.
+Two more probabilities are estimated separately: that any frame has named the place at all, and that the
+camera is off the map. Frames of one foreign scene name the same wrong places again and again, so a consistent
+course is no evidence for either. Hence each frame contributes only its own odds, with exponential forgetting:
+a hundred uninformative frames weigh as much as the last few of them.
 
 The filter is causal. `smooth` also uses later frames: it combines the filter with one that runs backwards
 (Fraser and Potter, "The optimum linear smoother as a combination of two optimum linear filters", 1969).
@@ -44,37 +44,37 @@ from webapp.core.hypotheses.path_prior import INSIDE_68, PathPrior, apply_path_p
 Array = NDArray[np.float64]
 
 DEFAULT_SPEED = 1.0
-"""Usual way from a frame to the next at most, place radii: else frames have little in common."""
+"""Default distance between consecutive frames, place radii: frames farther apart have little in common."""
 
 _KIDNAPPED = 0.01
-"""Chance, each frame, that the camera is elsewhere than motion can explain: carried, cut, or walked off."""
+"""Probability per frame of a jump beyond the motion model: carried elsewhere, a cut, or walked off."""
 
 _TEMPER = 0.5
-"""Power of a frame's likelihood after the first frame: neighbouring frames see the same and err together."""
+"""Exponent of a frame's likelihood after the first frame: neighbouring frames have correlated errors."""
 
 _DOOR = 2.0
-"""Spread of wrong answers that name a place near the right one, place radii."""
+"""Standard deviation of wrong answers that name a place near the right one, place radii."""
 
 _ERR_TOGETHER = 0.5
-"""Least 68 % radius, place radii: the error that neighbouring frames have in common."""
+"""Minimum 68 % radius, place radii: the error that neighbouring frames have in common."""
 
 _FADES = 0.8
-"""Power to which the odds of a named place, and of being off the map, are taken from frame to frame."""
+"""Exponent of the odds `named` and `off` from frame to frame: exponential forgetting."""
 
 _LEAST = 0.001
-"""No frame is so sure of either, or of the contrary."""
+"""A frame's probabilities are clipped to this distance from 0 and 1 before they become odds."""
 
 _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionModel:
-    """What is known of map and camera.
+    """Paths of the map and speed of the camera.
 
     Attributes
     ----------
     speed_px : float
-        About how far the camera comes from a frame to the next, map pixels.
+        Typical distance that the camera moves between consecutive frames, map pixels.
     """
 
     paths: PathPrior
@@ -82,22 +82,22 @@ class MotionModel:
 
     @property
     def place_radius_px(self) -> float:
-        """How far off a right hypothesis may be."""
+        """Distance within which a hypothesis counts as right."""
         return self.paths.place_radius_px
 
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Where the camera is, after some frames.
+    """Estimate of the camera's position after some frames.
 
     Attributes
     ----------
     lost : float
-        Probability of none of them, for the filter; with their weights it adds up to 1.
+        Probability, in the filter, that no component is right; it and their weights add up to 1.
     frames : int
-        How many it has seen.
+        Number of frames so far.
     named, off : float
-        Odds that one of them is right, and of being off the map.
+        Odds that a component is right, and odds of being off the map.
     """
 
     components: tuple[Component, ...] = ()
@@ -108,34 +108,34 @@ class Belief:
 
 
 def motion_model(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> MotionModel:
-    """Describe the motion over a map.
+    """Build the motion model of a map.
 
     Parameters
     ----------
     position : (p, 2) float64
-        Of the map's photos, map pixels.
+        Positions of the map's photos, map pixels.
     speed_px : float, optional
-        Usual way from a frame to the next; without it, the place radius.
+        Typical distance between consecutive frames; by default the place radius.
     """
     return motion_model_on(fit_path_prior(position, place_radius_px=place_radius_px), speed_px=speed_px)
 
 
 def motion_model_on(paths: PathPrior, *, speed_px: float | None = None) -> MotionModel:
-    """Describe the motion over a map whose paths are known; otherwise as `motion_of`."""
+    """Build the motion model of a map with known paths; otherwise as `motion_model`."""
     return MotionModel(paths, DEFAULT_SPEED * paths.place_radius_px if speed_px is None else speed_px)
 
 
 def filter_step(
     belief: Belief, answer: Answer, *, motion: MotionModel, top: int, steps: float = 1.0
 ) -> tuple[Belief, Answer]:
-    """Take in the answer about the next frame.
+    """Update the belief with the answer about the next frame.
 
     Parameters
     ----------
     belief : Belief
         `Belief()` before the first frame.
     answer : Answer
-        About this frame alone.
+        Answer about this frame alone.
     top : int
         Maximum number of hypotheses.
     steps : float
@@ -144,7 +144,7 @@ def filter_step(
     Returns
     -------
     answer : Answer
-        About this frame, by it and all before. Statistics and seconds are the frame's own.
+        Answer about this frame, from it and all earlier ones. Statistics and seconds are those of the frame.
     """
     predicted = _predict(belief, motion, steps)
     temper = 1.0 if belief.frames == 0 else _TEMPER
@@ -155,19 +155,19 @@ def filter_step(
 def smooth(
     answers: Sequence[Answer], *, motion: MotionModel, top: int, steps: Sequence[float] | None = None
 ) -> list[Answer]:
-    """Answer about each frame of a sequence from all frames, those after it too.
+    """Compute an answer about each frame of a sequence from all frames, including later ones.
 
     Parameters
     ----------
     answers : sequence of Answer
-        About each frame alone, in the order in which they were taken.
+        Answers about each frame alone, in the order in which the frames were taken.
     steps : sequence of float, optional
-        Time of each frame since the one before, in usual frame intervals; the first one means nothing.
+        Time of each frame since the one before, in usual frame intervals; the first has no effect.
 
     Returns
     -------
     list of Answer
-        One a frame, as by `follow`.
+        One per frame, as from `filter_step`.
     """
     steps = steps or [1.0] * len(answers)
     before, after = Belief(), Belief()
@@ -184,7 +184,7 @@ def smooth(
 
 
 def _combine(belief: Belief, later: Belief, motion: MotionModel) -> Belief:
-    """Join the belief up to a frame with that of a backward filter after it: a place both hold is likely."""
+    """Combine the forward belief up to a frame with the backward filter's belief from the frames after it."""
     if not later.frames:
         return belief
     density = 0.5 / motion.paths.area_px2
@@ -214,15 +214,15 @@ def _predict(belief: Belief, motion: MotionModel, steps: float) -> Belief:
 
 
 def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: float) -> Belief:
-    """Weigh each course with each hypothesis, and with none of them.
+    """Update each component with each hypothesis, and with a missed detection.
 
-    The likelihood of a position is, over that of knowing nothing, the sum of the hypotheses' Gaussians over
-    the density of positions, and the chance that none is right; to the power `temper`, term by term.
+    The likelihood ratio of a position, against no information, is the sum of the hypotheses' Gaussians over
+    the prior density of positions, plus the probability that none is right; each term to the power `temper`.
     """
     hypotheses, miss = split_missed(answer)
-    if not hypotheses:  # a dark or blurred frame says nothing
+    if not hypotheses:  # a dark or blurred frame carries no information
         return replace(belief, frames=belief.frames + 1)
-    # Half of what may be is on the map, as for the photos that the probabilities were calibrated on.
+    # The prior probability of being on the map is one half, as for the photos used for calibration.
     density = 0.5 / motion.paths.area_px2
     missed = miss**temper
     wide = (_DOOR * motion.place_radius_px) ** 2
@@ -237,7 +237,7 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
         loose = _mass(near, wide, density=density, temper=temper)
         for component in belief.components:
             if component.hypothesis.floor != hypothesis.floor:
-                continue  # by stairs a camera comes from nowhere
+                continue  # after a change of floor the camera is a new component
             components.append(kalman_update(component, hypothesis, mass=mass, variance=variance / temper))
             components.append(kalman_update(component, hypothesis, mass=loose, variance=wide / temper))
     total = belief.lost * missed + sum(component.weight for component in components)
@@ -253,7 +253,7 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
 
 
 def _frame_odds(answer: Answer, *, miss: float) -> tuple[float, float]:
-    """Return the odds that a hypothesis of a frame is right, if it is on the map, and of being off it."""
+    """Return a frame's odds that a hypothesis is right, given that it is on the map, and of being off it."""
     off, other = answer.off_map_probability, answer.other_probability
     off = 0.0 if off is None or off + other <= 0.0 else miss * off / (off + other)
     return _odds((1.0 - miss) / (1.0 - off)), _odds(off)
@@ -276,7 +276,7 @@ def _variance(hypothesis: Hypothesis, motion: MotionModel) -> float:
 
 
 def _reduce(belief: Belief) -> Belief:
-    """Merge components that are alike, the heaviest first, and drop those that hardly weigh."""
+    """Merge similar components, the heaviest first, and drop those of little weight."""
     left = sorted((t for t in belief.components if t.weight >= _LEAST_WEIGHT), key=lambda t: -t.weight)
     merged = []
     while left:
@@ -319,7 +319,7 @@ def _is_near(one: Component, other: Component, radius_px: float) -> bool:
 
 
 def _place(near: Sequence[Component], motion: MotionModel) -> Hypothesis:
-    """Make one hypothesis of components within one place, the heaviest first."""
+    """Convert the components within one place, the heaviest first, to one hypothesis."""
     whole = merge(near)
     spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
     position, by_axis = apply_path_prior(
@@ -336,7 +336,7 @@ def _place(near: Sequence[Component], motion: MotionModel) -> Hypothesis:
         kind="position",
         position=position,
         probability=whole.weight * inside,
-        # Of what lies inside, as ever: given that the place is right.
+        # radius of 68 % of the mass inside the place radius: it is given that the place is right
         radius_px=math.sqrt(-2.0 * variance * math.log(1.0 - 0.68 * inside)),
         heading_deg=of_frame.heading_deg if whole.seen else None,
         inliers=of_frame.inliers if whole.seen else None,
@@ -356,12 +356,12 @@ def belief_to_json(belief: Belief) -> dict[str, Any]:
 
 
 def belief_from_json(form: dict[str, Any]) -> Belief:
-    """Read what `belief_to_json` made.
+    """Parse the output of `belief_to_json`.
 
     Raises
     ------
     KeyError, TypeError
-        It is something else.
+        The values have another form.
     """
     numbers = (float(form[name]) for name in ("named", "off"))
     components = tuple(_component(t) for t in form["tracks"])

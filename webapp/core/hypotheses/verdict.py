@@ -1,6 +1,6 @@
-"""The rule by which an answer is certain, uncertain, or not on the map, and the sentence that says it.
+"""Verdict on an answer (certain, uncertain or not on the map), and the sentence that states it.
 
-Pages have the rule in `verdict.js`.
+Web pages implement the same rule in `verdict.js`.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ SENTENCES: dict[tuple[Verdict, str], str] = {
     ("perhaps_off_map", ""): "Uncertain, perhaps not on this map.",
     ("off_map", ""): "Probably not on this map.",
 }
-"""By verdict and kind of the first place, which counts only where a place leads."""
+"""By verdict and kind of the first place; the kind is empty where no place leads."""
 
 _LIKELY = 0.5
 
 
 def verdict_of(answer: Answer) -> Verdict:
-    """Say what leads in an answer, and whether it is as probable as all else together."""
+    """Return the verdict: what leads, and whether it is as probable as everything else together."""
     off_map = answer.off_map_probability
     if answer.abstained:
         return "off_map" if off_map is None or off_map >= _LIKELY else "perhaps_off_map"
-    # The shares of `vote`, which knows no "not on this map", are no probabilities.
+    # `vote` does not estimate "not on this map"; its shares of the votes are not probabilities.
     certain = off_map is None or answer.hypotheses[0].probability >= _LIKELY
     return "place" if certain else "perhaps_place"
 
 
 def sentence_parts(answer: Answer) -> tuple[str, dict[str, Any]]:
-    """Return one of `SENTENCES`, to be translated, and the values that it names."""
+    """Return one of `SENTENCES`, untranslated, and the values to insert."""
     verdict = verdict_of(answer)
     if verdict in ("off_map", "perhaps_off_map"):
         return SENTENCES[verdict, ""], {}
@@ -49,6 +49,6 @@ def sentence_parts(answer: Answer) -> tuple[str, dict[str, Any]]:
 
 
 def sentence_of(answer: Answer) -> str:
-    """Say an answer in one English sentence; places are in map pixels."""
+    """Return an answer as one English sentence; places are in map pixels."""
     text, values = sentence_parts(answer)
     return text % values

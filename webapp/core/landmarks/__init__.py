@@ -1,6 +1,6 @@
-"""Photos that place themselves: submodels of a reconstruction, laid on the map by their placed photos.
+"""Submodels of a reconstruction, laid on the map by their placed photos, which places the other photos.
 
-A submodel comes from structure from motion, in a world of its own: its position, direction and scale are
-free. Cameras have x to the right, y down and z forward; a rotation takes directions of the world to the
+A submodel comes from structure from motion, in a world frame of its own, with arbitrary position, orientation
+and scale. Cameras have x to the right, y down and z forward; a rotation takes directions of the world to the
 camera's.
 """

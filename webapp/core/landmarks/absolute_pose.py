@@ -1,4 +1,4 @@
-"""Where a camera stood in a cloud: descriptors against points, then perspective-three-point in a RANSAC.
+"""Pose of a camera in a landmark cloud: descriptor matching, then perspective-three-point in a RANSAC.
 
 Matching is exact and only against points that photos like the query see (covisibility): T. Sattler, B. Leibe,
 L. Kobbelt, "Efficient & effective prioritized matching for large-scale image-based localization", 2017.
@@ -24,37 +24,37 @@ from webapp.core.landmarks.cloud import LandmarkCloud
 Array = NDArray[np.float64]
 
 MIN_INLIERS = 12
-"""Points that have to agree: fewer do so by chance where most matches are wrong."""
+"""Least number of inliers: fewer may agree by chance where most matches are wrong."""
 
 _RATIO = 0.85
-"""Distance of a match over that of the next point: among few points a little more than over a whole map."""
+"""Ratio test against the next point: looser among few points than over a whole map."""
 
 _NEIGHBOURS = 5
-"""Observations looked up for each descriptor of a query: the nearest ones often show the same point."""
+"""Nearest observations per query descriptor: several, as the nearest ones often show the same point."""
 
 _MAX_ERROR = 0.006
-"""Largest distance of an inlier from where its point is projected, as a share of the longer side."""
+"""Largest reprojection error of an inlier, as a fraction of the longer side."""
 
 _RANSAC = {"max_iterations": 2000, "min_iterations": 100, "success_prob": 0.9999, "seed": 0}
 _BUNDLE = {"max_iterations": 25, "loss_type": "CAUCHY"}
 _LEAST_SIGMA = 0.0005
-"""Standard deviation of a keypoint, as a share of the longer side, that is not believed to be smaller."""
+"""Lower limit of a keypoint's standard deviation, as a fraction of the longer side."""
 
 
 _UNDISTORT_ROUNDS, _LEAST_WIDENING = 10, 0.1
-"""Of the fixed-point iteration that takes a distortion away, and its divisor."""
+"""Fixed-point undistortion: iterations, and lower limit of the divisor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """A camera whose principal point is its centre.
+    """Intrinsics of a camera whose principal point is the image centre.
 
     Attributes
     ----------
     width, height : int
         Pixels of the upright photo.
     distortion : float
-        Radial, of the square of the distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
+        Radial coefficient of the squared distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
     """
 
     width: int
@@ -70,7 +70,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AbsolutePose:
-    """A camera in the world of a cloud.
+    """Pose of a camera in the world of a cloud.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class AbsolutePose:
     rotation : (3, 3) float64
         Camera from world.
     covariance : (6, 6) float64
-        Of the centre, and of a small rotation of the camera in its own frame, radians.
+        Of the centre, and of a small rotation in the camera's own frame, radians.
     inlier : (m,) bool
         Which matches agree.
     score : float
-        How well, in matches (MSAC).
+        MSAC score, in matches.
     """
 
     centre: Array
@@ -95,7 +95,7 @@ class AbsolutePose:
 def match_points(
     query: NDArray[np.uint8], descriptors: NDArray[np.uint8], *, point: NDArray[np.int32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Match descriptors to the points that they certainly show.
+    """Match descriptors to points, by a ratio test between different points.
 
     Parameters
     ----------
@@ -103,30 +103,30 @@ def match_points(
     descriptors : (m, d) uint8
         Of observations.
     point : (m,) int32
-        Which point each of them shows.
+        Point of each observation.
 
     Returns
     -------
     query_row, row : (k,) int64
-        The nearest observation of each; a point is matched once.
+        Rows of `query`, and the nearest observation of each; a point is matched once.
     """
     if len(query) == 0 or len(descriptors) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     count = min(_NEIGHBOURS, len(descriptors))
     squared, near = faiss.knn(query.astype(np.float32), descriptors.astype(np.float32), count)
-    # The next point is that of the first neighbour that shows another one, or farther than the last of them.
+    # second best: the first neighbour that shows another point, or the last neighbour as a lower bound
     other = point[near] != point[near[:, :1]]
     following = np.where(other.any(1), other.argmax(1), count - 1)
     best, row = squared[:, 0], near[:, 0]
     clear = np.flatnonzero(best < _RATIO**2 * squared[np.arange(len(query)), following])
-    # Of several keypoints that show one point the nearest is right.
+    # of several keypoints matched to one point, keep the nearest
     clear = clear[np.argsort(best[clear], kind="stable")]
     clear = np.sort(clear[np.unique(point[row[clear]], return_index=True)[1]])
     return clear, row[clear]
 
 
 class SolvedCamera(NamedTuple):
-    """A camera, and its m matches: keypoints of the query, observations of the cloud."""
+    """A camera pose and its m matches: keypoints of the query, observations of the cloud."""
 
     pose: AbsolutePose | NoPose
     query_row: NDArray[np.int64]
@@ -136,14 +136,14 @@ class SolvedCamera(NamedTuple):
 def solve_camera(
     query: Features, cloud: LandmarkCloud, *, rows: NDArray[np.int64], lenses: Sequence[Lens]
 ) -> SolvedCamera:
-    """Match a query with some observations of a cloud and solve its camera.
+    """Match a query with some observations of a cloud and estimate its camera pose.
 
     Parameters
     ----------
     rows : (n,) int64
         The observations.
     lenses : sequence of Lens
-        What it may have been taken with; the one with which the landmarks agree best is taken.
+        Candidates for the query's camera; the one with the best score is chosen.
     """
     row, near = match_points(query.descriptors, cloud.descriptors[rows], point=cloud.seen_point[rows])
     seen = rows[near]
@@ -154,7 +154,7 @@ def solve_camera(
 
 
 def absolute_pose(xy: Array, points: Array, *, lens: Lens) -> AbsolutePose | NoPose:
-    """Estimate a camera from pixels and the points that they show.
+    """Estimate a camera pose from pixels and the points that they show.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def project(points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Arr
 
 
 def ray_of_pixel(xy: Array, *, lens: Lens) -> Array:
-    """Return the unit vector (3,), right, down and front, to what a pixel (2,) shows."""
+    """Return the viewing ray of a pixel (2,): a unit vector (3,), right, down and front."""
     middle = np.array([(lens.width - 1) / 2.0, (lens.height - 1) / 2.0])
     seen: Array = (xy - middle) / lens.focal_px
     flat = seen
@@ -207,7 +207,7 @@ def ray_of_pixel(xy: Array, *, lens: Lens) -> Array:
 
 
 def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centre: Array) -> Array | None:
-    """Invert the normal matrix, scaled by the residuals `off`; None where it is singular."""
+    """Invert the normal matrix and scale it by the residuals `off`; None if it is singular."""
     own = (points - centre) @ rotation.T
     by_own = projection_jacobian(own, focal_px=lens.focal_px, distortion=lens.distortion)
     cross = np.zeros((len(points), 3, 3))
@@ -225,7 +225,7 @@ def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centr
 
 
 def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Array | float) -> Array:
-    """Derivatives (n, 2, 3) of where points are projected, pixels, by the points (n, 3) in their cameras.
+    """Return the derivatives (n, 2, 3) of projections, pixels, by the points (n, 3) in their camera frames.
 
     Parameters
     ----------
@@ -245,8 +245,10 @@ def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Arra
 
 
 def angles_of(rotation: Array) -> Array:
-    """Heading, pitch and roll, radians, of a camera-from-world rotation whose world is x right, y down on the
-    map and z down: see `CameraPose`; the heading is clockwise from up on the map."""
+    """Return heading (clockwise from image-up), pitch and roll, radians, as in `CameraPose`.
+
+    The rotation is camera from world, with world axes x right and y down on the map, and z down.
+    """
     right, forward = rotation[0], rotation[2]
     level = float(np.hypot(forward[0], forward[1]))
     heading = np.arctan2(forward[0], -forward[1])
@@ -256,7 +258,7 @@ def angles_of(rotation: Array) -> Array:
 
 
 def angle_jacobian(rotation: Array) -> Array:
-    """Derivatives (3, 3) of `angles_of` by a small rotation of the camera in its own frame."""
+    """Return the derivatives (3, 3) of `angles_of` by a small rotation in the camera's own frame."""
     step = 1e-6
     base = angles_of(rotation)
     columns = []

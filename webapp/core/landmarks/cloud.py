@@ -1,4 +1,4 @@
-"""Landmarks: points of a reconstruction with the descriptors by which photos see them."""
+"""Landmarks: points of a reconstruction with the descriptors of their observations in photos."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
 from webapp.core.landmarks.submodels import Submodel
 
 _LEAST_SEEN = 2
-"""Photos that have to see a point: one alone says nothing about where it is."""
+"""Least number of photos that see a point: one alone does not determine its position."""
 
 _LEAST_SHARED = 10
-"""Points that two photos of a group both see."""
+"""Least number of points that two photos of a group share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +32,12 @@ class LandmarkCloud:
     first : (p + 1,) int64
         Observations of photo i are `first[i]` to `first[i + 1]`.
     seen_point : (m,) int32
-        Which point each shows; a photo shows it once.
+        Point of each observation; a photo observes a point at most once.
     seen_xy : (m, 2) float32
-        Where, pixels of the upright photo.
+        Position of each observation, pixels of the upright photo.
     descriptors : (m, d) uint8
     focal_px, distortion : (p,) float64
-        Of the photos' cameras, as the reconstruction has them; the distortion is COLMAP's, radial.
+        Intrinsics of the photos' cameras in the reconstruction; the distortion is COLMAP's radial one.
     """
 
     contents: tuple[str, ...]
@@ -56,8 +56,8 @@ class LandmarkCloud:
 
 
 class PhotoGroup(NamedTuple):
-    """Photos of a cloud that see the same, the best first, and their observations of points that at least
-    two visible photos see."""
+    """Covisible photos of a cloud, the best first, and their observations of points that at least two visible
+    photos see."""
 
     photos: list[int]
     rows: NDArray[np.int64]
@@ -71,15 +71,15 @@ class LaidCloud:
     Attributes
     ----------
     key : str
-        Stands for what the cloud was made of.
+        Identifies the data that the cloud was made from.
     map_photo : (p,) int64
-        Number of each photo on the map; -1 where it is not placed there any more.
+        Number of each photo on the map; -1 if it is no longer placed there.
     submodels : tuple of Submodel
-        Their photos are those of the cloud.
+        With the photo numbers of the cloud.
     laid : tuple of LaidSubmodel or NotLaid
-        Of each submodel.
+        One for each submodel.
     times_seen : (k,) int64
-        Photos that see each point; follows from the cloud.
+        Number of photos that see each point; computed from the cloud.
     """
 
     cloud: LandmarkCloud
@@ -98,16 +98,16 @@ class LaidCloud:
         return self.submodels[int(self.cloud.submodel[self.cloud.seen_point[self.cloud.first[photo]]])]
 
     def groups(self, photos: NDArray[np.int64], *, visible: NDArray[np.bool_], most: int) -> list[PhotoGroup]:
-        """Group photos that see the same points.
+        """Group covisible photos.
 
         Parameters
         ----------
         photos : (n,) int64
             Numbers on the map, the best first.
         visible : (p,) bool
-            Photos of the cloud that count.
+            Photos of the cloud that may be used.
         most : int
-            Number of groups; those with the best photos.
+            Largest number of groups; those with the best photos are returned.
         """
         own = {
             int(number): photo
@@ -162,7 +162,7 @@ def _connected(together: NDArray[np.bool_], start: int) -> set[int]:
 
 
 def observed_twice(point: NDArray[np.int64], photo: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mark observations, (m,), of points that at least two photos see; of several by one photo the first."""
+    """Mark observations (m,) of points that at least two photos see; only the first per photo and point."""
     pairs = np.stack([point, photo], 1)
     _, first = np.unique(pairs, axis=0, return_index=True)
     once = np.zeros(len(point), np.bool_)

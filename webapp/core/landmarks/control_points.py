@@ -1,7 +1,7 @@
-"""Control points: spots of the world that are clicked in photos and whose place on the map is known.
+"""Control points: spots in the world that are clicked in photos and whose positions on the map are known.
 
-Where one is in the world of a submodel follows from the rays of its clicks; a click that disagrees with the
-others is left out. It is then known as a placed photo is, and no photo has to be placed.
+A control point is triangulated in the world of a submodel from the rays of its clicks; a click that disagrees
+with the others is left out. It then lays the submodel on the map as a placed photo does.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from webapp.core.landmarks.submodels import Submodel
 Array = NDArray[np.float64]
 
 CLICK_RAD = np.radians(0.15)
-"""Standard deviation of a click with that of its photo's camera: two pixels of a photo 1000 pixels wide."""
+"""Standard deviation of a click's ray, camera pose included: two pixels of a photo 1000 pixels wide."""
 
 _AGREE_RAD = 4.0 * CLICK_RAD
-"""A click is wrong when its ray misses the point by more."""
+"""A click is wrong if its ray misses the point by more than this angle."""
 
 _LEAST_ANGLE_RAD = np.radians(1.5)
-"""Between the rays of a point, of which the distance would else be uncertain."""
+"""Least angle between the rays of a point: below it, the distance is too uncertain."""
 
 _ROUNDS = 5
 
 _MOST_PAIRS = 500
-"""Pairs of clicks from which a point is sought."""
+"""Largest number of pairs of clicks that propose a point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +44,11 @@ class KnownPoint:
     sigma_px : float
         Standard deviation along both axes, map pixels.
     height_px : float
-        Above any level that is the same for all, map pixels; NaN where unknown.
+        Above any reference level common to all points, map pixels; NaN where unknown.
     photo : (m,) int64
-        Numbers of the pictures that show it, as submodels have them.
+        Numbers of the pictures that show it, as in `Submodel.photo`.
     shown_by : tuple of str
-        What these are called; the views of a panorama have one name.
+        Names of these pictures; the views of a panorama share one name.
     ray : (m, 3) float64
         Unit vectors to it in the frames of their cameras: right, down, front.
     """
@@ -71,9 +71,9 @@ class Triangulated:
     at : (3,) float64
     covariance : (3, 3) float64
     row : (r,) int64
-        Photos of the submodel whose clicks agree.
+        Rows of the submodel's photos whose clicks agree.
     wrong : tuple of str
-        Photos in which it is clicked elsewhere.
+        Names of the photos whose clicks disagree.
     """
 
     point: KnownPoint
@@ -85,12 +85,12 @@ class Triangulated:
 
 @dataclass(frozen=True, slots=True)
 class NotTriangulated:
-    """It is not known where a control point is in the world of a submodel, and why. Falsy.
+    """A control point that could not be triangulated in a submodel, and the reason. Falsy.
 
     Attributes
     ----------
     clicks : int
-        In photos of the submodel.
+        Number of photos of the submodel in which it is clicked.
     """
 
     point: KnownPoint
@@ -98,12 +98,12 @@ class NotTriangulated:
     clicks: int
 
     def __bool__(self) -> bool:
-        """Return False: it is not known."""
+        """Return False: it was not triangulated."""
         return False
 
 
 class _Rays(NamedTuple):
-    """From where, (r, 3), and to where, (r, 3) unit vectors."""
+    """Origins (r, 3) and unit direction vectors (r, 3) of rays."""
 
     centre: Array
     direction: Array
@@ -112,7 +112,7 @@ class _Rays(NamedTuple):
         return _Rays(self.centre[rows], self.direction[rows])
 
     def angles(self, at: Array) -> Array:
-        """Angles (r,) by which they miss a point, radians."""
+        """Return the angles (r,), radians, by which the rays miss a point."""
         to = at - self.centre
         along = np.einsum("rk,rk->r", to, self.direction)
         across = np.linalg.norm(to - along[:, None] * self.direction, axis=1)
@@ -120,20 +120,20 @@ class _Rays(NamedTuple):
         return off
 
     def information(self, at: Array) -> tuple[Array, Array]:
-        """Matrix (3, 3) and vector (3,) of the normal equations of a point, each ray as exact as an angle."""
+        """Return the normal equations of a point, (3, 3) and (3,); angular errors are `CLICK_RAD` at `at`."""
         away = np.maximum(np.linalg.norm(at - self.centre, axis=1), 1e-12)
         across = np.eye(3) - self.direction[:, :, None] * self.direction[:, None, :]
         across = across / (away * CLICK_RAD)[:, None, None] ** 2
         return np.asarray(across.sum(0)), np.einsum("rij,rj->i", across, self.centre)
 
     def widest(self) -> float:
-        """Largest angle between two of them, radians."""
+        """Return the largest angle between two rays, radians."""
         cosine = np.clip(self.direction @ self.direction.T, -1.0, 1.0)
         return float(np.arccos(cosine.min()))
 
 
 def triangulate(point: KnownPoint, submodel: Submodel) -> Triangulated | NotTriangulated:
-    """Find where a control point is in the world of a submodel."""
+    """Triangulate a control point in the world of a submodel."""
     row_of = {photo: row for row, photo in enumerate(submodel.photo.tolist())}
     clicked: dict[str, tuple[int, int]] = {}
     for number, photo in enumerate(point.photo.tolist()):
@@ -161,9 +161,9 @@ def triangulate(point: KnownPoint, submodel: Submodel) -> Triangulated | NotTria
 
 
 def sigma_by_points(submodel: Submodel, points: Sequence[KnownPoint]) -> Array:
-    """Say how exactly control points say where the photos are that show them; n photos of the submodel.
+    """Compute how accurately control points locate the n photos of a submodel.
 
-    What is known of a point is known of its photos, together: it counts once, however many they are.
+    The information of a point is divided equally among the photos that show it, so that it counts once.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def sigma_by_points(submodel: Submodel, points: Sequence[KnownPoint]) -> Array:
 
 
 def _agreeing(rays: _Rays) -> tuple[Array, NDArray[np.int64]] | None:
-    """Find the point on which most rays agree, and which these are; None where that is not one point."""
+    """Find the point on which most rays agree, and these rays; None if there is no such point or a tie."""
     found: dict[tuple[int, ...], Array] = {}
     pairs = [*combinations(range(len(rays.centre)), 2)]
     for pair in pairs[:: -(-len(pairs) // _MOST_PAIRS)]:
@@ -207,7 +207,7 @@ def _agreeing(rays: _Rays) -> tuple[Array, NDArray[np.int64]] | None:
 
 
 def _nearest(rays: _Rays, near: Array | None = None) -> Array:
-    """Find the point nearest to rays, in angles as they are seen from a point near to it."""
+    """Find the point nearest to rays by weighted least squares; the weights are those of angles at `near`."""
     start: Array = np.asarray(rays.centre.mean(0) + rays.direction.mean(0)) if near is None else near
     matrix, vector = rays.information(start)
     return np.asarray(np.linalg.solve(matrix, vector), np.float64)

@@ -1,4 +1,4 @@
-"""Lays a submodel on the map by placed photos and control points together."""
+"""Lays a submodel on the map by placed photos and control points."""
 
 from __future__ import annotations
 
@@ -23,10 +23,11 @@ from webapp.core.landmarks.submodels import (
 Array = NDArray[np.float64]
 
 _WRONG_SIGMAS = 6.0
-"""Deviation from a similarity of all others, over what is expected, from which on a position is wrong."""
+"""Standard deviations (times the RMS of the others, if above 1) from which on a position is an outlier to the
+similarity of all others."""
 
 _FEW = 4
-"""Known positions from which on one that contradicts the others can be identified."""
+"""Least number of known positions among which a contradicting one can be identified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +37,13 @@ class PointFit:
     Attributes
     ----------
     at : complex
-        Where it is known to be, map pixels.
+        Known position, map pixels.
     others_have : complex
-        Where the other known positions have it; NaN where they are too few.
+        Position predicted from the other known positions; NaN if there are too few.
     contradicts : bool
-        It was left out: the others agree on another place.
+        It was left out because the others agree on another position.
     wrong : tuple of str
-        Photos in which it is clicked elsewhere.
+        Names of the photos whose clicks disagree.
     """
 
     name: str
@@ -54,12 +55,12 @@ class PointFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georegistration:
-    """A submodel on the map, or why it is not there.
+    """A submodel on the map, or why it could not be laid there.
 
     Attributes
     ----------
     points : tuple of PointFit
-        Of the control points whose place in the submodel is known.
+        Of the control points that were triangulated.
     problems : tuple of NotTriangulated
         Control points that could not be triangulated, and why.
     """
@@ -74,7 +75,7 @@ def georegister(
 ) -> Georegistration:
     """Lay a submodel on the map.
 
-    Where three control points have heights, these say which way is up; else the cameras do.
+    The vertical is estimated from the heights of three or more control points, else from the cameras.
     """
     tried = [triangulate(point, submodel) for point in points]
     found = [one for one in tried if isinstance(one, Triangulated)]
@@ -117,7 +118,7 @@ def _view(submodel: Submodel, known: KnownPositions, found: Sequence[Triangulate
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extended:
-    """A submodel with control points as if they were further photos."""
+    """A submodel whose control points are treated as further photos."""
 
     submodel: Submodel
     known: KnownPositions
@@ -128,7 +129,7 @@ class _Extended:
         cls, submodel: Submodel, known: KnownPositions, *, found: Sequence[Triangulated], view: PlanView
     ) -> _Extended:
         photos, down = len(known.at), view.frame[2]
-        # At the height of the cameras that see it: what is known of a camera is known of it.
+        # each point is moved vertically to the mean height of the cameras that see it, like another camera
         level = [one.at + float((submodel.centre[one.row].mean(0) - one.at) @ down) * down for one in found]
         centre = np.array(level)
         plan = (centre @ view.frame[:2].T) @ np.array([1.0, 1j])
@@ -173,14 +174,14 @@ class _Extended:
 
 
 def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
-    """Find positions to leave out so that the others fit one similarity within their accuracy.
+    """Find the positions to leave out so that the others fit one similarity within their accuracy.
 
     Parameters
     ----------
     plan : (n,) complex128
-        As seen in the submodel.
+        Positions in the plan view of the submodel.
     at : (n,) complex128
-        On the map; NaN where unknown.
+        Positions on the map; NaN where unknown.
     sigma : (n,) float64
     """
     kept = np.flatnonzero(np.isfinite(at))
@@ -198,8 +199,8 @@ def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.
 def _without(
     plan: Points, at: Points, sigma: Array, *, kept: NDArray[np.int64], odd: int
 ) -> tuple[float, float]:
-    """Fit a similarity without one position; returns how far that one and usually the others are off, in
-    standard deviations: for that one with that of the extrapolation."""
+    """Fit a similarity without one position; return the deviation of that one and the RMS of the others, in
+    standard deviations; for that one, the uncertainty of the fit is included."""
     rest = kept[kept != odd]
     information = sigma[rest] ** -2.0
     weight = information / information.sum()
@@ -220,7 +221,7 @@ def _spread(points: Points) -> float:
 
 
 def _of_photos(laid: LaidSubmodel, submodel: Submodel) -> LaidSubmodel:
-    """Leave out the control points, as of what is laid; they still lay it."""
+    """Drop the control points from the results; the transform keeps using them."""
     photos, used = len(submodel), laid.transform
     placed = used.row < photos
     transform = replace(used, row=np.where(placed, used.row, -1))

@@ -1,7 +1,7 @@
-"""Cuts a model where too little holds it together.
+"""Splits a reconstruction where its photos share too few points.
 
-What hangs on a few points, at a sharp turn or between facades that look alike, has any direction and scale:
-it is a submodel of its own, which has to be laid on the map by itself.
+A part that is connected by a few points only, at a sharp turn or between similar facades, has an arbitrary
+direction and scale: it becomes a submodel of its own, which is laid on the map separately.
 """
 
 from __future__ import annotations
@@ -10,24 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_PHOTOS = 3
-"""Of a submodel; fewer say nothing of each other."""
+"""Least number of photos of a submodel."""
 
 _LEAST_SHARED = 20
-"""Points that both of two photos see, which hold them together."""
+"""Least number of shared points that connect two photos rigidly."""
 
 
 def rigid_parts(
     shared: NDArray[np.int32], *, frame: NDArray[np.int64] | None = None
 ) -> list[NDArray[np.int64]]:
-    """Split photos into parts that are held together, the largest first; those in none are left out.
+    """Split photos into rigidly connected parts, the largest first; smaller ones are left out.
 
     Parameters
     ----------
     shared : (n, n) int32
-        Points that two photos both see.
+        Number of points that two photos share.
     frame : (n,) int64, optional
-        Photos of one frame hold together: views of a panorama, which count as one photo. By default each is
-        one of its own.
+        Photos with the same frame, views of a panorama, are always connected and count as one photo. By
+        default each photo has its own.
     """
     own = np.arange(len(shared)) if frame is None else frame
     strong = (shared >= _LEAST_SHARED) | (own[:, None] == own)

@@ -1,4 +1,4 @@
-"""A cloud and its cameras in the one frame of their map, as they are shown and exported."""
+"""A cloud and its cameras in the frame of the map, for display and export."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from webapp.core.landmarks.submodels import Submodel
 Array = NDArray[np.float64]
 
 _WIDE_PERCENT, _REACH = 10.0, 2.0
-"""Of the points that are left aside, at each end, for judging how wide a cloud is; and how many times as far
-from that a point may be. What is farther comes of rays that are nearly parallel."""
+"""Percentage of points trimmed at each end to measure the extent of a cloud, and how many extents beyond that
+a point may lie. Points farther away come from nearly parallel rays."""
 
 _GROUND_PERCENT = 5.0
-"""Of the points that are below the ground."""
+"""Percentile of the points' heights that is taken for the ground."""
 
 
 @dataclass(frozen=True, slots=True)
 class CloudFrame:
-    """Metres to the east, to the north and up, from the middle of the image.
+    """A frame of metres east, north and up from the middle of the image.
 
-    On a map without a georeference they are map pixels to the right, towards the top of the image, and up.
+    On a map without a georeference its unit is the map pixel: to the right, towards image-up, and up.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class CloudFrame:
 
     @property
     def unit_per_pixel(self) -> float:
-        """Metres of a pixel in the middle; 1 where the unit is the pixel."""
+        """Size of a pixel at the middle of the image, metres; 1 if the unit is the pixel."""
         if self.georeference is None:
             return 1.0
         metres = self.georeference.metres_per_pixel(self._middle)
@@ -56,7 +56,7 @@ class CloudFrame:
 
     @property
     def origin(self) -> LatLon | None:
-        """Where the frame begins on the Earth; None where the unit is the pixel."""
+        """Position of the origin on the Earth; None if the unit is the pixel."""
         if self.georeference is None:
             return None
         found = self.georeference.latlon_of(self._middle)
@@ -68,7 +68,7 @@ class CloudFrame:
         return "px" if self.origin is None else "m"
 
     def lay(self, pixels: Array) -> Array:
-        """Lay map pixels (n, 2) in the plane of the frame; NaN where they are nowhere on the Earth."""
+        """Convert map pixels (n, 2) to the plane of the frame; NaN if they have no position on the Earth."""
         origin = self.origin
         if origin is None or self.georeference is None:
             return np.asarray((pixels - np.array(self._middle)) * (1.0, -1.0))
@@ -81,14 +81,14 @@ class MapCloud(NamedTuple):
     Attributes
     ----------
     point : (k,) int64
-        Which of the cloud they are; those that are far off are left out.
+        Numbers in the cloud; points that are far off are left out.
     xyz : (k, 3) float64
-        In the frame of the map. Up is 0 at the height of the placed cameras: no map says heights.
+        In the frame of the map. Up is 0 at the height of the placed cameras, as maps have no heights.
     photo : (n,) int64
-        Which of the cloud they are.
+        Numbers in the cloud.
     centre : (n, 3) float64
     rotation : (n, 3, 3) float64
-        The rows are where a camera's right, its down and its front point to.
+        The rows are the directions of a camera's right, down and front axes.
     ground : float
         Height at which the image is drawn.
     """
@@ -110,11 +110,11 @@ def lay_cloud(
 ) -> MapCloud:
     """Lay a cloud on a map; submodels that cannot be laid are left out.
 
-    Each photo has a similarity of its own, as a long submodel bends. A point goes to the mean of where the
-    photos that see it have it.
+    Each photo has its own similarity, as a long submodel bends. A point is mapped by the similarities of the
+    photos that see it, and the results are averaged.
     """
     photos = len(cloud.contents)
-    centre = np.full((photos, 3), np.nan)  # as laid: map pixels, and height in them
+    centre = np.full((photos, 3), np.nan)  # x, y and height, map pixels
     factor = np.full(photos, complex(np.nan, np.nan))
     rotation = np.full((photos, 3, 3), np.nan)
     level = np.zeros((len(submodels), 3, 3))
@@ -134,14 +134,14 @@ def lay_cloud(
 
 
 def _turned(axes: Array, cameras: LaidCameras) -> Array:
-    """Turn axes (n, 3, 3), x, y, down, of cameras to the image: x, y, up."""
+    """Rotate camera axes (n, 3, 3) from the submodel's frame (x, y, down) to the map's (x, y, up)."""
     turn = cameras.factor / np.abs(cameras.factor)
     plane = (axes[..., 0] + 1j * axes[..., 1]) * turn[:, None]
     return np.stack([plane.real, plane.imag, -axes[..., 2]], -1)
 
 
 def _mean_of_views(cloud: LandmarkCloud, own: Array, *, local: Array, centre: Array, factor: Array) -> Array:
-    """Lay points (k, 3), each by all photos that see it; NaN for those of submodels that are not laid."""
+    """Map points (k, 3), each by all photos that see it; NaN if its submodel is not laid."""
     photo = np.repeat(np.arange(len(cloud.contents)), np.diff(cloud.first))
     point = np.asarray(cloud.seen_point)
     off = own[point] - local[photo]
@@ -167,7 +167,7 @@ def _in_frame(points: Array, centre: Array, rotation: Array, *, frame: CloudFram
 
     photo = np.flatnonzero(np.isfinite(centre).all(1))
     at = lay(centre[photo])
-    # A direction is where something one pixel away comes to.
+    # directions by the displacement of a point one pixel away along each axis
     aside = [lay(centre[photo] + rotation[photo, axis]) - at for axis in range(3)]
     turned = np.stack(aside, 1)
     turned /= np.linalg.norm(turned, axis=2, keepdims=True)

@@ -1,4 +1,4 @@
-"""Which photos are compared for a reconstruction, and the matches of two of them."""
+"""Choice of the photo pairs to match for a reconstruction, and matching of a pair."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ _RATIO = 0.8
 """Distance of a match over that of the second nearest descriptor (Lowe 2004)."""
 
 _AHEAD = 6
-"""Photos that follow one, by time or name, are compared with it."""
+"""Each photo is matched with so many that follow it, by time or name."""
 
 _NEAREST = 6
-"""Placed photos are compared with so many of those placed nearest to them."""
+"""Each placed photo is matched with so many of the nearest placed photos."""
 
 _VOTED, _VOTING, _NEIGHBOURS = 10, 400, 10
-"""Photos that the strongest descriptors of one vote for: how many, how many vote, for how many neighbours."""
+"""Voting for the photos to match with one: number of photos, of its strongest descriptors that vote, and of
+neighbours of each."""
 
 Pairs = NDArray[np.int64]
-"""(k, 2), the lower number first, each pair once, in rising order."""
+"""(k, 2), the lower number first, each pair once, in ascending order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """Of which photo each of p pictures is, and which view of a panorama.
+    """Which photo, and which view of a panorama, each of p pictures is.
 
     Attributes
     ----------
     photo : (p,) int64
-        Rising, without gaps.
+        Ascending, without gaps.
     turn_deg : (p,) int64
-        By how much a view is turned from the middle of its panorama; -1 for a photo that is none.
+        Turn of a view from the middle of its panorama; -1 for a photo that is not a panorama.
     """
 
     photo: NDArray[np.int64]
@@ -43,11 +44,11 @@ class Views:
 
     @classmethod
     def none(cls, count: int) -> Views:
-        """Make those of pictures that are a photo each."""
+        """Return the views of pictures that are one photo each."""
         return cls(np.arange(count), np.full(count, -1))
 
     def between(self, one: int, other: int) -> Iterator[tuple[int, int]]:
-        """Pair the pictures of two photos; of two panoramas those that are turned alike."""
+        """Yield the pairs of pictures of two photos; of two panoramas only views with the same turn."""
         for first in np.flatnonzero(self.photo == one).tolist():
             for second in np.flatnonzero(self.photo == other).tolist():
                 turns = self.turn_deg[first], self.turn_deg[second]
@@ -58,16 +59,16 @@ class Views:
 def choose_pairs(
     descriptors: Sequence[NDArray[np.uint8]], *, at: NDArray[np.complex128], views: Views | None = None
 ) -> Pairs:
-    """Choose the pairs to compare; never two views of one panorama, which differ by a rotation that is known.
+    """Choose the pairs to match; never two views of one panorama, whose relative rotation is known.
 
     Parameters
     ----------
     descriptors : sequence of (n, d) uint8
         Of each photo, the strongest first; the photos in the order in which they were taken.
     at : (p,) complex128
-        Where they are, map pixels; NaN where unknown.
+        Positions, map pixels; NaN where unknown.
     views : Views, optional
-        By default each is a photo of its own.
+        By default each picture is a photo of its own.
     """
     count = len(descriptors)
     if count < 2:
@@ -95,7 +96,7 @@ def _nearest(at: NDArray[np.complex128]) -> list[tuple[int, int]]:
 
 
 def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """List the photos that each one's descriptors vote for: by the distance that a neighbour is nearer by."""
+    """List the pairs that descriptors vote for; a vote weighs by the distance short of the last neighbour."""
     voting = [np.ascontiguousarray(one[:_VOTING]) for one in descriptors]
     owner = np.repeat(np.arange(len(voting)), [len(one) for one in voting])
     rows = np.concatenate(voting)
@@ -117,7 +118,7 @@ def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]
 
 
 def match_mutually(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Match descriptors that are each other's nearest, and clearly nearer than the second.
+    """Match mutual nearest neighbours that pass the ratio test.
 
     Parameters
     ----------
@@ -126,13 +127,13 @@ def match_mutually(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArr
     Returns
     -------
     (k, 2) uint32
-        Rows of both.
+        Rows of `first` and of `second`.
     """
     if len(first) < 2 or len(second) < 2:
         return np.zeros((0, 2), np.uint32)
     ours, theirs = first.astype(np.float32), second.astype(np.float32)
     own, length = (ours**2).sum(1), (theirs**2).sum(1)
-    # Half the squared distances, without the part that all in a row share.
+    # half the squared distances, without the term that is constant in a row
     apart = 0.5 * length - ours @ theirs.T
     rows = np.arange(len(ours))
     nearest = apart.argmin(1)

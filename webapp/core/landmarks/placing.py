@@ -1,10 +1,10 @@
-"""Lays a submodel on the map by those of its photos that are placed, and so places the others.
+"""Lays a submodel on the map by its placed photos, which places the others.
 
-A long submodel bends, and on a plan that is not to scale it has to: so each photo has a similarity of its
-own, in which the placed photos count the more, the nearer they are (moving least squares: S. Schaefer, T.
-McPhail, J. Warren, "Image deformation using moving least squares", 2006). How much more is chosen by leaving
-out each placed photo in turn, which also says how far off a suggestion may be and which placed photo
-contradicts the others.
+A long submodel drifts, and a plan may not be to scale, so each photo has a similarity of its own, in which
+near placed photos weigh more (moving least squares: S. Schaefer, T. McPhail, J. Warren, "Image deformation
+using moving least squares", 2006). The fall of the weights is chosen by leave-one-out cross-validation of the
+placed photos, which also measures the error of a suggestion and finds placed photos that contradict the
+others.
 """
 
 from __future__ import annotations
@@ -32,27 +32,29 @@ from webapp.core.landmarks.submodels import (
 Array = NDArray[np.float64]
 
 _EXPONENTS = (0.0, 1.0, 2.0, 3.0)
-"""Of the distance, by whose power the weight of a placed photo falls: at 0 all count the same."""
+"""Candidate powers of the distance by which the weight of a placed photo falls; at 0 all weigh the same."""
 
 _NEAREST = 0.02
-"""Distances are not taken to be shorter than this share of the extent of the placed photos."""
+"""Added to distances in quadrature, as a fraction of the extent of the placed photos: limits the weights."""
 
 _FEW = 4
-"""Placed photos from which on one that contradicts the others can be identified."""
+"""Least number of placed photos among which a contradicting one can be identified."""
 
 _CONTRADICTS, _CONTRADICTS_RELATIVE = 5.0, 0.7
-"""Error over the median error, and over the distance to the nearest placed photo."""
+"""A placed photo contradicts the others if its error is more than these multiples of the median error and of
+the distance to the nearest other one."""
 
 _MISFIT = 0.5
-"""Root mean square error of a similarity, over the extent of the points, that fits nothing."""
+"""RMS error of a similarity, as a fraction of the extent of the positions, above which it does not fit."""
 
 _MIRRORED = 0.3
-"""So much less is the error of the mirror image where positions are mirrored."""
+"""Positions are mirrored if the RMS error exceeds this fraction of their extent, and that of the mirror image
+is less than this fraction of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPositions:
-    """Where photos are known to be; p photos, in the order of their numbers.
+    """Known positions of p photos, in the order of their numbers.
 
     Attributes
     ----------
@@ -61,7 +63,7 @@ class KnownPositions:
     sigma_px : (p,) float64
         Standard deviation of each.
     derived : (p,) bool
-        It was suggested by what the photos show, and accepted: it counts as a prior, but measures nothing.
+        Whether it was a suggestion from the photos that was accepted: a prior, but no measure of errors.
     """
 
     at: Points
@@ -80,15 +82,16 @@ class LaidSubmodel:
     radius_px : (n,) float64
         68 % radius.
     angle_deg : (n,) float64
-        Where each looks, clockwise from image-up.
+        Viewing direction, clockwise from image-up.
     residual_px : (n,) float64
-        Of placed photos, from where the others have them; NaN for all others and where there are too few.
+        Distance of each placed photo from its position predicted from the others; NaN for photos that are not
+        placed, and where too few are.
     others_have : (n,) complex128
-        Where the others have them, of photos with a residual.
+        The predicted positions, of photos with a residual.
     contradicting : (n,) bool
         Placed photos that were left out, because they contradict the others.
     transform : PlanTransform
-        Lays what else is known in the world of the submodel.
+        Maps further points and cameras of the submodel's world.
     """
 
     at: Points
@@ -102,26 +105,26 @@ class LaidSubmodel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanTransform:
-    """From the world of a submodel to the map, by the k placed photos that were used for it.
+    """Transformation from the world of a submodel to the map, by k placed photos.
 
     Attributes
     ----------
     frame : (3, 3) float64
         See `PlanView`.
     row : (k,) int64
-        Which photos of the submodel they are; -1 for a control point.
+        Their rows in the submodel; -1 for a control point.
     centre : (k, 3) float64
-        Where they are in the world of the submodel.
+        Their positions in the world of the submodel.
     at : (k,) complex128
         Map pixels.
     sigma_px : (k,) float64
     derived : (k,) bool
         See `KnownPositions`.
     exponent : float
-        Of the distance, by whose power their weight falls.
+        Power of the distance by which their weight falls.
     relative : (k,) float64
-        Errors when each is left out, over the distance to the nearest other one; NaN where it measures
-        nothing, and may be empty.
+        Leave-one-out errors over the distance to the nearest other one; NaN where not measured; may be
+        empty.
     least_rate : float
         See `Submodel.error_rate`.
     """
@@ -142,7 +145,7 @@ class PlanTransform:
         return max(self.least_rate, error_rate_of(self.relative))
 
     def without(self, hidden: NDArray[np.bool_]) -> PlanTransform | None:
-        """Leave out photos of the submodel, (n,); None where the others are at fewer than two spots."""
+        """Leave out hidden photos, (n,) of the submodel; None if fewer than two distinct positions remain."""
         kept = (self.row < 0) | ~hidden[self.row]
         if kept.all():
             return self
@@ -153,7 +156,7 @@ class PlanTransform:
         return PlanTransform(self.frame, *known, self.exponent, relative, self.least_rate)
 
     def lay_cameras(self, centre: Array) -> LaidCameras:
-        """Lay cameras (n, 3) of the submodel on the map, placed or not."""
+        """Map the centres (n, 3) of cameras of the submodel, placed or not."""
         seen, own = centre @ self.frame.T, self.centre @ self.frame.T
         plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
         known = self._known()
@@ -162,7 +165,7 @@ class PlanTransform:
         return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
 
     def lay(self, centre: Array) -> LaidPoint:
-        """Lay a point (3,) of the world of the submodel on the map."""
+        """Map a point (3,) of the submodel's world."""
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
         plan = own[:, 0] + 1j * own[:, 1]
         target = np.array([seen[0] + 1j * seen[1]])
@@ -176,13 +179,13 @@ class PlanTransform:
         return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
 
     def _known(self) -> PlacedPhotos:
-        """Its photos as a submodel of their own."""
+        """Return the placed photos, numbered from 0."""
         return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
 class LaidCameras(NamedTuple):
-    """Cameras on the map, (n,) each: where (pixels), rotation and scale there, and height over the mean of
-    the placed ones, weighted as they are for the position (map pixels)."""
+    """Cameras on the map, (n,) each: position (pixels), local rotation and scale, and height (map pixels)
+    above the mean of the placed cameras with the weights of the position."""
 
     at: Points
     factor: Points
@@ -190,8 +193,8 @@ class LaidCameras(NamedTuple):
 
 
 class LaidPoint(NamedTuple):
-    """A point on the map: where (pixels), rotation and scale there, height over the nearest placed photo's
-    camera and 68 % radius of how it was laid (map pixels)."""
+    """A point on the map: position (pixels), local rotation and scale, height above the nearest placed camera
+    and 68 % radius of the position (map pixels)."""
 
     at: complex
     factor: complex
@@ -206,7 +209,7 @@ class NotLaid:
     Attributes
     ----------
     photos : tuple of int
-        Numbers of the placed photos that it is about.
+        Numbers of the placed photos that the reason concerns.
     """
 
     reason: str
@@ -220,7 +223,7 @@ class NotLaid:
 def lay_submodel(
     submodel: Submodel, known: KnownPositions, *, view: PlanView | None = None
 ) -> LaidSubmodel | NotLaid:
-    """Lay a submodel on the map, as it is seen from above if that is known already."""
+    """Lay a submodel on the map, by a given plan view or one that is estimated here."""
     at = known.at[submodel.photo]
     placed = np.isfinite(at)
     spots = len(np.unique(at[placed]))
@@ -242,7 +245,7 @@ def lay_submodel(
 
 
 def _misfit(plan: Points, at: Points) -> str | None:
-    """Say what is wrong where no similarity puts the points near their positions, or only a mirrored one."""
+    """Return why no similarity, or only a mirrored one, fits the positions; None if there is no problem."""
     if len(plan) < 3:
         return None
     extent = np.sqrt(np.mean(np.abs(at - at.mean()) ** 2))
@@ -311,17 +314,17 @@ def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> LaidSubmode
 
 
 def _leave_one_out(plan: Points, known: PlacedPhotos) -> tuple[float, Points, Array, Array]:
-    """Choose the exponent by which placed photos place each other best.
+    """Choose the exponent with the least leave-one-out error of the placed photos.
 
     Returns
     -------
     exponent : float
     moved : (k,) complex128
-        Where the others have each, map pixels.
+        Position of each predicted from the others, map pixels.
     error : (k,) float64
-        How far that is off.
+        Distance of that from the known position.
     relative : (k,) float64
-        Over the distance to the nearest other placed photo; all are empty for two photos, which say nothing.
+        Error over the distance to the nearest other placed photo. The arrays are empty for fewer than three.
     """
     if len(known.row) < 3:
         return 0.0, np.zeros(0, np.complex128), np.zeros(0), np.zeros(0)
@@ -341,7 +344,7 @@ def _leave_one_out(plan: Points, known: PlacedPhotos) -> tuple[float, Points, Ar
 def _moved(
     targets: Points, known: PlacedPhotos, *, exponent: float, plan: Points, leave_out: bool = False
 ) -> tuple[Points, Points]:
-    """Map points by similarities of their own.
+    """Map points, each by a weighted similarity of its own.
 
     Parameters
     ----------
@@ -352,7 +355,7 @@ def _moved(
     Returns
     -------
     at, factor : (t,) complex128
-        Where they come, and the rotation and scale there.
+        Their positions on the map, and the local rotation and scale.
     """
     source = plan[known.row]
     weight = _weights(targets, known, exponent=exponent, plan=plan, leave_out=leave_out)
@@ -366,7 +369,7 @@ def _moved(
 def _weights(
     targets: Points, known: PlacedPhotos, *, exponent: float, plan: Points, leave_out: bool = False
 ) -> Array:
-    """Weigh the placed photos for each target, (t, k); each row adds up to 1."""
+    """Return the weights (t, k) of the placed photos for each target; each row adds up to 1."""
     source = plan[known.row]
     floor = _NEAREST * float(np.sqrt(np.mean(np.abs(source - source.mean()) ** 2)))
     apart = np.abs(targets[:, None] - source) ** 2 + floor**2

@@ -16,7 +16,7 @@ def propose_next(
     """Propose photos to place, the most useful first.
 
     Submodels that are not on the map yet come first, the largest first: each needs two photos, far apart.
-    Then come photos of which it is least certain where they are.
+    Then comes the most uncertain photo of each submodel that is on the map.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def propose_next(
 
 
 def _far_apart(submodel: Submodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[int]:
-    """Choose the photos by which a submodel would have two that are far apart; one more where it has two."""
+    """Choose the two photos that are farthest apart, or the one farthest from those that are placed."""
     apart = np.linalg.norm(submodel.centre[:, None] - submodel.centre, axis=2)
     if not placed.any():
         return [int(n) for n in submodel.photo[list(np.unravel_index(apart.argmax(), apart.shape))]]

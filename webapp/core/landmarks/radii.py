@@ -1,4 +1,4 @@
-"""How far off photos of a submodel may be."""
+"""68 % radii of the positions of a submodel's photos."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from webapp.core.landmarks.submodels import Points, Submodel
 Array = NDArray[np.float64]
 
 _RELATIVE_ERROR, _AS_IF = 0.25, 3.0
-"""Error over the distance to the nearest placed photo, before anything is measured, and how many measurements
-that counts as."""
+"""Prior of the error over the distance to the nearest placed photo, and the number of measurements that it is
+worth."""
 
 _MOST_RELATIVE = 2.0
 _RADIUS_OVER_RMS = 1.07
-"""68 % radius over root mean square of errors that are normal in the plane."""
+"""68 % radius over the RMS of errors that are normal in the plane."""
 
 RADIUS_OVER_SIGMA = 1.515
 """68 % radius over the standard deviation along one axis."""
 
 _SHARE = 0.68
 _LEAST_OF_KNOWN = 0.5
-"""Radius over that of the known positions, below which these cannot measure it."""
+"""Least radius that known positions can measure, as a fraction of their own."""
 
 
 class PlacedPhotos(NamedTuple):
-    """Placed photos: which of a submodel (k,), where on the map (k,), how exactly (k,), map pixels, and
-    which of these positions were derived from other photos (k,)."""
+    """Placed photos, (k,) each: row in the submodel, position on the map, its standard deviation, map pixels,
+    and whether the position was derived from other photos."""
 
     row: NDArray[np.int64]
     at: Points
@@ -43,16 +43,16 @@ class PlacedPhotos(NamedTuple):
 
     @property
     def judges(self) -> NDArray[np.bool_]:
-        """Those that errors are measured by, (k,): a derived position agrees with what it was derived from.
+        """Mask (k,) of the photos that measure errors: those with positions that were not derived.
 
-        Where all are derived, all of them.
+        A derived position agrees with its sources. If all are derived, all are used.
         """
         given = ~self.derived
         return given if given.any() else np.ones_like(given)
 
 
 def error_rate_of(relative: Array) -> float:
-    """Error over the distance to the nearest placed photo, from what was measured of it; NaN is nothing."""
+    """Return the RMS error over the distance to the nearest placed photo, with a prior; NaN is ignored."""
     measured = np.minimum(relative[np.isfinite(relative)], _MOST_RELATIVE)
     return float(np.sqrt((_AS_IF * _RELATIVE_ERROR**2 + (measured**2).sum()) / (_AS_IF + len(measured))))
 
@@ -63,9 +63,9 @@ def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rat
     Parameters
     ----------
     plan : (n,) complex128
-        The submodel from above.
+        Plan view of the submodel.
     factor : (n,) complex128
-        Rotation and scale from there to the map.
+        Rotation and scale from the plan view to the map.
     rate : float
         Error over that distance.
     """
@@ -79,13 +79,13 @@ def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rat
 def radius_by_covariance(submodel: Submodel, known: PlacedPhotos) -> Array | None:
     """Compute 68 % radii (n,), map pixels, from the covariances of an adjusted submodel.
 
-    Covariances say which photos hang on little, but not how far the model is off as a whole: that is measured
-    by leaving out each placed photo in turn. Its error over how much more uncertain than usual it is, is what
-    is taken for the others, times how much more uncertain they are (split conformal prediction with scaled
-    residuals: J. Lei, M. G'Sell, A. Rinaldo, R. Tibshirani, L. Wasserman, "Distribution-free predictive
-    inference for regression", 2018).
+    Covariances show which photos are weakly connected, but not the error of the model as a whole, which is
+    measured by leaving out each placed photo in turn. Each such error is divided by the photo's uncertainty
+    relative to the median; the 68 % quantile of these scores, times a photo's relative uncertainty, is its
+    radius (split conformal prediction with scaled residuals: J. Lei, M. G'Sell, A. Rinaldo, R. Tibshirani,
+    L. Wasserman, "Distribution-free predictive inference for regression", 2018).
 
-    The errors of the known positions themselves are taken off.
+    The errors of the known positions themselves are subtracted.
 
     Returns
     -------
@@ -109,17 +109,17 @@ def radius_by_covariance(submodel: Submodel, known: PlacedPhotos) -> Array | Non
 
 
 def _left_out(at: Points, covariance: Array, known: PlacedPhotos) -> tuple[Array, Array]:
-    """Compute the error of placed photos, and how uncertain each would be, without its own position.
+    """Compute the leave-one-out errors of placed photos, and their standard deviations.
 
-    Taking an observation out of a least-squares estimate needs no new estimate: its residual grows by what
-    it has contributed.
+    No new adjustment is needed: without an observation, its residual in a least-squares estimate grows by its
+    own contribution (leverage).
     """
     off = known.at - at[known.row]
     residual = np.stack([off.real, off.imag], 1)[:, :, None]
     own = covariance[known.row]
     contributed = own / known.sigma_px[:, None, None] ** 2
     left = np.eye(2) - contributed
-    # what was left out of the adjustment, as it contradicted others, has contributed nothing
+    # positions left out of the adjustment, because they contradicted others, have contributed nothing
     used = np.linalg.eigvalsh(left @ own + own @ np.swapaxes(left, 1, 2)).min(1) > 0.0
     left[~used] = np.eye(2)
     away = np.linalg.solve(left, residual)[:, :, 0]
@@ -128,6 +128,6 @@ def _left_out(at: Points, covariance: Array, known: PlacedPhotos) -> tuple[Array
 
 
 def _sigma(covariance: Array) -> Array:
-    """Standard deviations (n,) along one axis, of covariances (n, 2, 2)."""
+    """Return the standard deviations (n,) along one axis, of covariances (n, 2, 2)."""
     sigma: Array = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2.0)
     return sigma

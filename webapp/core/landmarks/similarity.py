@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _FLAT = 1e-9
-"""Share of the largest spread of points below which another one is none."""
+"""Fraction of the largest singular value below which another one counts as zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class Similarity:
     Attributes
     ----------
     rotation : (d, d) float64
-        Proper: never a mirror.
+        Proper, never a reflection.
     shift : (d,) float64
     """
 
@@ -50,7 +50,7 @@ class NoSimilarity:
 
 
 def fit_similarity(source: Array, target: Array, *, weight: Array | None = None) -> Similarity | NoSimilarity:
-    """Fit the similarity of least squares.
+    """Fit a similarity by least squares.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def fit_similarity(source: Array, target: Array, *, weight: Array | None = None)
     off, wanted = source - middle, target - goal
     covariance = (share[:, None] * wanted).T @ off
     left, spread, right = np.linalg.svd(covariance)
-    # In the plane two points are enough, in space three that are not in a line: one spread may be missing.
+    # two points suffice in the plane, three not on a line in space: the last singular value may be zero
     needed = dimensions - 2
     if spread[0] <= 0.0 or spread[needed] <= _FLAT * spread[0]:
         return NoSimilarity("the points are at one spot" if dimensions == 2 else "the points are in a line")

@@ -1,4 +1,4 @@
-"""Submodels of a reconstruction, and how they look from above."""
+"""Submodels of a reconstruction, and their plan views."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ Array = NDArray[np.float64]
 Points = NDArray[np.complex128]
 
 _PITCH_COUNTS = 0.1
-"""Of a camera that is held level its right is level within a few degrees; its pitch is freer."""
+"""Weight of the cameras' down axes: a camera rolls by a few degrees only, but pitches more freely."""
 
 _TILT_SIGMA, _ROUNDS = 0.15, 10
 _MOST_TILT = 0.35
-"""Median sine between the rights of the cameras and the level plane above which they have no common up."""
+"""Median sine between the cameras' right axes and the level plane above which they share no vertical."""
 
 
 _LEAST_WIDE = 0.05
-"""Spread of points across over that along, below which they do not say what is up."""
+"""Ratio of the second to the first singular value of points below which they do not fix the vertical."""
 
 _MOST_MISFIT = 0.1
-"""Error of points over their extent above which their heights do not belong to them."""
+"""RMS error of points, as a fraction of their extent, above which their heights do not fit."""
 
 _MUCH_BETTER = 5.0
-"""So many times less has to be the error without one of the points for that one to be wrong."""
+"""Factor by which the error must fall without one of the points for that one to be wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Submodel:
-    """Photos that structure from motion has joined; n of them.
+    """n photos with relative poses from structure from motion.
 
     Attributes
     ----------
     photo : (n,) int64
         Numbers of the photos.
     centre : (n, 3) float64
-        Of the cameras, in the world of the submodel.
+        Camera centres, in the world of the submodel.
     rotation : (n, 3, 3) float64
         Camera from world.
     error_rate : float
-        Least error to be expected, over the distance to the nearest placed photo: as it was measured before
-        the submodel was adjusted by known positions. 0 where it was not.
+        Lower limit of the error over the distance to the nearest placed photo, measured before the submodel
+        was adjusted by known positions; 0 if there is none.
     covariance : (n, 2, 2) float64 or None
-        Of the positions on the map, map pixels squared, of a submodel that was adjusted by known positions,
-        by which its world is that of the map; see `position_covariances`.
+        Of the positions on the map, map pixels squared; only for a submodel that was adjusted by known
+        positions, whose world is that of the map: see `position_covariances`.
     """
 
     photo: NDArray[np.int64]
@@ -69,14 +69,14 @@ def turn_of_view(turn_deg: float) -> Array:
 
 
 def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]) -> Submodel:
-    """Give a submodel photos instead of pictures: a panorama becomes a camera that looks as its middle does.
+    """Merge the views of each panorama of a submodel into one camera that looks towards its middle.
 
     Parameters
     ----------
     photo : (n,) int64
-        Of each picture of the submodel.
+        Number of the photo of each picture of the submodel.
     turn_deg : (n,) int64
-        By how much each is turned clockwise from the middle of its panorama; 0 for a photo that is none.
+        Clockwise turn of each picture from the middle of its panorama; 0 for a photo that is not a panorama.
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
     middle = np.array([turn_of_view(turn_deg[row]).T @ submodel.rotation[row] for row in first])
@@ -93,9 +93,9 @@ class PlanView:
     Attributes
     ----------
     position : (n,) complex128
-        In a unit, position and direction of its own.
+        In an arbitrary frame and unit.
     forward : (n,) complex128
-        Where each camera looks.
+        Viewing direction of each camera.
     frame : (3, 3) float64
         Proper rotation from the world of the submodel: its first row is the x of the view, the second its y,
         and the third points down.
@@ -107,10 +107,10 @@ class PlanView:
 
 
 def view_by_level_cameras(submodel: Submodel) -> PlanView | None:
-    """Look at a submodel from above, by the cameras' own up; None where they do not agree on one.
+    """Project a submodel along the common vertical of its cameras; None if they share none.
 
-    The direction is that to which the rights of the cameras are most perpendicular, and which is least above
-    their downs: that is also determined where all of them look the same way.
+    The vertical is the direction most perpendicular to the cameras' right axes and closest to their down
+    axes; the latter determine it where all cameras look the same way.
     """
     right, down = submodel.rotation[:, 0], submodel.rotation[:, 1]
     weight, lowest = np.ones(len(submodel)), np.zeros(3)
@@ -126,7 +126,7 @@ def view_by_level_cameras(submodel: Submodel) -> PlanView | None:
 
 
 def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
-    """Look at a submodel from above, by known positions; None where they are fewer than three, or in a line.
+    """Project a submodel along the vertical of a fit to known positions; None for fewer than three or a line.
 
     Parameters
     ----------
@@ -142,10 +142,10 @@ def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position:
 
 
 def view_by_heights(submodel: Submodel, *, centre: Array, position: Points, height: Array) -> PlanView | None:
-    """Look at a submodel from above, by points of known heights; None where they do not say what is up.
+    """Project a submodel along the vertical of a fit to points of known heights; None if these do not fix it.
 
-    They are fewer than three, or nearly in a line, or fit no similarity. Of four or more, one that
-    contradicts all others does not count.
+    That is if they are fewer than three, nearly on a line, or fit no similarity. Of four or more, one that
+    contradicts all others is ignored.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def view_by_heights(submodel: Submodel, *, centre: Array, position: Points, heig
 
 
 def _up_by(centre: Array, there: Array) -> tuple[float, Array]:
-    """Fit points to where they are; returns the error over their extent, and down in their own world."""
+    """Fit points to known positions; return the RMS error over their extent, and down in their own world."""
     extent = np.sqrt(((there - there.mean(0)) ** 2).sum(1).mean()) if len(there) > 2 else 0.0
     along = np.linalg.svd(centre - centre.mean(0), compute_uv=False) if len(there) > 2 else np.zeros(3)
     if extent <= 0.0 or along[1] < _LEAST_WIDE * along[0]:
@@ -184,7 +184,7 @@ def _seen_along(submodel: Submodel, down: Array) -> PlanView:
     any_other = np.eye(3)[np.abs(down).argmin()]
     right = np.cross(down, any_other)
     right /= np.linalg.norm(right)
-    # x to the right, y down in the image: seen from above, that image's down is to the right of its right
+    # right-handed: x to the right and y down in the view from above, z down into the ground
     frame = np.stack([right, np.cross(down, right), down])
     position, forward = submodel.centre @ frame[:2].T, submodel.rotation[:, 2] @ frame[:2].T
     return PlanView(position @ np.array([1, 1j]), forward @ np.array([1, 1j]), frame)

@@ -1,8 +1,8 @@
-"""How exactly cameras follow from the points that they show and from the positions that are known.
+"""Covariances of camera positions, from the observed points and the known positions.
 
-The normal equations of the bundle adjustment, without the points (Schur complement), are inverted: B. Triggs,
-P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000. Lenses are taken as
-known.
+The normal equations of the bundle adjustment, with the points eliminated (Schur complement), are inverted:
+B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 2000. Intrinsics
+are taken as known.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 MOST_CAMERAS = 1500
-"""More than these need more memory than they are worth: 1.5 GB."""
+"""Largest number of frames: more would need too much memory, over 1.5 GB."""
 
 _FARTHEST = 10.0
-"""Distance of a point over that from its nearest camera, up to which it is believed to be."""
+"""Prior standard deviation of a point, as a multiple of the distance to its nearest camera."""
 
 _DAMPING = 1e-9
-"""Of the diagonal of the equations: what nothing determines becomes very uncertain, not infinite."""
+"""Added to the normalised diagonal: undetermined parameters become very uncertain, not infinitely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedCameras:
-    """Cameras and what they show: n cameras on f frames, m points, o observations.
+    """Cameras and their observations: n cameras on f frames, m points, o observations.
 
     Attributes
     ----------
     frame : (n,) int64
-        What is moved as one: a photo, or all views of a panorama.
+        Frame of each camera, which moves as one: a photo, or all views of a panorama.
     centre : (n, 3) float64
     rotation : (n, 3, 3) float64
         Camera from world.
     focal_px, distortion : (n,) float64
     point : (m, 3) float64
     camera_row, point_row : (o,) int64
-        Which camera shows which point.
+        Camera and point of each observation.
     """
 
     frame: Rows
@@ -59,7 +59,7 @@ class AdjustedCameras:
 def position_covariances(
     cameras: AdjustedCameras, *, keypoint_sigma_px: float, prior_sigma: Array
 ) -> Array | None:
-    """Compute how exactly frames are known, along the first two axes of the world.
+    """Compute the covariances of frame positions along the first two axes of the world.
 
     Parameters
     ----------
@@ -69,8 +69,7 @@ def position_covariances(
     Returns
     -------
     (f, 2, 2) float64 or None
-        Covariances in the plane; None for more than `MOST_CAMERAS` frames, and where the equations are
-        singular.
+        None for no frames, for more than `MOST_CAMERAS`, and where the equations are singular.
 
     Raises
     ------
@@ -87,7 +86,7 @@ def position_covariances(
     if inverse is None:
         return None
     first, second = places[:, 0], places[:, 1]
-    off = inverse[second, first]  # the lower triangle is what there is
+    off = inverse[second, first]  # only the lower triangle is computed
     rows = [np.stack([inverse[first, first], off], 1), np.stack([off, inverse[second, second]], 1)]
     return np.stack(rows, 1)
 
@@ -109,7 +108,7 @@ def _reduced_normal(cameras: AdjustedCameras, *, count: int, keypoint_sigma_px: 
     nearest = np.full(len(of_point), np.inf)
     np.minimum.at(nearest, point, np.linalg.norm(away, axis=1))
     of_point += np.eye(3) / (_FARTHEST * nearest[:, None, None]) ** 2
-    # with half of the inverse on either side the product below is symmetric
+    # with a Cholesky factor of the inverse on either side, the product below is symmetric
     half = np.linalg.cholesky(np.linalg.inv(of_point))
     joint = np.einsum("oki,okj->oij", by_frame, by_point) @ half[point]
     row = (6 * frame[:, None, None] + np.arange(6)[:, None] + np.zeros(3, np.int64)).astype(np.int32)
@@ -127,7 +126,7 @@ def _reduced_normal(cameras: AdjustedCameras, *, count: int, keypoint_sigma_px: 
 
 
 def _turned_by(away: Array) -> Array:
-    """Matrices (n, 3, 3) by which vectors move with a small rotation w: the cross product of w and each."""
+    """Return the derivatives (n, 3, 3) of vectors `away` by a small rotation w, that is of w x `away`."""
     matrix = np.zeros((len(away), 3, 3))
     matrix[:, 0, 1], matrix[:, 0, 2], matrix[:, 1, 2] = away[:, 2], -away[:, 1], away[:, 0]
     matrix -= np.swapaxes(matrix, 1, 2)
@@ -135,14 +134,14 @@ def _turned_by(away: Array) -> Array:
 
 
 def _inverse(normal: Array) -> Array | None:
-    """Invert a symmetric matrix in its own memory; only the lower triangle is right. None if singular."""
+    """Invert a symmetric matrix in place; only the lower triangle is valid. None if singular."""
     with extra("sfm"):
         from scipy.linalg import lapack
     scale = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
     normal /= scale[:, None]
     normal /= scale
     normal[np.diag_indices(len(normal))] += _DAMPING
-    # LAPACK has columns first: the transpose of a symmetric matrix is the same, without a copy
+    # LAPACK is column-major: the transpose of a symmetric matrix is the same, and avoids a copy
     factor, failed = lapack.dpotrf(normal.T, lower=1, overwrite_a=1, clean=0)
     if failed:
         return None

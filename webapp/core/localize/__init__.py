@@ -1,1 +1,1 @@
-"""The methods: `vote` (the baseline, that of the thesis of 2013), `verified`, `thorough` and `landmarks`."""
+"""Localization methods: `vote` (the baseline, from a thesis of 2013), `verified`, `thorough`, `landmarks`."""

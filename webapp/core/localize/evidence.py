@@ -1,9 +1,9 @@
-"""What speaks for a place: the votes of the photos around it, the geometry of those that were verified, and
-how similar they are as a whole.
+"""Evidence for a place: the votes for the photos around it, their verified geometry, and their similarity by
+global descriptors.
 
-Votes count squared, so that many weak ones do not add up to a place. How much of them a place has says
-little by itself: on a small map, chance alone puts many together. So they are compared with what the best
-place would have if the same votes had been cast for photos drawn at random (a permutation test).
+Votes are squared, so that many weak ones do not add up to a place. The share of them around a place means
+little by itself: on a small map many are close together by chance. It is therefore compared with the share of
+the best place if the same votes were cast for photos drawn at random (a permutation test).
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 _DRAWS = 16
 _SEED = 0
 _NO_SHARE = 1e-3
-"""Stands for the share of the votes where there are none."""
+"""Added to shares of the votes and minimum of those by chance, so that logarithms are finite."""
 
 _AGREED_SCALE, _TRUST_SCALE = 20.0, 5.0
-"""Score and trust, in photos, by which a logarithm sets in."""
+"""Factors on score and trust, which count photos, in log(1 + factor * x)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Voters:
-    """The photos that most votes were cast for.
+    """The photos with most votes.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Voters:
         Their numbers, most votes first.
     votes : (n,) float64
     trust : (n,) float64
-        In the relative pose to the query, 0 to 1; 0 where it was not verified.
+        Trust in the relative pose to the query, 0 to 1; 0 if not verified.
     """
 
     photo: NDArray[np.int64]
@@ -47,14 +47,14 @@ class Voters:
     trust: Array
 
     def with_votes(self) -> Voters:
-        """Leave out those without any: they were looked at for another reason."""
+        """Leave out photos without votes, which were shortlisted for other reasons."""
         some = self.votes > 0.0
         return Voters(self.photo[some], self.votes[some], self.trust[some])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spots:
-    """n points that may be places.
+    """n points on the map that are compared as places.
 
     Attributes
     ----------
@@ -76,14 +76,14 @@ class Spots:
 
 
 def photo_spots(indexed: IndexedMap, photo: NDArray[np.int64]) -> Spots:
-    """Take the places of (n,) photos."""
+    """Return the spots of (n,) photos."""
     return Spots(indexed.position[photo], indexed.area[photo], indexed.floor[photo])
 
 
 def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
-    """Weigh spots by their distance from others: (m, n), 0 to 1.
+    """Compute the nearness of m spots to n others, (m, n), 0 to 1.
 
-    A Gaussian; within an area 1, between an area and anything else 0, and so between floors.
+    It is a Gaussian of the distance; 1 within an area, and 0 between an area and anything else or two floors.
     """
     squared = ((first.position[:, None] - second.position[None]) ** 2).sum(-1)
     same = (first.area[:, None] == second.area[None]) & (first.floor[:, None] == second.floor[None])
@@ -92,7 +92,7 @@ def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
 
 
 def support(indexed: IndexedMap, voters: Voters, *, at: Spots, reach: float) -> Array:
-    """Compute the share of the squared votes around spots: photos of one place vote together.
+    """Compute the share of the squared votes around spots, summed over the photos of a place.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def support(indexed: IndexedMap, voters: Voters, *, at: Spots, reach: float) -> 
 
 
 def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> float:
-    """Compute the support of the best place when the votes fall on photos at random, the mean of draws."""
+    """Compute the mean support of the best place if the votes are cast for photos drawn at random."""
     rng = np.random.default_rng(_SEED)
     count, photos = len(voters.photo), len(indexed.ids)
     best = []
@@ -126,18 +126,17 @@ def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> floa
 
 
 def similarity_around(indexed: IndexedMap, alike: Array | None, *, at: Spots) -> Array:
-    """Take the similarity of the most similar photo around spots, by its global descriptor.
+    """Compute the highest similarity of the photos around spots, by global descriptors.
 
     Parameters
     ----------
     alike : (p,) float64 or None
-        Standard scores of the map's photos, -inf for those that do not take part; None where there is no
-        model.
+        Standard scores of the map's photos, -inf for those that are left out; None without a model.
 
     Returns
     -------
     (m,) float64
-        Not negative; 0 where no photo around is more similar than most, and where there is no model.
+        Not negative; 0 if no photo around is more similar than the mean, and without a model.
     """
     if alike is None:
         return np.zeros(len(at.area))
@@ -155,23 +154,23 @@ def evidence_vectors(
     score: Sequence[float],
     alike: Array | None = None,
 ) -> NDArray[np.float64]:
-    """Describe each place for its probability.
+    """Compute the evidence of each place, from which its probability follows.
 
     Parameters
     ----------
     at : Spots
         The h places.
     score : sequence of float
-        Of the pose at each, in photos that agree; 0 where there is none.
+        Score of the pose at each, in photos that agree; 0 without a pose.
     alike : (p,) float64, optional
         Standard scores of the map's photos by their global descriptors.
 
     Returns
     -------
     (h, EVIDENCE) float64
-        Logarithms: of the score; of the support close to the place and in its surroundings, over that by
-        chance; of the verified photos around it; of the most votes of a photo over the median; of the
-        similarity of the most similar photo around it, 0 where there is no model for that.
+        Logarithms: of the score; of the support close to the place and in its surroundings, each over that by
+        chance; of the trust in the photos around it; of the most votes of a photo over the median; of the
+        similarity of the most similar photo around it, 0 without a model.
     """
     if not len(at.area):
         return np.zeros((0, EVIDENCE))

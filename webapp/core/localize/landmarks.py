@@ -1,10 +1,10 @@
-"""Method `landmarks`: the camera is solved from points of a reconstruction that the query shows.
+"""Method `landmarks`: the query's camera is solved from points of a reconstruction.
 
 1. Retrieve: as in `verified`, the map's photos with most votes are the shortlist.
-2. Match: those of them that see the same points are a group; the query's descriptors are matched to these.
-3. Pose: three points and a RANSAC give the camera in the reconstruction; the placed photos around it say
-   where that is on the map (`landmarks.placing`).
-4. Probability: as in `verified`. Where too few points agree there is no place at all.
+2. Match: shortlisted photos that see the same points form groups; the query is matched to a group's points.
+3. Pose: P3P in a RANSAC gives the camera in the reconstruction; the placed photos around it determine
+   its pose on the map (`landmarks.placing`).
+4. Probability: as in `verified`. If too few points agree, there is no place.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ from webapp.core.retrieval.shortlist import ShortlistedPhoto
 Array = NDArray[np.float64]
 
 _GROUPS = 4
-"""Groups of photos that are tried, those with the best photos."""
+"""Number of groups of photos that are tried, those with the best photos."""
 
 _RADIUS_OVER_SIGMA = 1.515
-"""68 % radius of an error that is normal in the plane, over its standard deviation in each direction."""
+"""68 % radius of an isotropic Gaussian error in the plane, over its standard deviation along an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,17 +66,17 @@ def find_by_landmarks(
     laid: LaidCloud,
     hide: Collection[int] = (),
 ) -> PlaceSearch:
-    """Look for the places where a photo may have been taken, by the landmarks that it shows.
+    """Find the places where a photo may have been taken, by the landmarks that it shows.
 
     Parameters
     ----------
     indexed : IndexedMap
-        With the features of the cloud: SIFT.
+        Indexed with the features of the cloud: SIFT.
     fov_deg : float
         Horizontal field of view of the upright query.
     hide : collection of int
-        Experience ids to leave out. Landmarks that fewer than two others see are left out, too; where the
-        others are was estimated with those that are hidden.
+        Experience ids to leave out. Landmarks that fewer than two other photos see are left out, too; the
+        positions of the remaining landmarks were estimated with the hidden photos.
     """
     clock = [time.perf_counter()]
     retrieved = retrieve(indexed, query, hide=hide)
@@ -169,12 +169,12 @@ def _place(
     camera, heading = _on_map(pose, transform.frame, at)
     supporting = _supporting(query, group, solved, pose=pose, laid=laid)
     sigma_px = math.sqrt(camera.covariance[0, 0] + camera.covariance[1, 1])
-    # What is known worse than a place is wide is no position.
+    # reject positions that are less certain than the size of a place
     if not supporting or sigma_px > indexed.tuning.places.max_sigma * indexed.place_radius_px:
         return None
     position = MapPixel(at.at.real, at.at.imag)
     score = sum(photo.weight for photo in supporting)
-    # a group may look across an atrium: the floor is that of the photo that shares most landmarks
+    # a group may span floors, e.g. across an atrium: use the floor of the photo with most shared landmarks
     floor = int(indexed.floor[supporting[0].matched.photo])
     return PlaceCandidate(
         "position", position, heading, sigma_px, supporting, score, position, camera=camera, floor=floor
@@ -182,9 +182,9 @@ def _place(
 
 
 def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: LaidCloud) -> list[Lens]:
-    """List what the query may have been taken with: the lens that is given, and that of photos of its size.
+    """List candidate lenses of the query: the given one, and the median of the group's photos of its size.
 
-    The reconstruction knows theirs better than EXIF does, and what EXIF says may be a guess.
+    The reconstruction has estimated theirs more accurately than EXIF, and the given one may be a guess.
     """
     size = query.features.photo_size
     stated = Lens(*size, Camera(*size, query.fov_deg).focal_px)
@@ -196,7 +196,7 @@ def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: Laid
 
 
 def _on_map(pose: AbsolutePose, frame: Array, at: LaidPoint) -> tuple[CameraPose, float]:
-    """Turn a camera of a submodel to the map; returns it and its heading, radians clockwise from up."""
+    """Transform a camera from a submodel to the map; returns pose and heading, radians clockwise from up."""
     turn = np.array([[at.factor.real, -at.factor.imag, 0.0], [at.factor.imag, at.factor.real, 0.0]])
     scale = abs(at.factor)
     to_map = np.vstack([turn, [0.0, 0.0, -scale]]) @ frame
@@ -223,7 +223,7 @@ def _supporting(
     pose: AbsolutePose,
     laid: LaidCloud,
 ) -> list[VerifiedPhoto]:
-    """List the photos that see the landmarks, with their matches as if they had been verified."""
+    """List the photos that see inlier landmarks, with matches, in the form of verified photos."""
     cloud, row = laid.cloud, solved.query_row
     point = cloud.seen_point[solved.seen]
     none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), (0.0, 0.0)
@@ -246,7 +246,7 @@ def _supporting(
 def _relative_pose(
     pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], laid: LaidCloud
 ) -> RelativePose:
-    """Derive the relative pose to a photo of the cloud."""
+    """Compute the relative pose to a photo of the cloud."""
     submodel = laid.submodel_of(photo)
     row = int(np.flatnonzero(submodel.photo == photo)[0])
     rotation = submodel.rotation[row] @ pose.rotation.T

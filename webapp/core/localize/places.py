@@ -26,7 +26,7 @@ from webapp.core.retrieval.shortlist import ShortlistedPhoto
 from webapp.core.tuning import PlacesTuning
 
 _SCHEMATIC_SIGMA = 0.5
-"""How far a query is from its best photo on a map that is not to scale, place radii."""
+"""Standard deviation of a query's distance from its best photo on a schematic map, place radii."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class VerifiedPhoto:
     Attributes
     ----------
     query_ray, photo_ray : (m, 3) float64
-        Of its matches, camera frames, depth 1.
+        Rays of its matches in the camera frames, at depth 1.
     inverse_depth, sigma : (m,) float64
         Inverse depths of the matched points in the photo's frame, per map pixel, and their standard
         deviations; NaN where unknown.
@@ -54,13 +54,13 @@ class VerifiedPhoto:
 
     @classmethod
     def by_votes(cls, listed: ShortlistedPhoto) -> VerifiedPhoto:
-        """Take a photo for its votes alone."""
+        """Create an entry for a photo that has only votes."""
         no_rays, unknown = np.zeros((0, 3)), np.zeros(0)
         return cls(listed, NoPose("not verified"), no_rays, no_rays, unknown, unknown, (0.0, 0.0))
 
     @property
     def inliers(self) -> int:
-        """Matches that agree on one relative pose."""
+        """Number of matches that agree on one relative pose."""
         return self.pose.inliers if isinstance(self.pose, RelativePose) else 0
 
     @property
@@ -71,7 +71,7 @@ class VerifiedPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCandidate:
-    """A candidate place, before its probability.
+    """A candidate place, without probability.
 
     Attributes
     ----------
@@ -79,17 +79,17 @@ class PlaceCandidate:
     heading : float or None
         Radians.
     sigma_px : float
-        Uncertainty by the estimate itself, before calibration.
+        Uncertainty of the estimate itself, before calibration.
     photos : list of VerifiedPhoto
-        That support it, the best first.
+        Photos that support it, the best first.
     score : float
         Sum of the trust in the photos that agree on it.
     anchor : MapPixel
-        Where the photo stands that matches best of these.
+        Position of the best-matching of these photos.
     area : int
         Number of the area; -1 for a place in none.
     camera : CameraPose or None
-        How the camera was held, where that was solved from landmarks.
+        Height and orientation of the camera, if solved from landmarks.
     floor : int
         Id of its floor.
     """
@@ -108,7 +108,7 @@ class PlaceCandidate:
 
 @dataclass(frozen=True, slots=True)
 class LocatedPlace:
-    """Where a place is, by its geometry and its photos together."""
+    """Position of a place, from its geometry and its photos together."""
 
     kind: Literal["position", "photo", "area"]
     position: MapPixel
@@ -117,11 +117,11 @@ class LocatedPlace:
 
 
 def locate(place: PlaceCandidate, *, calibration: Calibration, place_radius_px: float) -> LocatedPlace:
-    """Combine a computed position with that of the photo which matches best, by inverse variance.
+    """Combine a computed position with that of the best-matching photo, by inverse variance.
 
-    Along its line of sight a camera's motion is hard to see, so that a computed position can be far off in
-    this direction and look certain. How much the photo says is fitted on the map: on one that is not to scale
-    it says all.
+    Along the line of sight a camera's motion is poorly determined, so that a computed position can be far off
+    in this direction and yet look certain. The photo's weight is fitted on the map; on a schematic map the
+    photo alone is used.
     """
     if place.kind != "position":
         return LocatedPlace(place.kind, place.position, place.sigma_px, None)
@@ -149,15 +149,15 @@ def estimate_places(
     Parameters
     ----------
     further : sequence of VerifiedPhoto
-        Photos that only votes speak for.
+        Photos that have only votes.
     alike : (p,) float64, optional
         Standard scores of the map's photos by their global descriptors.
 
     Returns
     -------
     list of PlaceCandidate
-        Those by geometry first, then the others by the votes and the similarity around them; any two more
-        than a place radius apart; at most eight, or half as many as were checked where that is more.
+        Those from geometry first, then others by votes and similarity around them until there are eight
+        places, or half as many as checked photos if that is more; all more than a place radius apart.
     """
     places: list[PlaceCandidate] = []
     by_pose, by_bearing = _by_floor(indexed, checked)
@@ -181,7 +181,7 @@ def estimate_places(
 def _by_floor(
     indexed: IndexedMap, checked: list[VerifiedPhoto]
 ) -> tuple[list[PlaceCandidate], list[PlaceCandidate]]:
-    """Estimate places from poses and from bearings, each of photos of one floor; the best score first."""
+    """Estimate places from poses and from bearings, separately for each floor; the best score first."""
     by_pose: list[PlaceCandidate] = []
     by_bearing: list[PlaceCandidate] = []
     floors = [int(indexed.floor[v.matched.photo]) for v in checked]
@@ -197,7 +197,7 @@ def _by_floor(
 
 
 def voters_of(checked: list[VerifiedPhoto]) -> Voters:
-    """Take the votes and the trust of verified photos, most votes first."""
+    """Collect the votes and the trust of verified photos, most votes first."""
     votes = np.array([v.matched.votes for v in checked])
     order = np.argsort(-votes, kind="stable")
     photo = np.array([v.matched.photo for v in checked], np.int64)
@@ -207,9 +207,9 @@ def voters_of(checked: list[VerifiedPhoto]) -> Voters:
 def _by_votes(
     indexed: IndexedMap, checked: list[VerifiedPhoto], *, alike: NDArray[np.float64] | None
 ) -> list[int]:
-    """Order photos by the votes close to them and in their surroundings, each over those of the best.
+    """Order photos by the votes close to them plus those in their surroundings, each relative to the best.
 
-    Where photos have global descriptors, similarity counts as the votes do.
+    If photos have global descriptors, similarity is added in the same way.
     """
     if not checked:
         return []
@@ -223,7 +223,7 @@ def _by_votes(
 
 
 def _area_place(indexed: IndexedMap, checked: list[VerifiedPhoto], photo: int) -> PlaceCandidate:
-    """Make a place of an area: that is all the answer there is, with the photos that name it."""
+    """Create the place of a photo's area, with the photos that support it."""
     area = int(indexed.area[photo])
     there = [v for v in checked if indexed.area[v.matched.photo] == area]
     position = _position(indexed, photo)
@@ -279,13 +279,13 @@ def _computed_place(
 
 
 def _sigma_px(pose: PoseEstimate, radius: float, *, tuning: PlacesTuning) -> float:
-    """Combine the uncertainty of a position by its matches with that by its score, map pixels."""
+    """Combine the uncertainty of a position from its matches with that from its score, map pixels."""
     by_score = radius * tuning.score_sigma / (tuning.score_offset + pose.score)
     return math.hypot(_sigma_from_matches(pose, tuning), by_score, tuning.floor_sigma * radius)
 
 
 def _sigma_from_matches(pose: PoseEstimate, tuning: PlacesTuning) -> float:
-    """Compute the uncertainty of a position by its matches alone, map pixels."""
+    """Compute the uncertainty of a position from its matches alone, map pixels."""
     return tuning.correlation * math.sqrt(float(np.trace(pose.covariance_px2)))
 
 
@@ -295,7 +295,7 @@ def _has_extrinsics(indexed: IndexedMap, verified: VerifiedPhoto) -> bool:
 
 
 def _from_bearings(indexed: IndexedMap, *, others: list[VerifiedPhoto]) -> list[PlaceCandidate]:
-    """Estimate places from the bearings of `others`, whose extrinsics are not known; the best score first."""
+    """Estimate places from the bearings to `others`, whose extrinsics are unknown; the best score first."""
     tuning = indexed.tuning.places
     usable = [v for v in others if v.weight >= tuning.min_weight and indexed.area[v.matched.photo] < 0]
     usable.sort(key=lambda v: -v.inliers)
@@ -332,7 +332,7 @@ def _is_occupied(
 def _place_from_resection(
     indexed: IndexedMap, photos: list[VerifiedPhoto], found: Resection
 ) -> PlaceCandidate:
-    """Take the solution as it is, or with too few photos for one, the best photo's place."""
+    """Convert the solution to a place, or with too few photos for one, take the best photo's position."""
     if len(photos) < MIN_BEARINGS:
         return _photo_place(indexed, photos, score=found.score)
     return _computed_place(indexed, found, photos, sigma_px=found.sigma_px)

@@ -1,11 +1,11 @@
 """Position and heading of the query from all matches with photos of known extrinsics.
 
-The relative pose of each verified photo gives the query's rotation and a line through the photo on which it
-was taken. Points along these lines are starting poses; each is scored by how many matches, of all photos, are
-inliers to their epipolar lines, and the best are refined by all matches at once: iteratively reweighted least
-squares with a Geman-McClure kernel and graduated non-convexity. Matches whose depth in the map's photo is
-known must also lie at the right place on their line: they fix the distance to the photo, so that one photo
-can be enough. Priors hold the camera level and at about the height of the map's cameras.
+The relative pose of each verified photo gives the query's rotation and a line through the photo on which the
+query was taken. Points along these lines are starting poses; each is scored by how many matches of all photos
+are inliers to their epipolar lines, and the best are refined by all matches at once: iteratively reweighted
+least squares with a Geman-McClure kernel and graduated non-convexity. Matches with known depth in the map's
+photo also have a residual along their line: they fix the distance to the photo, so that one photo can be
+enough. Priors hold the camera level and at about the height of the map's cameras.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class PoseEstimate:
     heading : float
         Radians clockwise from up.
     score : float
-        About the number of photos that agree.
+        Approximate number of photos that agree.
     covariance_px2 : (2, 2) float64
-        Of (x, y), by the matches alone, as if they erred independently.
+        Of (x, y), from the matches alone, as if their errors were independent.
     agreement : (n,) float64
-        Of each view, 0 to 1.
+        Agreement of each view, 0 to 1.
     """
 
     x: float
@@ -75,14 +75,14 @@ def estimate_poses(
     views : sequence of VerifiedView
         n verified photos.
     position : (p, 2) float64
-        Of the map's photos, map pixels.
+        Positions of the map's photos, map pixels.
     extrinsics : MapExtrinsics
         Of the map's photos.
 
     Returns
     -------
     list of PoseEstimate
-        The best first; empty when no photo of known extrinsics was verified.
+        The best first; empty if no photo of known extrinsics was verified.
     """
     world = extrinsics.centres(position)
     usable = [n for n, v in enumerate(views) if extrinsics.trust[v.photo] >= MIN_TRUST]
@@ -126,7 +126,7 @@ def _initial_poses(
     radius: float,
     tuning: PoseTuning,
 ) -> tuple[Array, Array]:
-    """Compute (s, 3, 3) rotations and (s, 3) centres to start from."""
+    """Compute (s, 3, 3) rotations and (s, 3) centres of starting poses."""
     rotations, centres = [], []
     for view in views:
         if view.pose.trust < tuning.min_trust:
@@ -142,12 +142,12 @@ def _initial_poses(
 
 
 def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> list[float]:
-    """Estimate the distance from a photo to the query from the known depths, as a weighted median.
+    """Estimate the distance from a photo to the query as a weighted median over the known depths.
 
     Parameters
     ----------
     photo : (3, 3) float64
-        Photo's camera from world.
+        Rotation, photo's camera from world.
     to_query : (3,) float64
         Direction, world.
     """
@@ -165,7 +165,7 @@ def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> 
 
 
 def _suppress_neighbours(centre: Array, score: Array, distance: float) -> list[int]:
-    """Sort points by falling score and drop those close to a better one (non-maximum suppression)."""
+    """Sort points by descending score and drop those close to a better one (non-maximum suppression)."""
     near = np.linalg.norm(centre[:, None] - centre[None], axis=2) <= distance
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable").tolist():
@@ -220,7 +220,7 @@ def _normal_equations(
 ) -> tuple[Array, Array]:
     """Build the normal equations of s poses: (s, 6, 6) and (s, 6), by rotation and translation in radii.
 
-    Residuals have `factor` times their sigma; priors hold the camera level and at a height.
+    Sigmas of residuals are multiplied by `factor`; priors hold the camera level and at `height`.
     """
     by_line = epipolar_residual(matches, rotation=rotation, centre=centre)
     by_depth = depth_residual(matches, rotation=rotation, centre=centre)
@@ -238,7 +238,7 @@ def _normal_equations(
 def _residual_equations(
     residual: EpipolarResidual | DepthResidual, *, factor: float, radius: float
 ) -> tuple[Array, Array]:
-    """Build the reweighted normal equations (s, 6, 6) and (s, 6) of residuals."""
+    """Build the normal equations (s, 6, 6) and (s, 6) of robustly weighted residuals."""
     sigma = factor * residual.sigma
     weight = residual.in_front * geman_mcclure(residual.value**2, sigma) / sigma**2
     jacobian = residual.derivatives(radius)

@@ -1,8 +1,8 @@
 """Residuals of matches under poses of the query: across their epipolar lines, and along them.
 
-A match restricts the query's keypoint to an epipolar line. Where the depth of the point in the map's photo
-is known, its position on the line is known too. Both residuals are scalars with a standard deviation, in the
-unit of rays at depth 1, that follows from the noise of keypoints in the query and in the photo.
+A match restricts the query's keypoint to an epipolar line. If the depth of the point in the map's photo is
+known, its position on the line is known, too. Both residuals are scalars in the unit of rays at depth 1;
+their standard deviation follows from the noise of keypoints in the query and in the photo.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ _PARALLEL_SIGMAS = 2.2
 """Rays at a smaller angle than this many sigmas are parallel: their point may be at infinity."""
 
 _LEAST_DEPTH = 1e-3
-"""Of a point in front of the query, over its depth in the map's photo."""
+"""Minimum depth of a point in front of the query, over its depth in the map's photo."""
 
 _NO_MOTION = 1e-6
-"""Motion of a point, at depth 1, by its whole depth, below which there is no epipolar line."""
+"""Displacement of a point, at depth 1, from infinity to its depth, below which there is no epipolar line."""
 
 MIN_DEPTHS = 3
-"""Fewer depths of a photo are not used: a single wrong one would be believed."""
+"""Minimum number of depths of a photo: with fewer, a single wrong one could decide."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedView:
-    """A verified photo.
+    """A verified photo as input of pose estimation.
 
     Attributes
     ----------
     photo : int
         Its number in the map.
     query_ray, photo_ray : (m, 3) float64
-        Of all its matches, camera frames, depth 1.
+        Rays of all its matches in the camera frames, at depth 1.
     inverse_depth, sigma : (m,) float64
         Inverse depths of the points in the photo's frame, per map pixel, and their standard deviations; NaN
         where unknown.
@@ -58,20 +58,20 @@ class VerifiedView:
 
     @property
     def has_depths(self) -> bool:
-        """Whether enough inliers have a depth to rely on."""
+        """Whether enough inliers have a depth."""
         return int(np.isfinite(self.inverse_depth[self.pose.inlier]).sum()) >= MIN_DEPTHS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correspondences:
-    """All matches with oriented photos; m of them, those of known depth first.
+    """The m matches with all oriented photos, those of known depth first.
 
     Attributes
     ----------
     query : (m, 3) float64
         Rays in the query's frame.
     photo : (m, 3) float64
-        Rays of the map's photos in the world.
+        Rays of the map's photos, rotated into the world.
     centre : (m, 3) float64
         Camera centres of the photos, world.
     view : (m,) int64
@@ -83,7 +83,7 @@ class Correspondences:
     radius : float
         The place radius, map pixels.
     min_depth : float
-        Nearest point that a match can show, map pixels.
+        Minimum depth of a matched point, map pixels.
     """
 
     query: Array
@@ -146,7 +146,7 @@ def collect_correspondences(
 
 
 _Vectors = tuple[Array, Array, Array]
-"""Vectors by their components, x, y and z, which is many times faster than one array (..., 3) of them."""
+"""Vectors as separate components x, y and z: many times faster than one array (..., 3)."""
 
 
 def _cross(u: _Vectors, v: _Vectors) -> _Vectors:
@@ -162,7 +162,7 @@ def _vectors(of: Array) -> _Vectors:
 
 
 def _rows(rotation: Array) -> list[_Vectors]:
-    """Give the three rows of (s, 3, 3) rotations as vectors (s, 1)."""
+    """Return the three rows of (s, 3, 3) rotations as vectors (s, 1)."""
     return [(r[:, 0, None], r[:, 1, None], r[:, 2, None]) for r in np.swapaxes(rotation, 0, 1)]
 
 
@@ -193,10 +193,10 @@ class EpipolarResidual:
     _length: Array
     """Length of the baseline, map pixels."""
     _gradient: Array
-    """What the epipolar constraint is divided by to give `value`."""
+    """Norm of the constraint's gradient, by which the epipolar constraint is divided to give `value`."""
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives (s, 6, m) of `value` by the query's rotation in the world and position in radii."""
+        """Compute derivatives (s, 6, m) of `value` by query rotation in the world and position in radii."""
         turn = _cross(self._query, self._photo_baseline)
         part = _dot(self._query_photo, self._to_photo)
         place = (v - part * w for v, w in zip(self._query_photo, self._to_photo, strict=True))
@@ -213,12 +213,12 @@ def epipolar_residual(matches: Correspondences, *, rotation: Array, centre: Arra
     to_photo = (x / length, y / length, z / length)
     b_t, t_a, a_b = _cross(b, to_photo), _cross(to_photo, a), _cross(a, b)
     query_gradient = sum(_dot(row, b_t) ** 2 for row in _rows(rotation)[:2])
-    # The photo's own image plane is not at hand; the whole vector differs little from its part in it.
+    # The part in the photo's image plane would need its rotation; the whole vector differs little from it.
     along_query = _dot(t_a, t_a)
     gradient = np.sqrt(query_gradient + along_query) + 1e-9
     variance = matches.query_ray_sigma**2 * query_gradient + matches.photo_ray_sigma**2 * along_query
-    # The point lies where both rays meet; with t to the photo, (t x b)(a x b) and (t x a)(a x b) have the
-    # signs of its depths, which are the baseline times |t x b| and |t x a| over |a x b|.
+    # The point is the intersection of the rays. With t to the photo, (t x b)(a x b) and (t x a)(a x b) have
+    # the signs of its depths, which are the baseline times |t x b| and |t x a| over |a x b|.
     ahead = (_dot(b_t, a_b) <= 0.0) & (_dot(t_a, a_b) >= 0.0)
     angle = _dot(a_b, a_b)
     far = np.minimum(along_query, _dot(b_t, b_t)) * length**2 >= matches.min_depth**2 * angle
@@ -245,7 +245,7 @@ class DepthResidual:
     value : array
         At depth 1.
     sigma : array
-        Standard deviation of `value` for a right match, by both keypoints and the depth.
+        Standard deviation of `value` for a right match, from both keypoints and the depth.
     in_front : array
         1 where the point is in front of the query; else 0.
     """
@@ -254,13 +254,13 @@ class DepthResidual:
     sigma: Array
     in_front: Array
     _point: _Vectors
-    """From the query, times the inverse depth."""
+    """Vector from the query to the point, times the inverse depth."""
     _slope: _Vectors
     """Derivative of `value` by `_point`."""
     _inverse_depth: Array
 
     def derivatives(self, radius: float) -> Array:
-        """Derivatives (s, 6, d) of `value` by the query's rotation in the world and position in radii."""
+        """Compute derivatives (s, 6, d) of `value` by query rotation in the world and position in radii."""
         by_place = -radius * self._inverse_depth
         return np.stack([*_cross(self._slope, self._point), *(v * by_place for v in self._slope)], axis=1)
 
@@ -278,8 +278,8 @@ def depth_residual(matches: Correspondences, *, rotation: Array, centre: Array) 
     depth = np.where(ahead, depth, _LEAST_DEPTH)
     u, v = u / depth, v / depth
     du, dv = u - matches.query[:count, 0], v - matches.query[:count, 1]
-    # As the depth changes, the point moves along the epipolar line. Without a baseline there is no line: then
-    # the whole displacement counts.
+    # As the depth changes, the point moves along the epipolar line. Without a baseline there is no line: use
+    # the whole displacement.
     gap_u, gap_v, gap_depth = (_dot(row, (baseline[0], baseline[1], baseline[2])) for row in rows)
     move_u, move_v = (gap_u - u * gap_depth) / depth, (gap_v - v * gap_depth) / depth
     move = np.hypot(move_u, move_v)
@@ -289,7 +289,7 @@ def depth_residual(matches: Correspondences, *, rotation: Array, centre: Array) 
     by_u, by_v = line_u / length, line_v / length
     by_depth = by_u * u + by_v * v
     slope = [(by_u * r + by_v * s - by_depth * t) / depth for r, s, t in zip(*rows, strict=True)]
-    # Noise in the photo is magnified, the nearer the query is to the point.
+    # Noise in the photo is magnified as the query gets nearer to the point.
     variance = matches.query_ray_sigma[:count] ** 2 + (matches.photo_ray_sigma[:count] / depth) ** 2
     return DepthResidual(
         value=du * by_u + dv * by_v,

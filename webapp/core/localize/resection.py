@@ -1,8 +1,8 @@
-"""Position and heading from bearings to photos whose places are known (resection).
+"""Position and heading from bearings to photos of known position (resection).
 
-Each verified photo gives the direction from the query to its own camera, relative to where the query looks.
-Three such bearings fix position and heading; more make it robust. The score of a position is searched on a
-grid around the photos, coarse first, so that separate solutions stay separate hypotheses.
+Each verified photo gives the direction from the query to its camera, relative to the query's viewing
+direction. Three such bearings fix position and heading; more make the solution robust. Positions are scored
+on a grid around the photos, coarse first, so that separate solutions stay separate hypotheses.
 """
 
 from __future__ import annotations
@@ -14,52 +14,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_BEARINGS = 3
-"""Fewer leave a position open."""
+"""Fewer do not determine a position."""
 
 _SIGMA_BEARING = 0.25
-"""Spread of a usable bearing, radians."""
+"""Standard deviation of a usable bearing, radians."""
 
 _FULL_PARALLAX = math.radians(2.0)
-"""From this parallax on a bearing counts fully; below, its photo only says "near"."""
+"""From this parallax on a bearing counts fully; with less, its photo partly or only indicates nearness."""
 
 _NEAR = 3.0
-"""How fast a photo's weight decays with its distance, in place radii."""
+"""Scale of the decay of a photo's weight with its distance, place radii."""
 
 _FARTHEST = math.exp(-4.0 / 3.0)
-"""Nearness from which on a photo can speak for a place: four place radii away."""
+"""Minimum nearness of a photo that can support a place: that at four place radii."""
 
 _HEADINGS_TRIED = 6
 _COARSE, _REACH = 0.25, 1.5
-"""Grid step and half width around each photo, in place radii."""
+"""Grid step and half width around each photo, place radii."""
 
 _LIKELIHOOD = 4.0
 """Log-likelihood of one fully trusted photo that agrees."""
 
 _FLOOR = 1e-3
-"""Density of photos taken away from all others, over the map's own."""
+"""Added to the relative density of photos, for queries taken away from all of them."""
 
 _REACHED_BY_DENSITY = 4.0
-"""Photos farther than this, in place radii, do not count in the density."""
+"""Photos farther than this, place radii, are ignored in the density."""
 
 _APART = 2.0
 
 _LEAST_SHARE = 0.1
-"""Of the best solution's score; what has less is not a separate solution."""
+"""Minimum score of a separate solution, over that of the best one."""
 
 _REFINEMENTS = 2
 
 _FINE = 13
-"""Points a side of the grid of the final estimate, a place radius around each solution."""
+"""Points per side of the grid of the final estimate, which extends a place radius around each solution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearings:
-    """What the verified photos say.
+    """Bearings from the query to n verified photos.
 
     Attributes
     ----------
     position : (n, 2) float64
-        Of the photos, map pixels.
+        Positions of the photos, map pixels.
     bearing : (n,) float64
         Radians clockwise from the query's viewing direction.
     parallax : (n,) float64
@@ -87,9 +87,9 @@ class Resection:
     score : float
         Sum of the weights of the photos that agree.
     agreement : (n,) float64
-        Of each photo, 0 to 1.
+        Agreement of each photo, 0 to 1.
     sigma_px : float
-        Root mean square distance of the position from it, by its posterior, map pixels.
+        Root mean square distance of the posterior from the position, map pixels.
     """
 
     x: float
@@ -108,10 +108,10 @@ def resect(
     Parameters
     ----------
     taken_at : (p, 2) float64
-        Where the map's photos were taken, map pixels: more photos are likely to be taken there.
+        Positions of the map's photos, map pixels: prior for where queries are taken.
     place_radius_px : float
         Scale of the search; solutions nearer to each other than twice this are one, so that the truth
-        is within the radius of one of them only.
+        is within the radius of only one of them.
     most : int
         Maximum number of solutions.
 
@@ -142,7 +142,7 @@ def resect(
 def _posterior_mean(
     bearings: Bearings, taken_at: NDArray[np.float64], centre: NDArray[np.float64], *, place_radius_px: float
 ) -> Resection:
-    """Average the positions around a solution by their posterior; its spread is the uncertainty."""
+    """Average the positions around a solution by their posterior, whose spread is the uncertainty."""
     step = _COARSE * place_radius_px
     for _ in range(_REFINEMENTS):
         closer = centre + _square(np.linspace(-step, step, 5))
@@ -173,7 +173,7 @@ def _posterior_mean(
 def _density(
     position: NDArray[np.float64], taken_at: NDArray[np.float64], place_radius_px: float
 ) -> NDArray[np.float64]:
-    """Density of the map's photos at (g, 2) positions, smoothed over half a place radius, relative."""
+    """Compute the relative density of the map's photos at (g, 2) positions, smoothed over half a radius."""
     apart = np.hypot(*(taken_at - position.mean(0)).T)
     near = np.unique(taken_at[apart <= _REACHED_BY_DENSITY * place_radius_px], axis=0)
     if not len(near):
@@ -190,7 +190,7 @@ def _square(steps: NDArray[np.float64]) -> NDArray[np.float64]:
 def _agreement(
     bearings: Bearings, position: NDArray[np.float64], heading: float, *, place_radius_px: float
 ) -> NDArray[np.float64]:
-    """Measure how far each photo agrees with a position and a heading, 0 to 1; (n,)."""
+    """Compute the agreement of each photo with a position and a heading, 0 to 1; (n,)."""
     near, implied, reliable = _geometry(bearings, position[None], place_radius_px)
     agrees: NDArray[np.float64] = 1.0 - reliable + reliable * _kernel(implied[0] - heading)
     agrees[near[0] < _FARTHEST] = 0.0
@@ -200,7 +200,7 @@ def _agreement(
 def _geometry(
     bearings: Bearings, position: NDArray[np.float64], place_radius_px: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Nearness (g, n) and implied heading (g, n) of (g, 2) positions; reliability (n,) of the bearings."""
+    """Return nearness (g, n) and implied heading (g, n) of (g, 2) positions, and bearing reliability (n,)."""
     to_photo = bearings.position[None] - position[:, None]
     near = np.exp(-np.hypot(to_photo[..., 0], to_photo[..., 1]) / (_NEAR * place_radius_px))
     implied = np.arctan2(to_photo[..., 0], -to_photo[..., 1]) - bearings.bearing
@@ -208,7 +208,7 @@ def _geometry(
 
 
 def _kernel(angle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fall from 1 to 0 with the size of an angle, slowly enough to bear outliers."""
+    """Compute a robust (Geman-McClure) weight of angles, 1 to 0."""
     apart = np.remainder(angle + math.pi, 2.0 * math.pi) - math.pi
     agree: NDArray[np.float64] = 1.0 / (1.0 + (apart / _SIGMA_BEARING) ** 2) ** 2
     return agree
@@ -217,7 +217,7 @@ def _kernel(angle: NDArray[np.float64]) -> NDArray[np.float64]:
 def _score(
     bearings: Bearings, position: NDArray[np.float64], place_radius_px: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Score (g, 2) positions; returns the scores and the best heading of each, radians."""
+    """Score (g, 2) positions; returns the scores and the best heading at each, radians."""
     near, implied, reliable = _geometry(bearings, position, place_radius_px)
     trust = bearings.weight * near
     base = (trust * (1.0 - reliable)).sum(1)

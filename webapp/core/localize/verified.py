@@ -1,14 +1,13 @@
 """Methods `verified` and `thorough`: votes of all photos, geometry for a shortlist, position by all matches.
 
-1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos. Where photos have
-   global descriptors, the most similar ones join those with most votes.
-2. Verify: the photos with most votes are checked by the relative pose of the two cameras; `thorough` has
-   a network match them with the query before.
-3. Position: all matches with photos whose orientations are known fix position and heading, those with points
-   of known depth even by one photo; where orientations are not known, bearings to three or more photos do.
-   Separate solutions are separate hypotheses. Where the position stays open, the best photo's own place is
-   all that is known.
-   On a map of areas an area is all there is to find.
+1. Retrieve: the k nearest map descriptors of every query descriptor vote for their photos. If photos have
+   global descriptors, the most similar photos are added to those with most votes.
+2. Verify: the shortlisted photos are verified by the relative pose of the two cameras; in `thorough` a
+   network matches them with the query first.
+3. Position: all matches with photos of known orientation determine position and heading; if they have known
+   depths, a single photo is enough. Without orientations, bearings to three or more photos are used. Separate
+   solutions are separate hypotheses. If the position is not determined, the hypothesis is the position of the
+   best photo; on a map of areas it is an area.
 4. Probability: a calibrated softmax over the places found and "not on this map".
 """
 
@@ -51,16 +50,16 @@ _EVIDENCE_PHOTOS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceSearch:
-    """Everything but the probabilities: what calibration works with.
+    """Result of the search without probabilities, as calibration needs it.
 
     Attributes
     ----------
     places : list of PlaceCandidate
         The best first.
     evidence : (h, EVIDENCE) float64
-        Of each place; see `evidence_vectors`.
+        Evidence of each place; see `evidence_vectors`.
     answer : Answer
-        Statistics and seconds, and the reason where there is no place.
+        Statistics and seconds, and the reason if there is no place.
     """
 
     places: list[PlaceCandidate]
@@ -71,7 +70,7 @@ class PlaceSearch:
 def with_probabilities(
     indexed: IndexedMap, found: PlaceSearch, *, calibration: Calibration, top: int
 ) -> Answer:
-    """Give what was found its probabilities.
+    """Add probabilities to the places found.
 
     Parameters
     ----------
@@ -109,7 +108,7 @@ def find_places(
     closer: Collection[int] = (),
     depths: KeypointDepths | DepthsExcluding | None = None,
 ) -> PlaceSearch:
-    """Look for the places where a photo may have been taken, by its features.
+    """Find the places where a photo may have been taken, by its features.
 
     Parameters
     ----------
@@ -120,9 +119,9 @@ def find_places(
     hide : collection of int
         Experience ids to leave out.
     closer : collection of int
-        Experience ids of which the best are verified, too, where the votes name none of them.
+        Experience ids, the best of which are verified, too, if none of them is in the shortlist.
     depths : KeypointDepths or DepthsExcluding, optional
-        Those that rest on no sighting of a hidden photo. By default the map's, and none where photos are
+        Depths without observations from hidden photos. By default those of the map, and none if photos are
         hidden.
     """
     clock = [time.perf_counter()]
@@ -131,7 +130,7 @@ def find_places(
     listed, further = retrieved.listed, retrieved.further
     closer = frozenset(closer).difference(hide)
     if closer and not np.isin(indexed.ids[[s.photo for s in listed]], [*closer]).any():
-        # In front: a network that matches only the first few is to match these.
+        # put them first, so that a network that matches only the first few matches these
         listed = [*_shortlist_among(indexed, query, votes=retrieved.votes, closer=closer), *listed]
         further = [f for f in further if f.photo not in {s.photo for s in listed}]
     clock.append(time.perf_counter())
@@ -176,7 +175,7 @@ def _shortlist_among(
 ) -> list[ShortlistedPhoto]:
     """List the best photos of `closer`, matched as if there were no others.
 
-    Their votes are those of the whole map, so that they are compared with all other photos as ever.
+    Their votes are those on the whole map, so that they remain comparable with all other photos.
     """
     others = indexed.ids[~np.isin(indexed.ids, [*closer])]
     neighbours = indexed.tuning.retrieval.neighbours
@@ -192,7 +191,7 @@ _ASKEW_DEG = 5.0
 
 
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
-    """Turn the frame of a query that was held askew about its line of sight: what follows is for level ones.
+    """Compute the rotation about the line of sight that levels the frame of a tilted query.
 
     Parameters
     ----------
@@ -215,10 +214,10 @@ def _verify_all(
     listed: list[ShortlistedPhoto],
     verify: Callable[[ShortlistedPhoto], VerifiedPhoto],
 ) -> list[VerifiedPhoto]:
-    """Verify a shortlist, with the matches of a network where there is one.
+    """Verify a shortlist, with matches from a network if there is one.
 
-    A second look has it match the first photos only, and the others where none of these certainly shows the
-    same as the query: it is slow.
+    The network is slow: in a second look it matches the first photos only, and the others if none of these
+    certainly shows the same scene as the query.
     """
     matcher = indexed.pair_matcher
     if matcher is None:

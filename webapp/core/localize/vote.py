@@ -1,7 +1,7 @@
-"""Method `vote`: the pose estimator of 2013, to the letter.
+"""Method `vote`: an exact implementation of the pose estimator of 2013.
 
 Every query descriptor votes for the photo of its nearest map descriptor; matches farther than the mean
-distance are dropped; the photos with most votes left are the answer, each with its share of them.
+distance are dropped; the photos with most remaining votes are the answer, each with its share of them.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection
     Returns
     -------
     Answer
-        One hypothesis an experience; no radius, and no probability of being off the map, which the method
-        does not know. Without any match `no_pose` has the reason.
+        One hypothesis per experience; without radius and off-map probability, which the method does not
+        estimate. Without any match `no_pose` has the reason.
     """
     found = candidates(indexed, query.descriptors, k=1, hide=hide)
     distance, photo = found.distance[:, 0], found.photo[:, 0]
     matched = photo >= 0
-    # In double precision: rounded down, the mean of equal distances would be nearer than each of them.
+    # in double precision: rounded down, the mean of equal distances would be less than each of them
     kept = matched & (distance <= distance[matched].mean(dtype=np.float64)) if matched.any() else matched
     statistics = match_statistics(len(query), distance[matched], left=int(kept.sum()))
     if not kept.any():
@@ -76,9 +76,9 @@ def _of_experiences(
     Returns
     -------
     votes : (p,) int64
-        Of the experience of each photo.
+        Votes of each photo's experience.
     best : (e,) int64
-        Of each experience the photo with most votes, in the map's order.
+        Photo of each experience with most votes, in the map's order.
     """
     ids, mine = np.unique(experiences_of(indexed.ids), return_inverse=True)
     together = np.bincount(mine, weights=votes, minlength=len(ids)).astype(np.int64)
@@ -88,7 +88,7 @@ def _of_experiences(
 
 
 def match_statistics(keypoints: int, distance: NDArray[np.float32], *, left: int) -> MatchStatistics:
-    """Sum up (m,) match distances; `left` is how many of them pruning left."""
+    """Compute statistics of (m,) match distances, `left` of which remain after pruning."""
     if not len(distance):
         return MatchStatistics(keypoints, 0, 0, None, None, None, None)
     exact = distance.astype(np.float64)

@@ -1,1 +1,1 @@
-"""The map as a value, its edits as functions, and what can be wrong with it."""
+"""The map as an immutable value, and checks of it."""

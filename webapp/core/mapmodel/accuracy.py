@@ -1,15 +1,15 @@
-"""How exactly the positions of a map's photos are known."""
+"""Accuracy of the positions of a map's photos."""
 
 from __future__ import annotations
 
 from webapp.core.mapmodel.model import Experience, Map
 
 _GPS_M = 8.0
-"""68 % radius of positions of GPS that do not say how exact they are: phones between buildings."""
+"""68 % radius of GPS positions without a stated accuracy: phones between buildings."""
 
 
 def position_radius_px(photo: Experience, the_map: Map) -> float:
-    """Return the 68 % radius of a photo's position, map pixels; 0 where somebody has placed the photo."""
+    """Return the 68 % radius of a photo's position, map pixels; 0 for one that was placed by hand."""
     if photo.radius_px is not None:
         return photo.radius_px
     if not photo.by_gps or the_map.georeference is None:
@@ -19,6 +19,6 @@ def position_radius_px(photo: Experience, the_map: Map) -> float:
 
 
 def inexact_positions(the_map: Map) -> dict[int, float]:
-    """Return the 68 % radii, map pixels, of the experiences whose positions are not exact, by id."""
+    """Return the 68 % radii, map pixels, of the experiences with inexact positions, by id."""
     radii = {photo.id: position_radius_px(photo, the_map) for photo in the_map.experiences}
     return {id: radius for id, radius in radii.items() if radius > 0.0}

@@ -1,4 +1,4 @@
-"""What makes a map that can be parsed still wrong: ids, positions, photos, the satellite image."""
+"""Checks of a map that can be parsed: ids, positions, photos, the satellite image."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from webapp.core.mapmodel.findings import Code, Finding, quoted
 from webapp.core.mapmodel.paths import name_problem
 
 MAX_NUMBER = 2**31 - 1
-"""Largest id, size and coordinate: ids are answered as 32-bit integers."""
+"""Largest id, size and coordinate: ids are 32-bit integers in answers."""
 
 _MIN_EXPECTED = 3
-"""Number of photos that must have a GPS position before it can count against the file."""
+"""Least number of photos with a GPS position for a check against GPS."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImageLine:
     """The first line: satellite image, width and height in pixels.
 
-    `columns` holds where each of the three begins, from 1.
+    `columns` holds the first column of each of the three, from 1.
     """
 
     image: str | None
@@ -35,7 +35,7 @@ class ImageLine:
 class PhotoLine:
     """One experience: id, photo, pixels from the left edge and from the top edge.
 
-    `line` counts from 1; `columns` holds where each of the four begins, from 1.
+    `line` counts from 1; `columns` holds the first column of each of the four, from 1.
     """
 
     line: int
@@ -46,7 +46,7 @@ class PhotoLine:
     columns: tuple[int, int, int, int]
 
     def text(self, *, x: int | None = None, y: int | None = None, id: int | None = None) -> str:
-        """Write the line in canonical form, with other values where given."""
+        """Write the line in canonical form; given values replace its own."""
         values = (
             self.id if id is None else id,
             self.photo,
@@ -58,18 +58,18 @@ class PhotoLine:
 
 @dataclass(frozen=True, slots=True)
 class FileFacts:
-    """What the folder says about one photo of the map, or about the satellite image.
+    """State of the file of a photo or of the satellite image in the map's folder.
 
     Attributes
     ----------
     state : {"ok", "missing", "unreadable", "outside"}
         "outside": a link leads out of the map's folder.
     reason : str
-        Why it is unreadable or where the link leads.
+        Why it is unreadable, or the target of the link.
     actual : str or None
-        The name in the folder that differs in spelling only, if there is one.
+        A name in the folder that differs only in spelling, if there is one.
     gps : MapPixel or None
-        Where its GPS position lies on the map.
+        Its GPS position, on the map.
     """
 
     state: Literal["ok", "missing", "unreadable", "outside"]
@@ -80,14 +80,14 @@ class FileFacts:
 
 @dataclass(frozen=True, slots=True)
 class FolderFacts:
-    """What the folder of a map holds.
+    """Contents of the folder of a map.
 
     Attributes
     ----------
     satellite_size : (int, int) or None
-        True width and height of the satellite image, pixels.
+        Actual width and height of the satellite image, pixels.
     photos : mapping of str to FileFacts
-        By the name in the `.cfg`; a name without facts is not judged.
+        By the name in the `.cfg`; a name without facts is not checked.
     orphans : sequence of str
         Photos in the folder that the map does not name.
     """
@@ -99,7 +99,7 @@ class FolderFacts:
 
 
 def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Finding]:
-    """Find what is wrong between the lines: duplicate ids, positions outside, names used twice, swapped x/y.
+    """Check the lines against each other: duplicate ids and photos, positions outside, swapped x and y.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Fi
 def check_folder(
     image: ImageLine | None, photos: Sequence[PhotoLine], *, facts: FolderFacts
 ) -> list[Finding]:
-    """Find what is wrong between the map and the files in its folder."""
+    """Check the map against the files in its folder."""
     found = list(_satellite(image, facts)) if image else []
     for line in photos:
         if line.photo is not None and line.photo in facts.photos:
@@ -172,7 +172,7 @@ def _duplicate_photos(photos: Sequence[PhotoLine]) -> Iterator[Finding]:
 
 
 def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Finding]:
-    """Find positions outside the image, and say so when swapping x and y would cure most of them."""
+    """Find positions outside the image, and detect if swapping x and y would move most of them inside."""
     outside = [line for line in photos if not _fits(line.x, width) or not _fits(line.y, height)]
     cured = [line for line in outside if _fits_swapped(line, width, height)]
     swapped = bool(cured) and 2 * len(cured) >= len(outside)
@@ -200,7 +200,7 @@ def _outside(width: int, height: int, photos: Sequence[PhotoLine]) -> list[Findi
 
 
 def _fits(value: int | None, limit: int) -> bool:
-    """Return whether a coordinate is on the image; one that could not be read is not judged here."""
+    """Return whether a coordinate is on the image; true for one that could not be read."""
     return value is None or 0 <= value <= limit
 
 
@@ -264,7 +264,7 @@ def _spelling(line: int, column: int, *, name: str, actual: str) -> Finding:
 
 
 def _gps_swapped(photos: Sequence[PhotoLine], facts: Mapping[str, FileFacts]) -> Iterator[Finding]:
-    """Compare with the photos' own GPS: most of them must be far off as they stand and near when swapped."""
+    """Detect swapped columns by the photos' GPS: most positions are much nearer to it when swapped."""
     judged, cured = 0, []
     for line in photos:
         known = facts.get(line.photo) if line.photo is not None else None

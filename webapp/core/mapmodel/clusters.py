@@ -1,4 +1,4 @@
-"""Gathers positions that are near each other: a placement that answers "which part of the park?"."""
+"""Clusters nearby positions: a placement that answers "which part of the park?"."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from webapp.errors import UsageError
 def gather(positions: Mapping[int, MapPixel], *, radius_px: float) -> dict[int, MapPixel]:
     """Move each photo to the centre of its cluster.
 
-    The photo with the most others within the radius gathers them, then the next of those that are left: no
-    photo moves farther than twice the radius, however dense the map is. The order of photos plays no part.
+    The photo with the most others within the radius forms a cluster with them, then the next of those left.
+    No photo moves farther than twice the radius, however dense the map. The order of photos has no influence.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Control points: spots of the world that are known on the map and clicked in photos."""
+"""Control points: spots in the world with known positions on the map, and clicked in photos."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ MOST_NAME = 60
 _MOST_ACCURACY_M = 1000.0
 
 _MOST_HEIGHT_M = 20_000.0
-"""Above and below zero: more than there is on Earth, in any system of heights."""
+"""Above and below zero: beyond all heights on the Earth, in any height system."""
 
 
 class PhotoClick(NamedTuple):
-    """Where a photo shows a control point.
+    """Position of a control point in a photo.
 
     Attributes
     ----------
     photo : int
         Id of the photo.
     x, y : float
-        From the top left corner, shares of the width and height of the upright photo; 0 to 1.
+        From the top left corner, as fractions of the width and height of the upright photo; 0 to 1.
     """
 
     photo: int
@@ -34,18 +34,18 @@ class PhotoClick(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GroundControlPoint:
-    """A named spot of the world.
+    """A named spot in the world.
 
     Attributes
     ----------
     position : MapPixel or None
-        None as long as it is not known where on the map it is.
+        None while its position on the map is unknown.
     clicks : tuple of PhotoClick
-        At most one a photo, by id.
+        At most one per photo, by id.
     accuracy_m : float or None
-        Standard deviation of its position along each axis; None stands for one pixel of the map.
+        Standard deviation of its position along each axis; None means one pixel of the map.
     height_m : float or None
-        In metres above any level that is the same for all points of the map.
+        In metres above any reference level common to all points of the map.
     """
 
     name: str
@@ -56,14 +56,14 @@ class GroundControlPoint:
 
 
 def name_problem(name: str) -> str | None:
-    """Say what is wrong with the name of a control point."""
+    """Return what is wrong with the name of a control point; None if it is valid."""
     if not is_line(name, most=MOST_NAME) or "/" in name:
         return f"must be 1 to {MOST_NAME} readable characters, without / and without spaces at its ends"
     return None
 
 
 def facts_problem(point: GroundControlPoint) -> str | None:
-    """Say what is wrong with the accuracy or the height of a control point."""
+    """Return what is wrong with the accuracy or the height of a control point; None if they are valid."""
     accuracy, height = point.accuracy_m, point.height_m
     if accuracy is not None and not 0.0 < accuracy <= _MOST_ACCURACY_M:
         return f"has an accuracy_m that is not above 0 and at most {_MOST_ACCURACY_M:g}: {accuracy:g}"

@@ -1,4 +1,4 @@
-"""What can be wrong with a map, as values: a linter lists them, a strict reader raises the first."""
+"""Problems of a map, as values: a linter lists them, a strict reader raises the first one."""
 
 from __future__ import annotations
 
@@ -58,21 +58,21 @@ WARNINGS = frozenset(
         Code.PLACEMENT_STALE,
     }
 )
-"""The kinds that leave the map usable; all others are errors."""
+"""Kinds of findings with which the map is still usable; all others are errors."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong, where, and how to fix it.
+    """A problem, its place, and how to fix it.
 
     Attributes
     ----------
     line, column : int
         Both from 1; the column counts characters.
     message : str
-        What is wrong, in one sentence.
+        The problem, in one sentence.
     fix : str
-        What to do, with the corrected line where there is one.
+        What to do, with the corrected line if there is one.
     file : str
         Relative to the map's folder; empty for the `.cfg` itself.
     """

@@ -1,4 +1,4 @@
-"""Which photos of a map look alike, stand alone, or show a place from one side only."""
+"""Detects photos of a map that are confusable, lonely, or at a place that is shown from one side only."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ State = Literal["confusable", "lonely", "one-direction", "good"]
 _CONFIDENT = 0.5
 _FAINT = 0.1
 _ELSEWHERE = 2.0
-"""Place radii from which on a place is another one: right next to a hidden place its neighbours answer."""
+"""Place radii beyond which a place is another one: near a hidden place, its neighbours are the answer."""
 
 _ONE_SIDE_DEG = 120.0
-"""Headings within such an angle look at one side of a place."""
+"""Headings within such an angle show one side of a place only."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoHealth:
-    """What is known of one photo.
+    """The state of one photo.
 
     Attributes
     ----------
     state : {"confusable", "lonely", "one-direction", "good"}
-        Confusable: taken for another place, with confidence. Lonely: no photo near it recognises it.
-        One-direction: all photos of its place look to one side.
+        Confusable: localized at a wrong place with high probability. Lonely: not recognised by any photo near
+        it. One-direction: all photos of its place look to one side.
     taken_for : int or None
-        The photo that a confusable one was taken for.
+        The best-matching photo at the wrong place.
     probability : float or None
-        That was given to the wrong place.
+        Of the wrong place.
     """
 
     id: int
@@ -46,14 +46,14 @@ class PhotoHealth:
 def judge(
     experiences: Sequence[Experience], answers: Mapping[int, Sequence[Answer]], *, place_radius_px: float
 ) -> list[PhotoHealth]:
-    """Judge the photos that were localized as if they were not on the map.
+    """Judge photos by their localization while they were hidden from the map.
 
     Parameters
     ----------
     experiences : sequence of Experience
         All of the map.
     answers : mapping of int to sequence of Answer
-        By id: the answer with the photo itself hidden, and more with all of its place hidden.
+        By id: first the answer with the photo itself hidden, then others with its whole place hidden.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def _recognised(e: Experience, answer: Answer, *, near_px: float) -> bool:
 
 
 def _one_sided(at: MapPixel, experiences: Sequence[Experience], *, radius_px: float) -> bool:
-    """Return whether all known headings around a place look to one side; unknown ones speak neither way."""
+    """Return whether all known headings around a place look to one side; unknown ones are ignored."""
     headings = [
         e.heading_deg
         for e in experiences

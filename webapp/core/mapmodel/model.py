@@ -1,4 +1,4 @@
-"""The map: a satellite image and photos with their places on it."""
+"""The map: a satellite image and photos with positions on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from webapp.core.mapmodel.panorama import LevelView, Panorama
 
 @dataclass(frozen=True, slots=True)
 class SatelliteImage:
-    """The picture that positions are given on.
+    """The image whose pixels positions refer to.
 
     Attributes
     ----------
@@ -33,18 +33,18 @@ class SatelliteImage:
 
 @dataclass(frozen=True, slots=True)
 class PhotoSource:
-    """Where a photo comes from that somebody else has taken, and on what terms.
+    """Origin and licence of a photo from a service.
 
     Attributes
     ----------
     service : str
-        That gives it: its name for people.
+        Display name of the service.
     id : str
-        Of the photo there; a view cut out of a panorama has its turn behind `#`.
+        Of the photo there; for a view cut out of a panorama, followed by `#` and its turn.
     licence : str
         Its short name, such as `CC BY-SA 4.0`.
     author : str or None
-        Who is to be named.
+        Author to credit.
     url : str or None
         Page or record of the photo.
     """
@@ -57,48 +57,48 @@ class PhotoSource:
 
     @property
     def credit(self) -> str:
-        """The line that goes with the photo."""
+        """Credit line of the photo."""
         who = self.service if self.author is None else f"{self.author}, {self.service}"
         return f"© {who} ({self.licence})"
 
 
 @dataclass(frozen=True, slots=True)
 class Experience:
-    """A photo and where it was taken.
+    """A photo and the position where it was taken.
 
     Attributes
     ----------
     id : int
-        Unique in the map, never used again for another photo; 0 is legal.
+        Unique in the map, and never reused for another photo; 0 is valid.
     photo : str
         Relative to the map's folder, with forward slashes.
     heading_deg : float or None
-        Where the camera looked, degrees clockwise from north.
+        Viewing direction, degrees clockwise from north.
     fov_deg : float or None
         Horizontal field of view of the upright photo.
     gps_accuracy_m : float or None
-        68 % radius of the position its GPS gave.
+        68 % radius of its GPS position.
     taken_at : str or None
         ISO 8601.
     name : str or None
-        Of the original file; None where `photo` ends with it.
+        Of the original file; None if `photo` ends with it.
     blurred : tuple of BlurBox
-        What every picture of the photo hides.
+        Parts that are blurred wherever the photo is shown.
     source : PhotoSource or None
-        Of a photo that is from a service.
+        For a photo from a service.
     panorama : Panorama or None
-        Of a photo that shows the whole sphere.
+        For a photo that shows the whole sphere.
     view : LevelView or None
-        Of a panorama, where `level_views` has put it in the panorama's place.
+        For a view by which `level_views` has replaced a panorama.
     by_gps : bool
-        Its position is what its GPS gave, and as exact; else somebody has placed it.
+        Whether its position is that of its GPS, with that accuracy; else a person has placed it.
     radius_px : float or None
-        68 % radius of a position that was suggested and accepted; None where somebody has placed it exactly,
-        or its GPS has.
+        68 % radius of a position that was suggested and accepted; None for one that was placed by hand or by
+        GPS.
     note : str or None
-        What people have written on it.
+        Text that people have written about it.
     floor : int
-        Id of the floor that it is on.
+        Id of its floor.
     """
 
     id: int
@@ -121,7 +121,7 @@ class Experience:
 
 @dataclass(frozen=True, slots=True)
 class UnplacedPhoto:
-    """A photo in the tray: of the map, but not on it. Fields as those of `Experience`."""
+    """A photo in the tray: of the map, but without a position. Fields as those of `Experience`."""
 
     id: int
     photo: str
@@ -139,7 +139,7 @@ class UnplacedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Other positions for the same photos, by id (clusters besides exact positions, say)."""
+    """Alternative positions of the same photos, by id; for example clusters instead of exact positions."""
 
     name: str
     positions: Mapping[int, MapPixel]
@@ -154,15 +154,15 @@ class Map:
     experiences : tuple of Experience
         In the order of the file.
     placements : tuple of Placement
-        Besides the main one, which the experiences carry themselves.
+        In addition to the positions of the experiences themselves.
     next_id : int
         The id for the next photo; larger than every id ever used.
     revision : int
-        Counts the edits.
+        Number of edits.
     unplaced : tuple of UnplacedPhoto
         Photos in the tray, by id.
     floors : tuple of Floor
-        By id; none where the map has one image alone.
+        By id; empty if the map has only one image.
     """
 
     satellite: SatelliteImage
@@ -178,5 +178,5 @@ class Map:
     floors: tuple[Floor, ...] = ()
 
     def floor_named(self, id: int) -> Floor | None:
-        """Find a floor by its id; None where the map has none."""
+        """Find a floor by its id; None if there is no such floor."""
         return next((floor for floor in self.floors if floor.id == id), None)

@@ -1,4 +1,4 @@
-"""Notes: what people write on photos, and on spots of a map."""
+"""Notes that people write on photos and on spots of a map."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from webapp.core.texts import has_controls, is_line
 
 MOST_TITLE, MOST_TEXT = 120, 4000
 MOST_NOTES = 1000
-"""On a map."""
+"""Largest number of notes on a map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,11 @@ class MapNote:
     title : str
         One line.
     position : MapPixel or None
-        None where another image of the map does not show the spot.
+        None if the map's image was replaced by one that does not show the spot.
     text : str
         May have several lines.
     photos : tuple of int
-        Ids of the photos that it is about.
+        Ids of the photos that it refers to.
     floor : int
         Id of the floor that the spot is on.
     """
@@ -42,14 +42,14 @@ class MapNote:
 
 
 def title_problem(title: str) -> str | None:
-    """Say what is wrong with the title of a note."""
+    """Return what is wrong with the title of a note; None if it is valid."""
     if not is_line(title, most=MOST_TITLE):
         return f"must be one line of 1 to {MOST_TITLE} readable characters, without spaces at its ends"
     return None
 
 
 def text_problem(text: str) -> str | None:
-    """Say what is wrong with the text of a note."""
+    """Return what is wrong with the text of a note; None if it is valid."""
     if len(text) > MOST_TEXT or has_controls(text, besides="\n\t"):
         return f"must be at most {MOST_TEXT} characters, and no control characters"
     return None

@@ -1,4 +1,4 @@
-"""Panoramas of a map: one experience each, which the index sees as level views."""
+"""Panoramas of a map: one experience each, which is indexed as level views."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from numpy.typing import NDArray
 from webapp.core.blur import BlurBox, boxes_key
 
 VIEWS = 6
-"""Of a panorama, evenly all around; the first looks where its middle does."""
+"""Number of views of a panorama, evenly spaced all around; the first looks towards its middle."""
 
 FOCAL_35MM = 17
-"""Of each, in 35 mm film, mm: 91 degrees, so that neighbours overlap."""
+"""35 mm equivalent focal length of each view, mm: 91 degrees wide, so that neighbours overlap."""
 
 _NUMBER = 2**32
-"""Ids of views are those of their panoramas plus a multiple of this, which no id of a map reaches."""
+"""The id of a view is that of its panorama plus a multiple of this, which is above all ids of a map."""
 
 _MOST_CELLS = (360, 180)
-"""Columns and rows of a mask at most: a degree each."""
+"""Largest number of columns and rows of a mask: one per degree."""
 
 _DIGITS = 5
-"""Of the edges of boxes: a tenth of a pixel of a wide panorama."""
+"""Decimals of the edges of boxes: a tenth of a pixel of a wide panorama."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panorama:
-    """What is known of a photo that shows the whole sphere; its heading is where its middle looks.
+    """A photo that shows the whole sphere; its heading is that of its middle.
 
     Attributes
     ----------
     masked : tuple of BlurBox
-        Parts in which nothing is recognised: the robot, the sky.
+        Parts that are not used for recognition: the robot, the sky.
     """
 
     masked: tuple[BlurBox, ...] = ()
 
     def views(self) -> tuple[LevelView, ...]:
-        """Return the level views that it is cut into."""
+        """Return the level views into which it is cut."""
         return tuple(LevelView(round(360.0 * n / VIEWS), self.masked) for n in range(VIEWS))
 
 
@@ -51,9 +51,9 @@ class LevelView:
     Attributes
     ----------
     turn_deg : int
-        By how much it is turned clockwise from the middle of the panorama.
+        Clockwise turn from the middle of the panorama.
     masked : tuple of BlurBox
-        Parts of the panorama.
+        Masked parts of the panorama.
     """
 
     turn_deg: int
@@ -61,31 +61,31 @@ class LevelView:
 
     @property
     def key(self) -> str:
-        """What sets it apart from other views of the same file."""
+        """Key that distinguishes it from other views of the same file."""
         return f"{self.turn_deg:03}" if not self.masked else f"{self.turn_deg:03}-{boxes_key(self.masked)}"
 
     def content(self, sha256: str) -> str:
-        """Return what stands for its pixels, as the SHA-256 of a file does for a photo's."""
+        """Return a hash that identifies its pixels, as the SHA-256 of the file does for a photo."""
         return hashlib.sha256(f"{sha256} {self.key}".encode()).hexdigest()
 
 
 def view_id(experience: int, number: int) -> int:
-    """Return the id of a view of an experience; they are numbered from 0."""
+    """Return the id of a view of an experience; views are numbered from 0."""
     return experience + (number + 1) * _NUMBER
 
 
 def experience_of(id: int) -> int:
-    """Return the id of the experience that a view is of; that of any other photo is its own."""
+    """Return the id of the experience of a view; the id of any other photo is returned unchanged."""
     return id % _NUMBER
 
 
 def experiences_of(ids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the ids of the experiences that photos or views belong to."""
+    """Return the ids of the experiences of photos or views."""
     return ids % _NUMBER
 
 
 def band(*, lowest_deg: float = 90.0, highest_deg: float = 90.0) -> tuple[BlurBox, ...]:
-    """Mask what is farther below or above the horizon."""
+    """Mask the parts that are farther below or above the horizon."""
     boxes = []
     if highest_deg < 90.0:
         boxes.append(BlurBox(0.0, 0.0, 1.0, (90.0 - highest_deg) / 180.0))
@@ -96,13 +96,13 @@ def band(*, lowest_deg: float = 90.0, highest_deg: float = 90.0) -> tuple[BlurBo
 
 
 def boxes_of_mask(used: NDArray[np.bool_]) -> tuple[BlurBox, ...]:
-    """Cover what a mask leaves out by boxes.
+    """Cover the unused part of a mask by boxes.
 
     Parameters
     ----------
     used : (h, w) bool
-        Of the whole panorama: what is recognised. A cell of which a part is left out is left out as a whole;
-        there is one a degree, or fewer of a smaller mask.
+        Of the whole panorama: the part to use. It is sampled to cells of at least one degree and one pixel; a
+        cell that is partly unused counts as unused.
     """
     rows, columns = (min(own, most) for own, most in zip(used.shape, _MOST_CELLS[::-1], strict=True))
     high, wide = used.shape
@@ -121,13 +121,13 @@ def _rounded(left: float, top: float, *, right: float, bottom: float) -> BlurBox
 
 
 def _runs(row: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Find the runs of true cells of a row: the first, and the one behind the last."""
+    """Find the runs of true cells in a row: the first one, and the one after the last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], row, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _stacked(runs: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """Join equal runs of rows that follow each other: top, bottom, first and last column."""
+    """Merge equal runs of consecutive rows: top, bottom, first and last column."""
     open_: dict[tuple[int, int], tuple[int, int]] = {}
     done = []
     for row, first, last in runs:

@@ -1,4 +1,4 @@
-"""Which names of photos and images a map may hold: relative, below its folder, the same on every system."""
+"""Valid names of photos and images in a map: relative, below its folder, portable between systems."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _DRIVE = re.compile(r"[A-Za-z]:")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://|(?:file|data):", re.IGNORECASE)
 
 _LONGEST_PART, _LONGEST = 255, 1000
-"""Bytes of a file's or folder's name, on every usual disk, and of a path."""
+"""Longest name of a file or folder on all usual file systems, and longest path, bytes."""
 
 
 class NameProblem(NamedTuple):
-    """Why a name cannot stand in a map, and the name that could (or None)."""
+    """Why a name is invalid in a map, and a valid alternative (or None)."""
 
     code: Code
     message: str
@@ -26,17 +26,17 @@ class NameProblem(NamedTuple):
 
 
 def name_problem(name: str) -> NameProblem | None:
-    """Say why `name` cannot be the path of a photo or image in a map.
+    """Return why `name` cannot be the path of a photo or image in a map.
 
     Parameters
     ----------
     name : str
-        Path relative to the map's folder, as it stands (or shall stand) in the `.cfg`.
+        Path relative to the map's folder, as in the `.cfg`.
 
     Returns
     -------
     NameProblem or None
-        None when the name is fine. Whether such a file exists is not looked at.
+        None if the name is valid. Whether the file exists is not checked.
     """
     return _unwritable(name) or _unsafe(name)
 
@@ -82,7 +82,7 @@ def _unsafe(name: str) -> NameProblem | None:
 
 
 def _without_parents(name: str) -> str | None:
-    """Write the path without '..' where it stays in the folder all the way, else None."""
+    """Return the path with '..' resolved; None if it leaves the folder anywhere."""
     parts: list[str] = []
     for part in PurePosixPath(name).parts:
         if part != "..":

@@ -1,14 +1,14 @@
-"""Where the next photos of a map help most, as a short walk.
+"""Plans the spots where new photos of a map help most, as a short walk.
 
-A photo that is added recognises others as `recognition` has it. Its gain is the share of the
-area that is recognised then and was not before. The more photos there are, the less another one gains, so
-that a greedy choice is nearly the best: at least 63 % of it where any photos may be chosen (G. Nemhauser,
-L. Wolsey and M. Fisher, "An analysis of approximations for maximizing submodular set functions", 1978), as
-for sensors in A. Krause, A. Singh and C. Guestrin, "Near-optimal sensor placements in Gaussian processes",
-2008. Here spots are apart besides, and photos are taken in several directions at each.
+An added photo recognises others by the model of `recognition`. Its gain is the growth of the recognised share
+of the area. It falls as photos are added (submodularity), so that a greedy choice is nearly optimal: at least
+63 % of the optimum if any photos may be chosen (G. Nemhauser, L. Wolsey and M. Fisher, "An analysis of
+approximations for maximizing submodular set functions", 1978), as for sensors in A. Krause, A. Singh and
+C. Guestrin, "Near-optimal sensor placements in Gaussian processes", 2008. In addition, spots are kept apart
+here, and photos are taken in several directions at each.
 
-The order of the walk is that of the nearest neighbour, improved by turning parts of it round (2-opt:
-G. Croes, "A method for solving traveling-salesman problems", 1958).
+The walk is ordered by nearest neighbours and improved by reversing parts of it (2-opt: G. Croes, "A method
+for solving traveling-salesman problems", 1958).
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ Reason = Literal["not-recognised", "one-direction", "direction", "few-photos"]
 
 _MOST_HEADINGS = 4
 _WORTH_TURNING = 0.5
-"""A further photo is taken at a spot where it gains at least such a part of what the first one does."""
+"""Least gain of a further photo at a spot, as a fraction of the gain of the first one."""
 
 _APART = math.exp(-0.5)
-"""Weight of a cell for a spot from which on no other spot is there: nearer than the length of the kernel."""
+"""A cell of at least this weight for a chosen spot, within the kernel's length of it, is no further spot."""
 
 _EPSILON = 1e-9
-"""Of a length: less is rounding, and turning parts round would never end."""
+"""Least saving of length: below it are rounding errors, with which the reversals would never end."""
 
 _MOST_STARTS = 8
-"""Walks that are tried, each from another point: from all of many, they would take seconds."""
+"""Largest number of start points of walks to try: with all of many points it would take seconds."""
 
 _LEAST_GAIN = 1e-6
-"""Of the share: a spot that gains less is not worth the way."""
+"""Least gain of a spot, as a share of the area."""
 
 _NEAR_DEG = 45.0
 _ONE_SIDE_DEG = 120.0
@@ -54,21 +54,21 @@ _FAILED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PlannedSpot:
-    """A spot where photos are to be taken.
+    """A spot where photos should be taken.
 
     Attributes
     ----------
     position : tuple of (float, float)
         In the units of the photos.
     headings_deg : tuple of float
-        The most useful first; none where no direction of the map's photos is known.
+        The most useful first; empty if no heading of the map's photos is known.
     gain : float
-        By how much the recognised share of the area is expected to grow.
+        Expected growth of the recognised share of the area.
     reason : {"not-recognised", "one-direction", "direction", "few-photos"}
-        Photos of this view were not found again; all photos around look to one side; none looks this way;
-        there are no photos around.
+        Photos with this heading were not recognised; all photos nearby look to one side; none has this
+        heading; there are few photos nearby, or none.
     photos : tuple of int
-        Numbers of the photos that the reason is about, the nearest first.
+        Numbers of the photos that the reason refers to, the nearest first.
     """
 
     position: tuple[float, float]
@@ -79,7 +79,7 @@ class PlannedSpot:
 
 
 def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> list[PlannedSpot]:
-    """Choose spots in the area, in the order of a walk; fewer where there is nothing more to gain."""
+    """Choose spots in the area, in the order of a walk; fewer if no more can be gained."""
     wanted = np.flatnonzero(grid.wanted)
     if not len(wanted) or not len(photos.position):
         return []
@@ -106,7 +106,7 @@ def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> lis
 
 
 def _take(missing: Array, at: Array, *, around: Array, directed: bool) -> tuple[list[int], float]:
-    """Add the photos of a spot to the field in place; gives their directions and their gain.
+    """Choose photos at a spot and update `missing` in place; return their directions and total gain.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def _reason(
     order = np.argsort(away, kind="stable")
     near = order[away[order] <= reach]
     turned = np.abs((photos.heading_deg - heading_deg + 180.0) % 360.0 - 180.0)
-    same = near[~(turned[near] > _NEAR_DEG)]  # those of unknown heading too
+    same = near[~(turned[near] > _NEAR_DEG)]  # including unknown headings
     lost = same[photos.success[same] <= _FAILED]
     if len(lost) and len(lost) > (photos.success[same] > _FAILED).sum():
         return "not-recognised", tuple(lost.tolist())
@@ -151,7 +151,7 @@ def _reason(
 
 
 def short_walk(points: Array) -> list[int]:
-    """Order points, (n, 2), so that the way from the first to the last is short."""
+    """Order points (n, 2) so that the path from the first to the last is short."""
     if len(points) < 3:
         return list(range(len(points)))
     apart = np.hypot(*(points[:, None, :] - points[None, :, :]).transpose(2, 0, 1))
@@ -161,7 +161,7 @@ def short_walk(points: Array) -> list[int]:
 
 
 def walk_length(points: Array) -> float:
-    """Add up the distances between points that follow each other."""
+    """Return the length of the path through the points in their order."""
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
@@ -174,7 +174,7 @@ def _nearest_neighbours(apart: Array, start: int) -> list[int]:
 
 
 def _without_detours(walk: list[int], apart: Array) -> list[int]:
-    """Turn the part round that saves the most, as long as that makes the walk shorter."""
+    """Reverse the part of the walk that saves the most, as long as that makes it shorter."""
     order = np.array(walk)
     while True:
         saved = _saved(apart[np.ix_(order, order)])
@@ -185,7 +185,7 @@ def _without_detours(walk: list[int], apart: Array) -> list[int]:
 
 
 def _saved(apart: Array) -> Array:
-    """Return by how much a walk gets shorter when the part from a first to a last point is turned round.
+    """Return by how much a walk gets shorter if the part from a first to a last point is reversed.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
-"""How well each part of a map is recognised, in each direction, with what is not known of it.
+"""Estimates how well each part of a map is recognised in each direction, with the uncertainty of that.
 
-A photo recognises one that is taken at its own place in its own direction with some probability, less by a
-kernel of distance and angle farther off, and several photos do so independently of each other (a noisy OR:
-J. Pearl, "Probabilistic Reasoning in Intelligent Systems", 1988). In logarithms their support adds up: with
-the support S, a photo is recognised with the probability 1 - exp(-S).
+A photo recognises one taken at its own position in its own direction with some probability, which falls with
+distance and angle by a kernel; several photos do so independently of each other (a noisy OR: J. Pearl,
+"Probabilistic Reasoning in Intelligent Systems", 1988). In logarithms their support adds up: with the support
+S, a photo is recognised with the probability 1 - exp(-S).
 
-Trials are the map's own photos that were looked for as if they were not on it. Where there are enough, the
-probability at a photo's own place and the kernel's length are those under which the trials are likeliest.
-What differs from part to part, since a hedge is not a facade, is a factor of the support. It has a gamma
-prior around 1, as rates in disease mapping (D. Clayton and J. Kaldor, Biometrics 43, 1987); each trial counts
-around its place by the kernel, as in continuous correlated beta processes (R. Goetschalckx, P. Poupart and
-J. Hoey, IJCAI 2011). The deviation of the factor is that of the share; without trials it is large.
+Trials are the map's own photos, localized while hidden from the map. If there are enough, the probability at
+a photo's own position and the kernel's length are their maximum likelihood estimates. The support has a
+factor that varies over the map, since a hedge is not a facade. It has a gamma prior around 1, as rates in
+disease mapping (D. Clayton and J. Kaldor, Biometrics 43, 1987); each trial is weighted around its position by
+the kernel, as in continuous correlated beta processes (R. Goetschalckx, P. Poupart and J. Hoey, IJCAI 2011).
+The uncertainty of the recognised share is that of the factor; without trials it is large.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ STEP_DEG = 360.0 / DIRECTIONS
 
 _RECOGNISES = 0.8
 _LENGTH = 0.5
-"""Where there are too few trials: the probability at a photo's own place, and the length in place radii."""
+"""Defaults for too few trials: the probability at a photo's own position, and the length in place radii."""
 
 _PROBABILITIES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97)
 _LENGTHS = (0.25, 0.375, 0.5, 0.75, 1.0, 1.5)
-"""What is tried where there are more, length in place radii."""
+"""Candidates of both for more trials, length in place radii."""
 
 _FEWEST_TRIALS, _MOST_FITTED, _MOST_TRIALS = 20, 300, 1000
 _FAR = 3.0
-"""Lengths of the kernel beyond which photos are not looked at."""
+"""Distance beyond which photos are ignored, in lengths of the kernel."""
 
 _LEAST = 1e-3
-"""No trial was impossible."""
+"""Lower limit of the support of a trial, so that a success is never impossible."""
 
 _ANGLE_SIGMA_DEG = 30.0
-"""Photos with the usual field of view of 60 to 70 degrees that are turned by 45 share a third of it."""
+"""Photos with the usual field of view of 60 to 70 degrees share a third of it if turned by 45."""
 
 _PRIOR = 1.0
-"""Support that the prior of the factor is worth."""
+"""Weight of the prior of the factor, in units of support."""
 
 _ROUNDS = 5
-"""Of expectation and maximisation: then the factor hardly changes."""
+"""Iterations of expectation maximisation, after which the factor hardly changes."""
 
 _CELLS_PER_RADIUS = 4.0
 _MOST_CELLS = 1500
@@ -59,12 +59,12 @@ _COARSER = 1.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoTrials:
-    """The photos of a map, and which of them were recognised when they were hidden.
+    """The photos of a map, and whether each was recognised while hidden.
 
     Attributes
     ----------
     position : (n, 2) float64
-        On the image, in units of the same length everywhere.
+        On the image, in a unit of constant length.
     heading_deg : (n,) float64
         Clockwise from north; NaN where it is not known.
     success : (n,) float64
@@ -81,7 +81,7 @@ class PhotoTrials:
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Sides parallel to the image's, in the units of the photos."""
+    """A rectangle parallel to the image's sides, in the unit of the photos."""
 
     left: float
     top: float
@@ -89,21 +89,21 @@ class Rectangle:
     bottom: float
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Return which of the points, (n, 2), are inside."""
+        """Return which of the points (n, 2) are inside."""
         low, high = (self.left, self.top), (self.right, self.bottom)
         return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
 class RecognitionKernel:
-    """How far a photo is recognised.
+    """Probability of recognition by distance from a photo.
 
     Attributes
     ----------
     probability : float
-        At its own place, in its own direction.
+        At its own position, in its own direction.
     length : float
-        Standard deviation of the distance.
+        Standard deviation of the Gaussian kernel of distance.
     """
 
     probability: float
@@ -112,23 +112,23 @@ class RecognitionKernel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecognitionGrid:
-    """The field on square cells, those near photos and those of the area that is asked about.
+    """Recognition on square cells: those near photos and those of the requested area.
 
     Attributes
     ----------
     cell : (c, 2) float64
-        Their middles.
+        Centres of the cells.
     side : float
-        Of a cell.
+        Side of a cell.
     reach : float
-        How far from photos people walk.
+        Distance from photos within which people walk.
     kernel : RecognitionKernel
     factor : (c, DIRECTIONS) float64
-        Of the support that photos give there.
+        Factor of the support by photos.
     mean, sigma : (c, DIRECTIONS) float64
-        Of the share of photos that are recognised.
+        Share of photos that are recognised, and its standard deviation.
     wanted : (c,) bool
-        Cells of the area.
+        Cells of the requested area.
     """
 
     cell: Array
@@ -149,14 +149,14 @@ class RecognitionGrid:
 def estimate_recognition(
     photos: PhotoTrials, *, radius: float, image: Rectangle, area: Rectangle | None = None
 ) -> RecognitionGrid:
-    """Estimate the field within a radius of photos and in the area, never outside of the image.
+    """Estimate recognition within a radius of photos and in the area, never outside of the image.
 
     Parameters
     ----------
     radius : float
-        How far from photos people walk; the place radius of the map.
+        Distance from photos within which people walk; the place radius of the map.
     area : Rectangle, optional
-        That is asked about; by default all that is near photos.
+        The requested area; by default all cells near photos.
     """
     side, index = _cells(photos.position, radius=radius, image=image, area=area)
     cell = _middles(index, side)
@@ -185,15 +185,15 @@ def estimate_recognition(
 def _factor(promised: Array, success: Array, *, weights: tuple[Array, Array]) -> tuple[Array, Array]:
     """Estimate the factor of the support, (c, DIRECTIONS), and its standard deviation.
 
-    The number of photos that recognise a trial is taken for a Poisson variable, of which a trial says only
-    whether it is zero: what successes are worth is their expectation, which depends on the factor.
+    The number of photos that recognise a trial is modelled as a Poisson variable, of which a trial only shows
+    whether it is zero. A success counts with the expected number, which depends on the factor.
 
     Parameters
     ----------
     promised, success : (n,) float64
-        Support of the trials, and what came of them.
+        Support of the trials, and their results.
     weights : tuple of (c, n) and (n, DIRECTIONS) float64
-        Of the trials, by distance and by angle.
+        Weights of the trials, by distance and by angle.
     """
     at, around = weights
     exposure = _PRIOR + at @ (around * promised[:, None])
@@ -210,7 +210,7 @@ def _factor(promised: Array, success: Array, *, weights: tuple[Array, Array]) ->
 
 
 def _shares(photos: PhotoTrials, tried: NDArray[np.int64]) -> Array:
-    """Weight each trial: the rows of a panorama are one trial together, (n,)."""
+    """Return the weights of trials, (n,): the rows of a panorama count as one trial together."""
     _, number, rows = np.unique(photos.photo, return_inverse=True, return_counts=True)
     return np.asarray(1.0 / rows[number[tried]], np.float64)
 
@@ -221,7 +221,7 @@ def _evenly(numbers: NDArray[np.int64], most: int) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TrialPairs:
-    """Each trial with each other photo around it: number of the trial, squared distance, weight by angle."""
+    """Pairs of a trial and another photo near it: number of the trial, squared distance, weight by angle."""
 
     trial: NDArray[np.int64]
     squared: Array
@@ -229,7 +229,7 @@ class _TrialPairs:
     trials: int
 
     def support(self, kernel: RecognitionKernel) -> Array:
-        """Add up the support of the photos for each trial, (trials,)."""
+        """Return the total support of the photos for each trial, (trials,)."""
         at = np.exp(-self.squared / (2.0 * kernel.length**2))
         given = -np.log1p(-kernel.probability * at * self.around)
         return np.asarray(np.bincount(self.trial, given, minlength=self.trials), np.float64)
@@ -239,7 +239,7 @@ def _pairs(photos: PhotoTrials, tried: NDArray[np.int64], *, reach: float) -> _T
     rows = []
     for number, photo in enumerate(tried.tolist()):
         squared = ((photos.position - photos.position[photo]) ** 2).sum(axis=1)
-        squared[photos.photo == photos.photo[photo]] = np.inf  # all of a panorama was hidden
+        squared[photos.photo == photos.photo[photo]] = np.inf  # a panorama was hidden as a whole
         near = np.flatnonzero(squared <= reach**2)
         turn = np.abs((photos.heading_deg[near] - photos.heading_deg[photo] + 180.0) % 360.0 - 180.0)
         around = np.where(np.isfinite(turn), _of_angle(np.nan_to_num(turn)), angle_kernel()[0].mean())
@@ -249,7 +249,7 @@ def _pairs(photos: PhotoTrials, tried: NDArray[np.int64], *, reach: float) -> _T
 
 
 def _fit(photos: PhotoTrials, tried: NDArray[np.int64], radius: float) -> RecognitionKernel:
-    """Find the kernel under which the trials are likeliest."""
+    """Return the maximum likelihood estimate of the kernel from the trials, or the default for too few."""
     if _shares(photos, tried).sum() < _FEWEST_TRIALS:
         return RecognitionKernel(_RECOGNISES, _LENGTH * radius)
     some = _evenly(tried, _MOST_FITTED)
@@ -266,13 +266,13 @@ def _fit(photos: PhotoTrials, tried: NDArray[np.int64], radius: float) -> Recogn
 
 
 def distance_kernel(first: Array, second: Array, *, length: float) -> Array:
-    """Weight each of two sets of points, (n, 2) and (m, 2), for each other; (n, m), 1 at the same place."""
+    """Return the weights (n, m) between points (n, 2) and (m, 2); 1 at the same position."""
     squared = ((first[:, None, :] - second[None, :, :]) ** 2).sum(axis=2)
     return np.asarray(np.exp(-squared / (2.0 * length**2)))
 
 
 def angle_kernel() -> Array:
-    """Weight each direction for each other; symmetric, 1 on the diagonal."""
+    """Return the weights between directions, (DIRECTIONS, DIRECTIONS); symmetric, 1 on the diagonal."""
     steps = np.arange(DIRECTIONS)
     apart = (steps[:, None] - steps + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2
     return _of_angle(np.asarray(apart * STEP_DEG, np.float64))
@@ -283,7 +283,7 @@ def _of_angle(turn_deg: Array) -> Array:
 
 
 def _support(cell: Array, count: Array, kernel: RecognitionKernel) -> Array:
-    """Add up the support of photos, which are counted by cell and direction; (c, DIRECTIONS)."""
+    """Return the total support (c, DIRECTIONS) by photos, given their number by cell and direction."""
     taken = np.flatnonzero(count.any(axis=1))
     at, around = distance_kernel(cell, cell[taken], length=kernel.length), angle_kernel()[0]
     support = np.zeros_like(count)
@@ -294,7 +294,7 @@ def _support(cell: Array, count: Array, kernel: RecognitionKernel) -> Array:
 
 
 def _directions(heading_deg: Array) -> Array:
-    """Share each photo out between the directions next to its heading, or between all; (n, DIRECTIONS)."""
+    """Distribute each photo over the two directions next to its heading, or over all; (n, DIRECTIONS)."""
     shares = np.full((len(heading_deg), DIRECTIONS), 1.0 / DIRECTIONS)
     known = np.flatnonzero(np.isfinite(heading_deg))
     turns = heading_deg[known] % 360.0 / STEP_DEG
@@ -308,7 +308,7 @@ def _directions(heading_deg: Array) -> Array:
 def _cells(
     position: Array, *, radius: float, image: Rectangle, area: Rectangle | None
 ) -> tuple[float, NDArray[np.int64]]:
-    """Choose the cells' side, and number their columns and rows; coarser where there would be too many."""
+    """Return the side of the cells, and their columns and rows; coarser if there would be too many."""
     side = radius / _CELLS_PER_RADIUS
     if area is not None:
         size = (area.right - area.left) * (area.bottom - area.top)
@@ -329,7 +329,7 @@ def _middles(index: NDArray[np.int64], side: float) -> Array:
 
 
 def _own_cells(position: Array, *, side: float, image: Rectangle) -> NDArray[np.int64]:
-    """Number the cells of photos; those at the edges of the image have the nearest whose middle is on it."""
+    """Return the cells of photos; at the edges of the image the nearest ones whose centres are on it."""
     own = np.floor(position / side).astype(np.int64)
     middle, on_image = _middles(own, side), image.holds(position)[:, None]
     own -= on_image & (middle > (image.right, image.bottom))
@@ -338,7 +338,7 @@ def _own_cells(position: Array, *, side: float, image: Rectangle) -> NDArray[np.
 
 
 def _around(own: NDArray[np.int64], *, reach: float, side: float) -> NDArray[np.int64]:
-    """Number the cells whose middles are in reach of cells with photos, and those cells."""
+    """Return the cells with photos, and those whose centres are within reach of them."""
     own = np.unique(own, axis=0)
     steps = np.arange(-math.ceil(reach / side), math.ceil(reach / side) + 1)
     columns, rows = np.meshgrid(steps, steps)
@@ -355,6 +355,6 @@ def _inside(area: Rectangle, side: float) -> NDArray[np.int64]:
 
 
 def _cell_numbers(index: NDArray[np.int64], own: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Find the number of each cell among those of an index; -1 where it is none of them."""
+    """Return the row of each cell in an index of cells; -1 if it is not in it."""
     known = {(int(column), int(row)): number for number, (column, row) in enumerate(index)}
     return np.array([known.get((column, row), -1) for column, row in own.tolist()], np.int64)

@@ -1,4 +1,4 @@
-"""Finds which photo a list means by a name: folders, letter case and the coding of accents may differ."""
+"""Matches the names in a list to photos, regardless of folders, letter case and Unicode normalisation."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 _Called = tuple[int, tuple[str, ...]]
-"""A photo and one of its paths, in parts."""
+"""Id of a photo, and the parts of one of its paths."""
 
 
 @dataclass(frozen=True, slots=True)
 class NameMatch:
-    """Which photo each name of a list means.
+    """The photos that the names of a list refer to.
 
     Attributes
     ----------
     photo : dict of str to int
         Id of the photo, by the list's name.
     unknown : tuple of str
-        Names that no photo has, or only one that another name fits better.
+        Names that match no photo, or one that another name matches better.
     ambiguous : tuple of str
-        Names that several photos have equally, or that mean the same photo as another name.
+        Names that match several photos equally well, or the same photo as another name.
     """
 
     photo: dict[str, int]
@@ -33,15 +33,15 @@ class NameMatch:
 def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]]) -> NameMatch:
     """Match the names of a list to photos.
 
-    A photo is found by its file name; where several have that one, by as many folders before it as needed.
-    The rest of the folders plays no part: a list knows another folder than the photos came from.
+    A photo is found by its file name; if several share it, by as many parent folders as needed. The other
+    folders are ignored, as those of the list may differ from those of the photos.
 
     Parameters
     ----------
     names : iterable of str
         Paths, with slashes of either kind.
     photos : iterable of (int, sequence of str)
-        Id and names of each photo: as it came, and as it is called in the map.
+        Id and names of each photo: the original one, and that in the map.
     """
     by_last: dict[str, list[_Called]] = defaultdict(list)
     for id, called in photos:
@@ -65,7 +65,7 @@ def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]
 
 
 def _closest(parts: tuple[str, ...], by_last: dict[str, list[_Called]]) -> tuple[int, set[int]]:
-    """Return the photos whose paths have most in common with a path, from the end, and how much."""
+    """Return the length of the longest common suffix of a path with photos' paths, and these photos."""
     alike = [(_common(parts, other), id) for id, other in by_last.get(parts[-1], [])]
     most = max((count for count, _ in alike), default=0)
     return most, {id for count, id in alike if count == most}

@@ -1,4 +1,4 @@
-"""What an index has: photos without what is blurred, and level views in the place of panoramas."""
+"""Pictures as they are indexed: photos without their blurred parts, and level views of panoramas."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ OnePhoto = TypeVar("OnePhoto", bound=Experience | UnplacedPhoto)
 
 
 def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
-    """Put the level views of panoramas in their places, with ids and headings of their own."""
+    """Replace panoramas by their level views, which have ids and headings of their own."""
     return tuple(one for photo in photos for one in _views(photo))
 
 
 def picture_of(photo: Experience | UnplacedPhoto) -> str:
-    """Return the name of a photo's file, and which part of it this is: a view, or what is not blurred."""
+    """Return the name of a photo's file, with a key of the used part: a view, or all but blurred boxes."""
     if photo.view is not None:
         return f"{photo.photo}#{photo.view.key}"
     return photo.photo if not photo.blurred else f"{photo.photo}#{boxes_key(photo.blurred)}"
 
 
 def content_of(photo: Experience | UnplacedPhoto, sha256: str) -> str:
-    """Return what stands for the pixels that are used of a photo whose file has that SHA-256."""
+    """Return a hash that identifies the used pixels of a photo whose file has that SHA-256."""
     return content_of_part(sha256, view=photo.view, blurred=photo.blurred)
 
 
 def content_of_part(sha256: str, *, view: LevelView | None, blurred: tuple[BlurBox, ...]) -> str:
-    """Return what stands for a view, or for what is not blurred, of a file with that SHA-256."""
+    """Return a hash that identifies a view, or the part that is not blurred, of a file with that SHA-256."""
     if view is not None:
         return view.content(sha256)
     return sha256 if not blurred else hashlib.sha256(f"{sha256} {boxes_key(blurred)}".encode()).hexdigest()

@@ -1,5 +1,5 @@
-"""How a map's photos were held: orientations from what they see in common and their known positions.
+"""Orientations of a map's photos, from matches between them and their known positions.
 
-World frame here: x east (map x), y down, z north (minus map y), all in map pixels. A rotation takes world
+World frame: x east (map x), y down, z north (minus map y), all in map pixels. A rotation maps world
 directions to camera directions (x right, y down, z forward).
 """

@@ -1,9 +1,9 @@
 """Depths of the keypoints of oriented photos, by triangulation.
 
-Each pair of photos that matches a keypoint gives its depth in both. The observations of a keypoint are fused
-by inverse variance, but the result is not taken to be more certain than the best of them: their errors are
-correlated by the positions of the photos. Inverse depths, because their errors are nearly Gaussian (Civera,
-Davison, Montiel, "Inverse Depth Parametrization for Monocular SLAM", 2008).
+Each pair of photos with a match gives the depth of the keypoint in both. The observations of a keypoint are
+fused by inverse variance, but the result is not considered more certain than the best of them: their errors
+are correlated by the positions of the photos. Inverse depths have nearly Gaussian errors (Civera, Davison,
+Montiel, "Inverse Depth Parametrization for Monocular SLAM", 2008).
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthObservations:
-    """What pairs of photos say of the depths of their keypoints; s of them.
+    """Observations of keypoint depths by pairs of photos; s of them.
 
     Attributes
     ----------
     photo, row : (s,) int32
-        The keypoint, in rising order.
+        The keypoint, in ascending order.
     partner : (s,) int32
         The other photo of the pair.
     inverse_depth, sigma : (s,) float64
-        Inverse depth, per map pixel, and how uncertain it is.
+        Inverse depth, per map pixel, and its standard deviation.
     """
 
     photo: NDArray[np.int32]
@@ -43,7 +43,7 @@ class DepthObservations:
     sigma: Array
 
     def fuse(self) -> KeypointDepths:
-        """Average what is known of each keypoint."""
+        """Average the observations of each keypoint."""
         if not len(self.photo):
             return empty_depths()
         new = np.ones(len(self.photo), np.bool_)
@@ -59,7 +59,7 @@ class DepthObservations:
         )
 
     def subset(self, which: slice | NDArray[np.bool_] | NDArray[np.int64]) -> DepthObservations:
-        """Take out some of them, by what numpy takes for an index."""
+        """Select observations by a numpy index."""
         return DepthObservations(
             self.photo[which],
             self.row[which],
@@ -71,9 +71,9 @@ class DepthObservations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthsExcluding:
-    """Depths that rest on no sighting of hidden photos, averaged when they are asked for.
+    """Depths without observations from hidden photos, averaged on lookup.
 
-    The orientations by which they were worked out still owe something to the hidden photos.
+    The orientations by which they were triangulated still depend on the hidden photos.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class DepthsExcluding:
     hidden: NDArray[np.bool_]
 
     def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Look up inverse depths of a photo's keypoints (m,) and their spreads (m,); NaN where not known."""
+        """Look up inverse depths of a photo's keypoints (m,) and their sigmas (m,); NaN where unknown."""
         first, stop = np.searchsorted(self.observations.photo, [photo, photo + 1])
         there = self.observations.subset(slice(int(first), int(stop)))
         left = ~(self.hidden[there.photo] | self.hidden[there.partner])
@@ -107,7 +107,7 @@ def triangulate_depths(
     position : (p, 2) float64
         Map pixels.
     extrinsics : MapExtrinsics
-        Of the p photos; their depths are not used.
+        Of the p photos; its depths are not used.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1.
     """
@@ -153,7 +153,7 @@ def triangulate_depths(
 
 
 def _triangulate(one: Array, two: Array, gap: Array) -> tuple[Array, Array]:
-    """Intersect the rays (m, 3) of m matches, `gap` (m, 3) apart, all in the world.
+    """Intersect the rays (m, 3) of m matches, with baselines `gap` (m, 3), all in the world.
 
     Returns
     -------
@@ -178,19 +178,19 @@ def _inverse_depth_sigma(
 ) -> Array:
     """Propagate the noise of keypoints and positions to inverse depths (m,).
 
-    Noise of a ray, times its depth, moves the intersection along the other ray by the more, the shorter the
-    base is across that. And where the photos are farther apart than on the map, by some share, all their
-    depths are too small by the same.
+    Noise of a ray, times its depth, moves the intersection along the other ray, in inverse proportion to the
+    part of the baseline across that ray. A relative error of the baseline is also a relative error of all
+    depths of the pair.
 
     Parameters
     ----------
     ray : (m, 3) float64
-        Of the photo whose depths these are, in the world.
+        Rays of the photo whose depths these are, in the world.
     gap : (m, 3) float64
     depths, sigmas : two (m,) float64
         Depths, map pixels, and standard deviations of the rays, in this photo and in its partner.
     position_sigma_px : float
-        Of the distance of two photos on the map.
+        Standard deviation of the distance of two photos on the map.
     """
     across = np.linalg.norm(np.cross(gap, ray), axis=1) / np.linalg.norm(ray, axis=1)
     own, other = depths
@@ -201,7 +201,7 @@ def _inverse_depth_sigma(
 
 
 def _without_duplicates(found: DepthObservations) -> DepthObservations:
-    """Put sightings in order; what both photos of a pair see counts once, by the more certain one."""
+    """Sort observations, and keep the most certain one of each keypoint with each partner."""
     order = np.lexsort((found.sigma, found.partner, found.row, found.photo))
     keys = np.stack([found.photo, found.row, found.partner])[:, order]
     new = np.ones(len(order), np.bool_)

@@ -1,10 +1,10 @@
 """Orientations of a map's photos from relative poses and known positions.
 
-A relative pose gives the direction in which, seen from one photo, the other was taken; their positions give
-that direction on the map. So each pair votes for two headings (1); what pairs know of the turn from photo
-to photo is averaged with it, robustly (2: Hartley, Trumpf, Dai, Li, "Rotation averaging", 2013); and at last
-all matches together correct headings, pitches and heights (3, `refinement.py`). In the end `depths.py`
-estimates how far away the points are that several photos see.
+A relative pose gives the direction from one photo to the other in the frame of its camera; their positions
+give that direction on the map. So each pair votes for two headings (1). These directions and the relative
+rotations of pairs are averaged robustly (2: Hartley, Trumpf, Dai, Li, "Rotation averaging", 2013). Then all
+matches together refine rotations and heights (3, `refinement.py`). Finally `depths.py` triangulates the
+points that several photos see.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _BINS = 120
 _BIN_SPREAD = math.radians(9.0)
 
 _TURN_SPREAD, _DIRECTION_SPREAD = 0.05, 0.12
-"""Of right pairs, radians."""
+"""Standard deviations of right pairs, radians."""
 
 _HEIGHT_WEIGHT = 0.25
-"""The vertical part of a direction counts less: cameras are not all equally high."""
+"""Weight of the vertical part of a direction: cameras are not all at the same height."""
 
 _DAMPING, _MOST_TURN = 0.6, 0.3
 _KNOWN = 0.3
-"""Trust from which on a photo's orientation helps its neighbours."""
+"""Trust from which on a photo's orientation is used for its neighbours."""
 
 
 def estimate_extrinsics(
@@ -56,7 +56,7 @@ def estimate_extrinsics(
     Parameters
     ----------
     position : (p, 2) float64
-        Of all photos, map pixels.
+        Positions of all photos, map pixels.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1; see `IndexedMap.ray_sigmas`.
     place_radius_px : float
@@ -96,7 +96,7 @@ def estimate_extrinsics(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Directions:
-    """Who saw whom where; v = 2 k of them.
+    """Directions from photos to others, v = 2 k for k pairs.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ def _baseline_directions(pairs: PhotoPairs, position: Array) -> _Directions:
 
 
 def _vote_headings(views: _Directions, photos: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Let directions vote for headings; returns the most voted (p,), radians, and who has any (p,)."""
+    """Let directions vote for headings; returns the best (p,), radians, and which photos have votes (p,)."""
     voted = np.arctan2(views.real[:, 0], views.real[:, 2]) - np.arctan2(views.seen[:, 0], views.seen[:, 2])
     bins = np.floor(np.remainder(voted, 2.0 * np.pi) * _BINS / (2.0 * np.pi)).astype(np.int64) % _BINS
     votes = np.bincount(views.photo * _BINS + bins, weights=views.weight, minlength=photos * _BINS)
@@ -144,7 +144,7 @@ def _vote_headings(views: _Directions, photos: int) -> tuple[Array, NDArray[np.b
 def _average_rotations(
     pairs: PhotoPairs, views: _Directions, *, start: Array, known: NDArray[np.bool_], tuning: ExtrinsicsTuning
 ) -> tuple[Array, Array]:
-    """Average turns and directions; returns rotations and the trust in each."""
+    """Average relative rotations and directions; returns rotations and the trust in each."""
     rotation, photos = start, len(start)
     to = np.concatenate([pairs.second, pairs.first])
     source = np.concatenate([pairs.first, pairs.second])
@@ -172,7 +172,7 @@ def _average_rotations(
 
 
 class _DirectionTerms(NamedTuple):
-    """What directions want: normal equations (p, 3, 3), (p, 3), and how far each agrees, (v,)."""
+    """Normal equations of directions, (p, 3, 3) and (p, 3), and the agreement of each direction, (v,)."""
 
     matrix: Array
     vector: Array
@@ -183,7 +183,7 @@ def _direction_terms(views: _Directions, rotation: Array, *, spread: float) -> _
     seen = np.einsum("vji,vj->vi", rotation[views.photo], views.seen)
     off = views.real - seen
     agrees = views.weight * geman_mcclure((off**2).sum(1), spread)
-    # A small turn d moves the seen direction s by d x s.
+    # A small rotation d moves the seen direction s by d x s.
     jacobian = np.zeros((len(seen), 3, 3))
     jacobian[:, 0, 1], jacobian[:, 0, 2], jacobian[:, 1, 2] = seen[:, 2], -seen[:, 1], seen[:, 0]
     jacobian -= np.swapaxes(jacobian, 1, 2)
@@ -198,7 +198,7 @@ def _direction_terms(views: _Directions, rotation: Array, *, spread: float) -> _
 
 
 def _scatter_add(where: NDArray[np.int64], values: Array, count: int) -> Array:
-    """Sum (n, ...) values by their number, into (count, ...)."""
+    """Sum (n, ...) values by their index `where`, into (count, ...)."""
     flat = values.reshape(len(values), -1)
     total = np.empty((count, flat.shape[1]))
     for number, column in enumerate(flat.T):

@@ -1,4 +1,4 @@
-"""Pairs of map photos that see the same, with their relative poses."""
+"""Pairs of map photos that see the same scene, with their relative poses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from webapp.core.retrieval.shortlist import (
 )
 
 _SAME_SPOT_PX = 1.0
-"""Photos taken at one spot say nothing about each other's headings."""
+"""Photos nearer to each other are at one spot, and give no information about each other's headings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,17 +34,17 @@ class PhotoPairs:
     rotation : (k, 3, 3) float64
         Second camera from first camera.
     translation : (k, 3) float64
-        Of unit length: where the first camera is in the second's frame.
+        Position of the first camera in the second's frame, scaled to unit length.
     trust : (k,) float64
-        In the relative pose, 0 to 1.
+        Trust in the relative pose, 0 to 1.
     parallax : (k,) float64
         Median angle between the two rays of a match, radians.
     start : (k + 1,) int64
         Matches of pair i are `start[i]` to `start[i + 1]`.
     row_first, row_second : (m,) int32
-        Which keypoints of the photos the inliers are.
+        Keypoint numbers of the inliers in the photos.
     ray_first, ray_second : (m, 2) float32
-        Where they are in the photos: x and y of their rays at depth 1.
+        x and y of their rays at depth 1.
     """
 
     first: NDArray[np.int64]
@@ -102,12 +102,12 @@ class PhotoPairs:
 
 
 def homogeneous(ray: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Give (m, 2) rays, x and y at depth 1, their third coordinate; (m, 3)."""
+    """Append the third coordinate 1 to (m, 2) rays at depth 1; (m, 3)."""
     return np.column_stack([ray, np.ones(len(ray))]).astype(np.float64)
 
 
 def concatenate(parts: Sequence[PhotoPairs]) -> PhotoPairs:
-    """Put pairs together."""
+    """Concatenate sets of pairs."""
     if not parts:
         return _empty()
     starts = np.cumsum([0, *(p.start[-1] for p in parts)])
@@ -127,7 +127,7 @@ def concatenate(parts: Sequence[PhotoPairs]) -> PhotoPairs:
 
 
 def best_of_each_pair(pairs: PhotoPairs) -> PhotoPairs:
-    """Of several comparisons of the same photos keep the most trusted one."""
+    """Keep the most trusted of several comparisons of the same two photos."""
     order = np.lexsort((-pairs.trust, pairs.second, pairs.first))
     best = np.ones(len(order), np.bool_)
     best[1:] = (np.diff(pairs.first[order]) != 0) | (np.diff(pairs.second[order]) != 0)
@@ -136,25 +136,25 @@ def best_of_each_pair(pairs: PhotoPairs) -> PhotoPairs:
 
 
 def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArray[np.int64]:
-    """Find for each photo the one that it shares most inliers with.
+    """Find for each photo the one with which it shares most inliers.
 
     Parameters
     ----------
     photos : int
-        In the map.
+        Number of photos in the map.
     inliers : int
-        Fewer say nothing.
+        Minimum number of inliers.
 
     Returns
     -------
     (photos,) int64
-        -1 where there is none.
+        -1 without a partner.
     """
     shared = np.diff(pairs.start)
     order = np.argsort(shared, kind="stable")
     order = order[shared[order] >= inliers]
     partner = np.full(photos, -1, np.int64)
-    # Of several assignments to one photo the last stands, which has most inliers.
+    # Of several assignments to one photo the last one remains, which has most inliers.
     partner[np.stack([pairs.first[order], pairs.second[order]], 1).ravel()] = np.stack(
         [pairs.second[order], pairs.first[order]], 1
     ).ravel()
@@ -162,16 +162,16 @@ def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArr
 
 
 def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> PhotoPairs:
-    """Find the photos that see the same as one of the map, taken elsewhere.
+    """Find the map photos that see the same scene as a given one from another position.
 
     Parameters
     ----------
     indexed : IndexedMap
         Its `fov_deg` must be known for every photo.
     photo : int
-        Its number; it is the first of every pair.
+        Its number; it is the first photo of every pair.
     matcher : PairMatcher, optional
-        Matches the photos that votes name, instead of their nearest neighbours.
+        Matches the photos with most votes, instead of nearest-neighbour matching.
     """
     features = indexed.features(photo)
     if features is None or not len(features):

@@ -1,8 +1,8 @@
-"""All matches of all pairs together correct orientations and heights; positions on the map are known.
+"""Refine orientations and heights by all matches of all pairs; positions on the map are known.
 
-Structure-less: each match is held to the plane through both cameras (Sampson's distance of the epipolar
-constraint), so that no 3D points are needed (Rodríguez, López-de-Teruel, Ruiz, "Reduced epipolar cost for
-accelerated incremental SfM", 2011). Photos are corrected side by side, each against the others as they are.
+The adjustment is structure-less: each match contributes the Sampson error of its epipolar constraint, so that
+no 3D points are needed (Rodríguez, López-de-Teruel, Ruiz, "Reduced epipolar cost for accelerated incremental
+SfM", 2011). All photos are updated at once, each with the others held fixed (block Jacobi).
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from webapp.core.tuning import DEFAULT, ExtrinsicsTuning
 Array = NDArray[np.float64]
 
 _DAMPING = 0.6
-"""Share of each step that is taken: all photos move at once, each as if the others stood still."""
+"""Share of each step that is taken, because all photos move at once, each as if the others were fixed."""
 
 _STIFFNESS = 1.05
 _MOST_TURN, _MOST_RISE = 0.1, 0.1
 _TRUSTED_MATCHES = 5.0
-"""A pair with this many matches counts as much as its trust says; others by the root of their number."""
+"""Factor of a match's weight, the trust in its pair over the root of the pair's number of matches."""
 
 
 def refine_extrinsics(
@@ -44,11 +44,11 @@ def refine_extrinsics(
     Parameters
     ----------
     pairs : PhotoPairs
-        Of photos at different positions.
+        Pairs of photos at different positions.
     position : (p, 2) float64
         Map pixels.
     rotation : (p, 3, 3) float64
-        Camera from world, to begin with.
+        Camera from world, initial values.
     ray_sigma : (p,) float64
         Standard deviation of a keypoint of each photo, at depth 1.
 
@@ -89,7 +89,7 @@ def refine_extrinsics(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Normal equations of p photos: three turns and the height of each.
+    """Normal equations of p photos: a rotation vector and the height of each.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class _Equations:
         return cls(np.zeros((photos, 4, 4)), np.zeros((photos, 4)))
 
     def add(self, photo: NDArray[np.int64], jacobian: Array, *, value: Array, strength: Array) -> None:
-        """Add what matches say to the equations of their photos."""
+        """Add the terms of matches to the equations of their photos."""
         count = len(self.vector)
         weighted = strength[:, None] * jacobian
         for row in range(4):
@@ -118,7 +118,7 @@ class _Equations:
                     self.matrix[:, column, row] += total
 
     def add_priors(self, rotation: Array, height: Array, *, level: LevelPrior, height_sigma: float) -> None:
-        """Add that cameras are held level and equally high; every photo is solvable then."""
+        """Add the priors of level cameras at equal heights, which make every photo's equations solvable."""
         matrix, vector = level.normal_equations(rotation)
         self.matrix[:, :3, :3] += matrix
         self.vector[:, :3] += vector

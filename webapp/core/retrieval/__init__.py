@@ -1,1 +1,1 @@
-"""Which photos of a map may show what a query shows: search engines and the shortlist."""
+"""Retrieval of map photos that may show the same scene as a query: search engines and the shortlist."""

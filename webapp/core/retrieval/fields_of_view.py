@@ -1,4 +1,4 @@
-"""Fields of view of photos, also of those without a known one."""
+"""Fields of view of photos, guessed where unknown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from webapp.core.retrieval.engines.segment import Segment
 
 GUESSED_FOV_DEG = 65.0
-"""Of the longer side, where nothing is known: between a webcam (60) and a telephone (70)."""
+"""Field of view along the longer side if nothing is known: between a webcam (60) and a telephone (70)."""
 
 
 def fields_of_view(
@@ -21,14 +21,14 @@ def fields_of_view(
     photo_of_entry: NDArray[np.int64],
     given: float | None,
 ) -> NDArray[np.float64]:
-    """Field of view of each photo: from the map, from its EXIF, as given, or guessed.
+    """Determine the field of view of each photo: from the map, from its EXIF, as given, or guessed.
 
     Parameters
     ----------
     known : sequence of float or None
-        As the map has them.
+        As stored in the map.
     photo_of_entry : (e,) int64
-        As `IndexedMap` has it.
+        As in `IndexedMap`.
     """
     fov = np.array([math.nan if one is None else one for one in known])
     exif = np.concatenate([s.fov_deg for s in segments])
@@ -42,6 +42,6 @@ def fields_of_view(
 
 
 def guessed_fov_deg(width: int, height: int) -> float:
-    """Guess the horizontal field of view of a photo from its shape alone."""
+    """Guess the horizontal field of view of a photo from its aspect ratio alone."""
     focal = max(width, height) / 2.0 / math.tan(math.radians(GUESSED_FOV_DEG) / 2.0)
     return math.degrees(2.0 * math.atan(width / 2.0 / focal))

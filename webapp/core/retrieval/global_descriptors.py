@@ -1,4 +1,4 @@
-"""The global descriptors of a map's photos, and how alike a query is to each."""
+"""Global descriptors of a map's photos, and the similarity of a query to each."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from webapp.core.features.global_descriptor import GlobalDescriptor
 
 _BLOCK_ROWS = 2048
-"""Vectors compared at once: bounds the memory for their conversion."""
+"""Vectors compared at once: limits the memory for their conversion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalDescriptors:
-    """The vectors of p photos of a map, and the network that they are from.
+    """The vectors of p photos of a map, and the network that computed them.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class GlobalDescriptors:
     vectors : (n, d) float16
         Of length 1.
     row : (p,) int64
-        Of each photo in `vectors`; -1 where it has none.
+        Row of each photo in `vectors`; -1 if it has none.
     """
 
     network: GlobalDescriptor
@@ -31,25 +31,25 @@ class GlobalDescriptors:
     row: NDArray[np.int64]
 
     def of(self, photo: int) -> NDArray[np.float32] | None:
-        """Look up a photo's vector, by its number; (d,), None where it has none."""
+        """Look up a photo's vector by the photo's number; (d,), None if it has none."""
         row = int(self.row[photo])
         return None if row < 0 else self.vectors[row].astype(np.float32)
 
     def standard_scores(
         self, vector: NDArray[np.float32], *, visible: NDArray[np.bool_]
     ) -> NDArray[np.float64]:
-        """Compare a query with all photos: by how many standard deviations each is more similar than most.
+        """Compute the similarity of a query to all photos, in standard deviations above the mean.
 
         Parameters
         ----------
         vector : (d,) float32
         visible : (p,) bool
-            Which photos take part, also in the mean and the deviation.
+            Which photos are compared and included in mean and standard deviation.
 
         Returns
         -------
         (p,) float64
-            Cosine similarities, standardised; -inf where a photo does not take part or has no vector.
+            Standardised cosine similarities; -inf for photos that are not visible or have no vector.
         """
         scores = np.full(len(self.row), -np.inf)
         known = np.flatnonzero(visible & (self.row >= 0))

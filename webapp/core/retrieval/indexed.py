@@ -1,4 +1,4 @@
-"""A map and its index, as the methods see them."""
+"""A map and its index, as localization methods use them."""
 
 from __future__ import annotations
 
@@ -35,37 +35,37 @@ class IndexedMap:
     position : (p, 2) float64
         Map pixels.
     fov_deg : (p,) float64
-        Horizontal field of view of the upright photos; NaN when unknown.
+        Horizontal field of view of the upright photos; NaN if unknown.
     photo_of_entry : (e,) int64
-        For each photo of each segment, in order, its number in `ids`; -1 when it is no longer in the map.
+        For each photo of each segment, in order, its number in `ids`; -1 if it is no longer in the map.
     search : DescriptorSearch or TwoStage
         Over the rows of all segments, in order.
     place_radius_px : float
-        How far an answer may be off and still be right.
+        Maximum error of a right answer.
     kind : MapKind
-        "schematic" only where the user says so; else the calibration finds it out.
+        "schematic" only if stated by the user; otherwise calibration detects that.
     kind_is_given : bool
-        The user says what kind it is.
+        Whether the user stated the kind.
     area : (p,) int64
-        Number of each photo's area, -1 where it stands where it was taken; by default all are -1.
+        Number of each photo's area, -1 if its position is where it was taken; by default all are -1.
     floor : (p,) int64
         Id of each photo's floor; by default all are on one.
     extrinsics : MapExtrinsics or None
-        How the photos were held and how far away is what they see, where that is known.
+        Extrinsics of the photos and depths of their keypoints, if known.
     pair_matcher : PairMatcher or None
-        Matches the photos that are verified, instead of what the search found of them.
+        Matches the photos that are verified; its matches replace those of the search.
     rematched : int or None
-        It matches only so many at first, those with most votes; None for all.
+        Number of photos, those with most votes, that it matches at first; None for all.
     global_descriptors : GlobalDescriptors or None
-        Of the photos, where there is a model for them.
+        Of the photos, if there is a model.
     binary : bool
-        Descriptors are bit strings.
+        Whether descriptors are bit strings.
     extract_side_px : float
         Photos are scaled down to this longer side before keypoints are detected.
     first_row : (e + 1,) int64
-        Rows of entry i are `first_row[i]` to `first_row[i + 1]`; follows from the segments.
+        Rows of entry i are `first_row[i]` to `first_row[i + 1]`; derived from the segments.
     paths : PathPrior
-        Where the photos were taken; follows from their positions.
+        Prior over camera positions; derived from the photos' positions.
     """
 
     ids: NDArray[np.int64]
@@ -120,11 +120,11 @@ class IndexedMap:
         return self._gather(row, [s.angle for s in self.segments])
 
     def keypoint_xy(self, row: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Look up where the keypoints of descriptor rows, any shape, are in their photos; (..., 2)."""
+        """Look up the pixels of the keypoints of descriptor rows, any shape, in their photos; (..., 2)."""
         return self._gather(row, [s.xy for s in self.segments])
 
     def image_headings_deg(self) -> NDArray[np.float64]:
-        """Compute where the photos look: (p,), degrees clockwise from image-up, NaN where not known."""
+        """Compute the headings of the photos: (p,), degrees clockwise from image-up, NaN where unknown."""
         if self.extrinsics is None:
             return np.full(len(self.ids), np.nan)
         known = self.extrinsics.trust >= MIN_TRUST
@@ -141,7 +141,7 @@ class IndexedMap:
         return found
 
     def features(self, photo: int) -> Features | None:
-        """Take out a photo's features, by its number; None when it could not be read."""
+        """Return the features of a photo by its number; None if the photo could not be read."""
         place = self._place(photo)
         if place is None:
             return None
@@ -150,7 +150,7 @@ class IndexedMap:
         return features if described is None else replace(features, vector=described.of(photo))
 
     def photo_size(self, photo: int) -> tuple[int, int]:
-        """Look up width and height of an upright photo that has features, pixels."""
+        """Look up width and height, pixels, of an upright photo that has features."""
         place = self._place(photo)
         if place is None:
             raise IndexError(f"photo {photo} has no features")
@@ -180,7 +180,7 @@ class IndexedMap:
         return sigma
 
     def _place(self, photo: int) -> tuple[Segment, int] | None:
-        """Find a photo's segment and its number there."""
+        """Find a photo's segment and its number in the segment; None if it is in none."""
         entry = int(self._entry_of_photo[photo])
         for segment in self.segments if entry >= 0 else ():
             if entry < len(segment.content):
@@ -191,14 +191,14 @@ class IndexedMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Neighbours of the query's descriptors, with the photos they belong to.
+    """Neighbours of the query's descriptors, and their photos.
 
     Attributes
     ----------
     distance : (n, k) float32
-        Infinite where there is no neighbour left.
+        Infinite if there is no further neighbour.
     row, photo : (n, k) int64
-        -1 where there is none.
+        -1 if there is none.
     """
 
     distance: NDArray[np.float32]
@@ -207,10 +207,10 @@ class Candidates:
 
 
 _SPARE = 20
-"""Number of further neighbours looked up at first where some photos are hidden."""
+"""Number of additional neighbours that are looked up at first if some photos are hidden."""
 
 _MOST_NEIGHBOURS = 1000
-"""Number of neighbours in hidden photos from which on a descriptor has none."""
+"""Maximum number of neighbours that are looked up to find visible ones."""
 
 
 def candidates(
@@ -233,7 +233,7 @@ def candidates(
     whole = not hidden.any() and bool((indexed.photo_of_entry >= 0).all())
     wanted = k if whole else k + _SPARE
     answer = _visible(indexed, descriptors, search=search, hidden=hidden, k=k, looked_up=wanted)
-    # Photos that are not to be seen can fill the list of a descriptor: then more are looked up for it.
+    # Hidden photos can fill the list of a descriptor; then look up more neighbours for it.
     while not whole and wanted < _MOST_NEIGHBOURS:
         short = np.flatnonzero(answer.more & (answer.photo[:, -1] < 0))
         if not len(short):
@@ -248,7 +248,7 @@ def candidates(
 
 
 class _Visible(NamedTuple):
-    """As `Candidates`; `more` (n,) bool: where further neighbours could be looked up."""
+    """As `Candidates`; `more` (n,) bool: whether further neighbours can be looked up."""
 
     distance: NDArray[np.float32]
     row: NDArray[np.int64]
@@ -265,7 +265,7 @@ def _visible(
     k: int,
     looked_up: int,
 ) -> _Visible:
-    """Take the first k of `looked_up` neighbours that are in photos of the map that are not `hidden`."""
+    """Keep the first k of `looked_up` neighbours that are in photos of the map and not `hidden`."""
     found = search.search(descriptors, looked_up)
     photo = indexed.photo_of_row(found.row)
     photo = np.where((photo >= 0) & hidden[photo], -1, photo)

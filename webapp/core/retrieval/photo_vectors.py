@@ -1,8 +1,8 @@
-"""One short vector a photo, by which a query is compared with all photos of a library.
+"""One short vector per photo, by which a query is compared with all photos of a library.
 
-The descriptors are aggregated as for signatures (`engines.vlad`), and the principal components of what
-photos have besides their mean are kept (Jégou and Chum 2012). A vector has length 1, so that the scalar
-product of two is the cosine of their angle.
+The descriptors are aggregated as for signatures (`engines.vlad`), the mean is subtracted, and the principal
+components are kept (Jégou and Chum 2012). Vectors have length 1, so that the scalar product of two is the
+cosine of their angle.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from webapp.core.retrieval.engines.vlad import Codebook
 DIMENSIONS = 128
 
 _LEAST_VARIANCE = 1e-6
-"""Of a component that is kept, over that of the first."""
+"""Minimum variance of a component that is kept, over that of the first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
-    """What vectors are made with.
+    """Codebook and projection by which vectors are computed.
 
     Attributes
     ----------
     codebook : Codebook
     axes : (c * d, `DIMENSIONS`) float32
-        Orthonormal columns, the principal component first; zero where there were too few photos for more.
+        Orthonormal columns, in order of variance; zero if there were too few photos for more.
     """
 
     codebook: Codebook
@@ -47,7 +47,7 @@ def train(photos: Sequence[NDArray[np.uint8]]) -> Basis:
     """
     codebook = vlad.train(photos)
     centred = np.stack([_centred(codebook, descriptors) for descriptors in photos])
-    variances, mixtures = np.linalg.eigh(centred @ centred.T)  # fewer photos than numbers of each
+    variances, mixtures = np.linalg.eigh(centred @ centred.T)  # fewer photos than dimensions
     variances, mixtures = variances[::-1][:DIMENSIONS], mixtures[:, ::-1][:, :DIMENSIONS]
     kept = variances > max(_LEAST_VARIANCE * float(variances[0]), np.finfo(np.float32).tiny)
     axes = np.zeros((centred.shape[1], DIMENSIONS), np.float32)

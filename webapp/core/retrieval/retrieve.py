@@ -1,4 +1,4 @@
-"""The first stage of a query: which photos of the map may show the same."""
+"""First stage of a query: find the map photos that may show the same scene."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Retrieved:
     nearest : Candidates
         (n, k): the nearest map descriptors of each query descriptor.
     found : Candidates
-        Those of them that are rotated as most are.
+        Those of them with the dominant rotation.
     votes : (p,) float64
         Of all photos.
     listed, further : list of ShortlistedPhoto
-        The shortlist, and photos that only votes speak for.
+        The shortlist, and further photos with votes, which are not verified.
     alike : (p,) float64 or None
-        Standard scores by the global descriptors; None where there are none.
+        Standard scores by global descriptors; None without these.
     """
 
     nearest: Candidates
@@ -46,7 +46,7 @@ class Retrieved:
 
 
 def retrieve(indexed: IndexedMap, query: Features, *, hide: Collection[int] = ()) -> Retrieved:
-    """List the photos with most votes, and where there are global descriptors those most similar.
+    """List the photos with most votes, and those most similar by global descriptors, if there are any.
 
     Parameters
     ----------

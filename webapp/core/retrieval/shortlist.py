@@ -1,4 +1,4 @@
-"""Which map photos are worth a closer look, and their matches with the query."""
+"""Shortlist of map photos for geometric verification, and their matches with the query."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ class ShortlistedPhoto:
 _ROTATION_BINS = 36
 
 _AROUND_TURN_DEG, _SHOWN_BY = 30.0, 0.25
-"""A turn is shown by at least this share of the weight of all neighbours this close to it; chance alone
-brings about 0.2."""
+"""A rotation is clear if neighbours within this angle of it have at least this share of the total weight;
+by chance it is about 0.2."""
 
 
 def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidates) -> Candidates:
-    """Keep the neighbours whose rotation against the query's keypoint is the dominant one.
+    """Keep the neighbours whose rotation relative to the query's keypoint is the dominant one.
 
-    Right matches share the turn between the two photos, near zero where both are upright; wrong ones have
-    any. This weak geometric consistency (Jégou et al. 2008) costs almost nothing and removes most of the
-    wrong matches before anything is counted.
+    Right matches share the rotation between the two photos, near zero if both are upright; that of wrong
+    ones is random. This weak geometric consistency (Jégou et al. 2008) costs almost nothing and removes most
+    of the wrong matches before votes are counted.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
     Returns
     -------
     Candidates
-        Of the same shape, without the photos and rows of what was dropped; distances are kept.
+        Of the same shape, with photos and rows of dropped neighbours set to -1; distances are kept.
     """
     turn, weight = _turns(indexed, query, found=found)
     if not weight.any():
@@ -73,26 +73,26 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
 
 
 def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
-    """Measure by how much the query must be turned, clockwise, to stand like the map's photos.
+    """Compute the clockwise rotation that aligns the query with the map's photos.
 
     Parameters
     ----------
     query : Features
-        Where keypoints have no orientation, all angles are 0, and so is the turn.
+        If keypoints have no orientation, all angles are 0, and so is the rotation.
     found : Candidates
         (n, k), as from `filter_by_rotation`.
 
     Returns
     -------
     float
-        Degrees, -180 to 180: the weighted mean; 0 where nothing is found.
+        Degrees, -180 to 180: the weighted mean; 0 without neighbours.
     """
     turn, weight = _turns(indexed, query, found=found)
     return float(np.degrees(np.angle((weight * np.exp(1j * np.radians(turn))).sum())))
 
 
 def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, turn_deg: float) -> int:
-    """Count the quarter turns, clockwise, that bring the query upright, where its keypoints show it clearly.
+    """Count the clockwise quarter turns that bring the query upright, if the keypoints' rotation is clear.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, 
     Returns
     -------
     int
-        0 to 3.
+        0 to 3; 0 if it is not clear.
     """
     turn, weight = _turns(indexed, query, found=nearest)
     around = np.abs(np.remainder(turn - turn_deg + 180.0, 360.0) - 180.0) <= _AROUND_TURN_DEG
@@ -116,13 +116,13 @@ def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, 
 def _turns(
     indexed: IndexedMap, query: Features, *, found: Candidates
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Give how far each neighbour is turned against the query, degrees, and its weight; (n, k) both."""
+    """Return the rotation of each neighbour relative to the query, degrees, and its weight; (n, k) both."""
     turn = indexed.keypoint_angle(found.row) - query.angle[:, None]
     return turn, np.where(found.photo >= 0, np.maximum(_yardstick(found) - found.distance, 0.0), 0.0)
 
 
 def _yardstick(found: Candidates) -> NDArray[np.float32]:
-    """Distance of each query descriptor's last neighbour: what is not nearer says nothing; (n, 1)."""
+    """Return the distance of each query descriptor's last neighbour, whose vote has weight 0; (n, 1)."""
     known = np.where(np.isfinite(found.distance), found.distance, -np.inf)
     yardstick: NDArray[np.float32] = known.max(axis=1, keepdims=True)
     return yardstick
@@ -131,15 +131,15 @@ def _yardstick(found: Candidates) -> NDArray[np.float32]:
 def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
     """Let every query descriptor vote for the photos of its neighbours.
 
-    A vote's weight is how much nearer the neighbour is than the last one of the list, so that a descriptor
-    that looks like everything says little.
+    A vote's weight is how much nearer the neighbour is than the last one of the list, so that indistinctive
+    descriptors have little weight.
 
     Parameters
     ----------
     found : Candidates
         (n, k)
     photos : int
-        In the map.
+        Number of photos in the map.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
 def shortlist(
     indexed: IndexedMap, query: Features, *, found: Candidates, votes: NDArray[np.float64], most: int
 ) -> list[ShortlistedPhoto]:
-    """Take the photos with most votes and collect their matches.
+    """Select the photos with most votes and collect their matches.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def shortlist(
     listed = []
     for p in order:
         mine = np.flatnonzero(photo == p)
-        # Neighbours come nearest first, so that the first of a keypoint is its best in this photo.
+        # Neighbours are sorted by distance, so that the first of a keypoint is its best in this photo.
         rows, first = np.unique(query_row[mine], return_index=True)
         matches = mine[first]
         theirs = indexed.row_in_photo(row[matches])
@@ -188,7 +188,7 @@ def shortlist(
 def rematch_with_network(
     indexed: IndexedMap, query: Features, *, listed: list[ShortlistedPhoto], matcher: PairMatcher
 ) -> list[ShortlistedPhoto]:
-    """Have a network match the photos of a shortlist with the query; their votes stay.
+    """Match the photos of a shortlist with the query by a network; their votes do not change.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Photos that a query is alike to as a whole, by global descriptors: they join the shortlist of the votes.
+"""Add photos that are similar to the query by global descriptors to the shortlist.
 
-The two rankings are fused by reciprocal ranks (Cormack et al. 2009). Most of the shortlist stays with the
-votes, so that a model that knows nothing of a map costs it little.
+The two rankings are fused by reciprocal ranks (Cormack et al. 2009). Most of the shortlist is still chosen by
+votes, so that a model that is useless on a map does little harm.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from webapp.core.retrieval.shortlist import ShortlistedPhoto
 from webapp.threads import in_threads
 
 _RANK_OFFSET = 60
-"""Added to ranks under the fraction, as by its authors: how little the first ranks differ."""
+"""Added to ranks in the denominator, the authors' value: the larger, the less the first ranks differ."""
 
 _RATIO = 0.9
-"""A match is dropped where the next descriptor of the same photo is nearly as near (Lowe 2004)."""
+"""Ratio test: a match is dropped if the next descriptor of the photo is nearly as near (Lowe 2004)."""
 
 
 def standard_scores(
@@ -36,7 +36,7 @@ def standard_scores(
     Returns
     -------
     (p,) float64 or None
-        As from `GlobalDescriptors.standard_scores`; None where the map or the query has none.
+        As from `GlobalDescriptors.standard_scores`; None if map or query have no global descriptors.
     """
     if indexed.global_descriptors is None or query.vector is None:
         return None
@@ -52,7 +52,7 @@ def with_similar(
     votes: NDArray[np.float64],
     alike: NDArray[np.float64],
 ) -> tuple[list[ShortlistedPhoto], list[ShortlistedPhoto]]:
-    """Choose what is verified by votes and by similarity.
+    """Choose the photos to verify by votes and by similarity.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def with_similar(
     Returns
     -------
     listed : list of ShortlistedPhoto
-        The shortlist, by fused ranks. Photos that votes alone would not have named are matched directly.
+        The shortlist, by fused ranks. Photos that were not chosen by votes are matched directly.
     further : list of ShortlistedPhoto
         The rest of `voting`.
     """
@@ -85,7 +85,7 @@ def with_similar(
 
 
 def fused_ranking(*rankings: Sequence[int]) -> list[int]:
-    """Fuse rankings by the sums of reciprocal ranks; of equal ones, the first ranking's go first."""
+    """Fuse rankings by the sums of reciprocal ranks; ties are in the order of the first ranking."""
     merit: dict[int, float] = {}
     for ranking in rankings:
         for rank, item in enumerate(ranking, 1):
@@ -96,7 +96,7 @@ def fused_ranking(*rankings: Sequence[int]) -> list[int]:
 def _match(
     indexed: IndexedMap, query: Features, *, photo: int, votes: NDArray[np.float64]
 ) -> ShortlistedPhoto:
-    """Match a photo with the query: nearest neighbours both ways that are clearly nearer than the next."""
+    """Match a photo with the query by mutual nearest neighbours that pass the ratio test."""
     theirs = indexed.features(photo)
     if theirs is None:
         raise IndexError(f"photo {photo} has no features")
@@ -114,7 +114,7 @@ def _match(
 
 
 def _distances(query: NDArray[np.uint8], photo: NDArray[np.uint8], *, binary: bool) -> NDArray[np.float32]:
-    """Compare (n, d) with (m, d) descriptors, of bit strings the bits: Euclidean distances, (n, m)."""
+    """Compute Euclidean distances (n, m) of (n, d) and (m, d) descriptors; binary ones bit by bit."""
     if binary:
         query, photo = np.unpackbits(query, axis=1), np.unpackbits(photo, axis=1)
     ours, theirs = query.astype(np.float32), photo.astype(np.float32)

@@ -1,1 +1,1 @@
-"""Where something was, over time."""
+"""Trajectories: positions over time."""

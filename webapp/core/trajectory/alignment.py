@@ -1,9 +1,9 @@
-"""Where a filter begins: position and heading from the first fixes, some of which may be wrong.
+"""Initial state of a filter: position and heading from the first fixes, some of which may be wrong.
 
-The path of the odometry is laid on the fixes by one rotation and one shift. Each pair of fixes proposes a
-rotation; the one that most fixes agree with is refined by all of those (M. Fischler and R. Bolles,
-"Random sample consensus", Communications of the ACM 24, 1981, but with all pairs instead of random ones; the
-refinement is the closed form of S. Umeyama, IEEE PAMI 13, 1991, in the plane).
+The odometry's path is aligned with the fixes by a rotation and a translation. Each pair of fixes proposes a
+rotation; the one with the most inliers is refined on them (M. Fischler and R. Bolles, "Random sample
+consensus", Communications of the ACM 24, 1981, but with all pairs instead of random ones; the refinement is
+the closed form of S. Umeyama, IEEE PAMI 13, 1991, in the plane).
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
 
 MOST_FIXES = 24
 FAR = 10.0
-"""Length of the path from which a heading is taken, in standard deviations of a fix."""
+"""Length of path that determines a heading, in standard deviations of a fix."""
 
 SURE_HEADING_RAD = 0.25
-"""A heading that is worse, one standard deviation, is not taken from fixes."""
+"""Largest standard deviation of a heading that is taken from fixes."""
 
 GIVEN_HEADING_RAD = 0.5
-"""One standard deviation of the odometry's own heading, which at its start is what a person gave."""
+"""Standard deviation of the odometry's own heading: at its start, a person entered it."""
 
 WIDER = 9.0
-"""The first fixes count twice, here and in the filter: a start so much wider (squared) hardly counts."""
+"""Factor on the initial covariance, as the first fixes are used twice: here and in the filter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialState:
-    """A state to begin with.
+    """An initial state.
 
     Attributes
     ----------
     state : (8,) float64
     covariance : (8, 8) float64
     agrees : (m,) bool
-        Which of the fixes that were looked at agree with it.
+        Which of the given fixes agree with it.
     """
 
     state: Floats
@@ -49,14 +49,14 @@ class InitialState:
 
 
 def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialState:
-    """Find a state for a node from the fixes at and after it.
+    """Estimate the state at a node from the fixes at and after it.
 
     Parameters
     ----------
     fixes : Fixes
-        All at `begin` or later; at least one. The first of them are looked at.
+        All at `begin` or later; at least one. Only the first of them are used.
     begin : int
-        A node.
+        The node.
     """
     spread = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2) / 2)
     found = _nearby(steps, fixes, spread, begin=begin, noise=noise)
@@ -78,7 +78,7 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialSta
         return found
     found.state[HEADING] = aligned.heading
     found.covariance[HEADING, HEADING] = aligned.heading_variance
-    if first > begin:  # the odometry begins later: only the heading is of use
+    if first > begin:  # the odometry begins later: only the heading can be used
         return found
     _place(found, aligned)
     agrees = np.zeros(len(fixes), dtype=bool)
@@ -87,7 +87,7 @@ def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialSta
 
 
 def _place(found: InitialState, aligned: _Alignment) -> None:
-    """Put the position of an alignment into a state; it hangs together with the heading."""
+    """Set the position of a state from an alignment, and its correlation with the heading."""
     lever = np.array([aligned.at_by_heading.real, aligned.at_by_heading.imag])
     found.state[POSITION] = aligned.at.real, aligned.at.imag
     both = np.outer(lever, lever) * aligned.heading_variance
@@ -107,7 +107,7 @@ def _prior(noise: Noise) -> Floats:
 
 
 def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: Noise) -> InitialState:
-    """Begin at that of the first fixes which most of the others are in reach of."""
+    """Begin at the one of the first fixes that is most consistent with the others."""
     few = slice(0, 7)
     at, nodes, variance = fixes.position[few], fixes.node[few], spread[few] ** 2
     reach = _reach(steps, begin, last=int(nodes[-1]), noise=noise)[nodes - begin]
@@ -124,7 +124,7 @@ def _nearby(steps: Steps, fixes: Fixes, spread: Floats, *, begin: int, noise: No
 
 
 def _reach(steps: Steps, begin: int, *, last: int, noise: Noise) -> Floats:
-    """How far a robot can have come since a node, at each node up to the last: (last - begin + 1,) metres."""
+    """Return how far a robot may have moved from a node to each later one: (last - begin + 1,) metres."""
     moves = steps.moves[begin + 1 : last + 1]
     guessed = noise.velocity * np.diff(steps.times_s[begin : last + 1])
     driven = np.hypot(moves[:, 0], moves[:, 1])
@@ -132,7 +132,7 @@ def _reach(steps: Steps, begin: int, *, last: int, noise: Noise) -> Floats:
 
 
 def _drift(steps: Steps, first: int, *, last: int, noise: Noise) -> Floats:
-    """How far reckoning is off since a node, one standard deviation: (last - first + 1,) metres."""
+    """Return the standard deviation of dead reckoning from a node to each later one, as `_reach`."""
     way = _reach(steps, first, last=last, noise=noise)
     turned = np.concatenate([[0.0], np.cumsum(np.abs(steps.moves[first + 1 : last + 1, 2]))])
     bent = np.hypot(noise.curve * way, noise.turn_scale * turned) / 2
@@ -141,7 +141,7 @@ def _drift(steps: Steps, first: int, *, last: int, noise: Noise) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Alignment:
-    """How a path lies on fixes: where it begins, how that changes with the heading, and the heading."""
+    """Alignment of a path with fixes: its start, the derivative of that by the heading, and the heading."""
 
     at: complex
     at_by_heading: complex
@@ -152,7 +152,7 @@ class _Alignment:
 
 
 def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment | None:
-    """Turn and shift a path so that it lies on fixes; None when the path is too short for a heading."""
+    """Align a path with fixes by a rotation and a translation; None if it is too short for a heading."""
     chosen = _window(way, variance)
     p, z = (points[chosen] @ np.array([1, 1j]) for points in (way, position))
     agrees = _agreeing(p, z, variance[chosen])
@@ -170,7 +170,7 @@ def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment |
         at=complex(z_mean - p_mean * turn),
         at_by_heading=complex(1j * p_mean * turn),
         at_variance=WIDER / float(weight.sum()),
-        # The path was reckoned as if it went north; angles of complex numbers count the other way round.
+        # the path starts northwards, and angles of complex numbers are anticlockwise
         heading=-float(np.angle(turn)),
         heading_variance=WIDER / lever,
         agrees=everyone,
@@ -194,7 +194,7 @@ def _agreeing(
 
 
 def _window(way: Floats, variance: Floats) -> NDArray[np.intp]:
-    """Choose the first fixes, up to where the path is long enough for a heading."""
+    """Choose the first fixes, until the path is long enough for a heading."""
     away = np.linalg.norm(way - way[0], axis=1)
     far = np.flatnonzero(away >= FAR * np.sqrt(variance.min()))
     count = max(3, int(far[0]) + 1) if far.size else len(way)

@@ -1,8 +1,8 @@
-"""Which row gets which column: as many rows as can be get one, at the least sum of costs.
+"""Linear assignment of columns to rows: as many rows as possible get one, at the least sum of costs.
 
-Rows that share no column, not even through other rows, are assigned on their own. More than MOST_TOGETHER
-rows that belong together are assigned greedily, the cheapest pair first: the least sum would take a time that
-grows with the cube of their number.
+Connected components (rows that share columns, directly or through other rows) are solved separately. One of
+more than MOST_TOGETHER rows is solved greedily, the cheapest pair first: the exact solution takes time cubic
+in the number of rows.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_TOGETHER = 100
-"""So many rows get the least sum; also, so many columns of a row are enough for it."""
+"""Largest number of rows solved exactly; so many columns per row are then enough."""
 
 _UNMATCHED = 1e6
-"""More than all pairs of MOST_TOGETHER rows cost together."""
+"""Cost of no column: more than the sum over any MOST_TOGETHER rows."""
 
 Floats = NDArray[np.float64]
 Costs = dict[int, float]
-"""Of a row, by column; columns that it must not get are not in it."""
+"""Costs of a row, by column; columns that it must not get are missing."""
 
 
 def assign(rows: Sequence[Costs]) -> dict[int, int]:
-    """Choose columns by rows; rows that get none are left out."""
+    """Assign columns to rows; rows that get none are left out."""
     chosen: dict[int, int] = {}
     for together in _components(rows):
         some = {row: rows[row] for row in together}
@@ -45,7 +45,7 @@ def _components(rows: Sequence[Costs]) -> Iterator[list[int]]:
             continue
         seen.add(first)
         found = [first]
-        for row in found:  # grows
+        for row in found:  # the list grows in the loop
             for column in rows[row]:
                 fresh = [other for other in rows_of.pop(column, ()) if other not in seen]
                 seen.update(fresh)
@@ -54,7 +54,7 @@ def _components(rows: Sequence[Costs]) -> Iterator[list[int]]:
 
 
 def _exact(some: dict[int, Costs]) -> dict[int, int]:
-    """Choose at the least sum: each row may also stay without a column, which costs most."""
+    """Assign at the least sum; a row may also stay without a column, at the cost `_UNMATCHED`."""
     columns = sorted({column for costs in some.values() for column in costs})
     place = {column: number for number, column in enumerate(columns)}
     table = np.full((len(some), len(columns) + len(some)), _UNMATCHED)
@@ -76,7 +76,7 @@ def _greedy(some: dict[int, Costs]) -> dict[int, int]:
 
 
 def least_sum(costs: Floats) -> list[int]:
-    """Choose a column for each row (n, m), n <= m, of the least sum: Kuhn's method, with potentials.
+    """Choose a column for each row of (n, m) costs, n <= m, at the least sum: Kuhn's method with potentials.
 
     R. Burkard, M. Dell'Amico and S. Martello, Assignment Problems (2009), section 4.2.
     """

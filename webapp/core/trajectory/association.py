@@ -1,16 +1,16 @@
-"""Which detections without an id show the same object: gated nearest neighbours, one frame after the other.
+"""Association of detections without an id to objects: gated nearest neighbours, frame by frame.
 
-An object is taken to stand still, so its position is the mean of its detections, weighted by the inverse of
-their covariances. A detection with the covariance C, v metres away from an object of the same class whose
-position has the covariance P, may belong to it where
+Objects are assumed static: their position is the mean of their detections, weighted by the inverse of the
+covariances. A detection with the covariance C, v metres away from an object of the same class whose position
+has the covariance P, may belong to it if
 
     d^2 = v' S^-1 v <= GATE_2D,   S = P + C + (FLOOR_M^2 + min(DRIFT_M2_S dt, DRIFT_M^2)) I
 
-and dt is the time between the detection and the span in which the object was seen. Among the objects that
-may be, the likeliest one is that of the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data
-Association, 1988). Detections of one class at one time come from one picture and show different objects:
-they are assigned together, at the least sum (see `webapp.core.trajectory.assignment`), which is approximate
-where more than MOST_TOGETHER detections compete for the same objects.
+and dt is the time between the detection and the interval in which the object was seen. The likeliest of these
+objects has the least d^2 + ln det S (Bar-Shalom and Fortmann, Tracking and Data Association, 1988).
+Detections of one class at one time come from one image and show different objects: they are assigned jointly,
+at the least sum (see `webapp.core.trajectory.assignment`), which is approximate where more than MOST_TOGETHER
+detections compete for the same objects.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from webapp.core.trajectory.distance import metres_per_degree
 from webapp.core.trajectory.records import Sighting
 
 FLOOR_M = 0.5
-"""What the robot's own position and the detector get wrong however often they look."""
+"""Standard deviation of systematic errors of robot position and detector, which averaging does not reduce."""
 
 DRIFT_M2_S = 0.01
 DRIFT_M = 3.0
-"""By how much the robot's own position is off between two visits: 1 m after 100 s, 3 m at most."""
+"""Drift of the robot's position between two visits, one standard deviation: 1 m after 100 s, 3 m at most."""
 
 UNKNOWN_SIGMA_M = 5.0
-"""Standard deviation of a detection that says nothing of its accuracy."""
+"""Standard deviation of a detection without a stated accuracy."""
 
 MIN_SIGMA_M = 0.1
-"""No detection is more accurate."""
+"""Added to the stated standard deviation of a detection, in quadrature."""
 
 _LEAST_M_PER_DEGREE = 110_000.0
-"""A degree of latitude is nowhere shorter."""
+"""Lower bound of the length of a degree of latitude."""
 
 _BLOCK = 256
-"""So many objects get room at once, at least."""
+"""Least number of objects by which the arrays grow."""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -53,14 +53,14 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class ObjectEstimate:
-    """An object that is known by its detections.
+    """An object as estimated from its detections.
 
     Attributes
     ----------
     covariance_m2 : tuple of float
         Of the position: variance east, variance north, covariance of the two.
     first_time_s, last_time_s : float
-        When it was seen, seconds since 1970, UTC.
+        Interval in which it was seen, seconds since 1970, UTC.
     """
 
     id: str
@@ -73,33 +73,33 @@ class ObjectEstimate:
 
 @dataclass(slots=True)
 class ObjectAssociation:
-    """Knows the objects of a mission, and joins detections to them.
+    """The objects of a mission, to which detections are associated.
 
     Parameters
     ----------
     new_id : callable
-        Gives the id of another object of a class.
+        Returns the id for a new object of a class.
     """
 
     new_id: Callable[[str], str]
     _kinds: dict[str, _Kind] = field(default_factory=dict, init=False)
 
     def add(self, known: ObjectEstimate) -> None:
-        """Take an object that is known already."""
+        """Add an object that is known already."""
         self._kind(known.kind).append(known)
 
     def add_seen(self, known: ObjectEstimate, *, time_s: float, latlon: LatLon) -> None:
-        """Note that an object, taken before, was seen at a time: others that were seen then are others."""
+        """Note a sighting of an added object: further detections at that time show other objects."""
         kind = self._kind(known.kind)
         kind.seen.setdefault(time_s, {})[kind.numbers[known.id]] = latlon
 
     def join(self, seen: Sequence[Sighting]) -> list[str | None]:
-        """Find the object of each detection, in the order in which they were made, whatever they came in.
+        """Associate detections with objects, in the order of time, whatever order they are given in.
 
         Returns
         -------
         list of str or None
-            Its id; None for a detection that is known already: same class, time and position.
+            Id of the object of each; None for a detection known already: same class, time and position.
         """
         ids: list[str | None] = [None] * len(seen)
         order = sorted(range(len(seen)), key=lambda n: (*_frame(seen[n]), seen[n].latlon))
@@ -111,7 +111,7 @@ class ObjectAssociation:
         return ids
 
     def estimate(self, kind: str, id: str) -> ObjectEstimate:
-        """Return an object of a class as it is known now."""
+        """Return the current estimate of an object of a class."""
         return self._kinds[kind].estimate(id)
 
     def _kind(self, kind: str) -> _Kind:
@@ -124,7 +124,7 @@ def _frame(seen: Sighting) -> tuple[float, str]:
 
 @dataclass(slots=True)
 class _Kind:
-    """The objects of one class, in columns with room for more, which is not a number."""
+    """The objects of one class, in arrays with spare rows at the end, which are NaN."""
 
     kind: str
     ids: list[str] = field(default_factory=list)
@@ -133,7 +133,7 @@ class _Kind:
     covariance: Floats = field(default_factory=lambda: np.empty((0, 2, 2)))
     span_s: Floats = field(default_factory=lambda: np.empty((0, 2)))
     seen: dict[float, dict[int, LatLon]] = field(default_factory=dict)
-    """Which objects were seen at a time, and where."""
+    """Detected positions by time and number of the object."""
 
     def append(self, known: ObjectEstimate) -> None:
         number = self.numbers[known.id] = len(self.ids)
@@ -159,7 +159,7 @@ class _Kind:
         )
 
     def join(self, frame: list[Sighting], new_id: Callable[[str], str]) -> list[str | None]:
-        """Join the detections of one time so that together they fit best; what is left is new."""
+        """Associate the detections of one time jointly; those without an object become new ones."""
         then = self.seen.setdefault(frame[0].time_s, {})
         known = set(then.values())
         fresh = [n for n, one in enumerate(frame) if one.latlon not in known]
@@ -177,7 +177,7 @@ class _Kind:
         return ids
 
     def _costs(self, one: Sighting, *, free: Bools) -> Costs:
-        """Return what it costs to take a detection for an object, for the likeliest ones inside the gate."""
+        """Return the costs of associating a detection with the likeliest objects inside the gate."""
         noise = _noise(one)
         near = np.flatnonzero(self._may_be_near(one, noise) & free)
         span_s = self.span_s[near]
@@ -195,14 +195,14 @@ class _Kind:
         return dict(zip(near[likeliest].tolist(), costs[likeliest].tolist(), strict=True))
 
     def _may_be_near(self, one: Sighting, noise: Floats) -> Bools:
-        """Mark the objects that may be inside the gate, by latitude alone, as a mission may have many."""
+        """Mark the objects that may be inside the gate, by latitude alone: a fast preselection."""
         most = self.covariance[:, 1, 1] + (noise[1, 1] + FLOOR_M**2 + DRIFT_M**2)
         north = (self.latlon[:, 0] - one.latlon.lat) * _LEAST_M_PER_DEGREE
         inside: Bools = north**2 <= GATE_2D * most
         return inside
 
     def _update(self, number: int, one: Sighting) -> None:
-        """Weigh a detection into the mean."""
+        """Update the estimate of an object with a detection."""
         before = self.covariance[number]
         gain = before @ np.linalg.inv(before + _noise(one))
         east, north = gain @ _metres(self.latlon[number : number + 1], one.latlon)[0]
@@ -233,7 +233,7 @@ def _noise(seen: Sighting) -> Floats:
 
 
 def _metres(origins: Floats, position: LatLon) -> Floats:
-    """Return how far east and north of each origin (n, 2) a position is: (n, 2), true for what is near."""
+    """Return the east and north offset of a position from each origin (n, 2): (n, 2), for short distances."""
     by_north, by_east = metres_per_degree(origins[:, 0])
     east = (position.lon - origins[:, 1] + 180.0) % 360.0 - 180.0
     return np.column_stack([east * by_east, (position.lat - origins[:, 0]) * by_north])

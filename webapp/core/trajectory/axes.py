@@ -1,8 +1,8 @@
-"""Axes of trajectories: those of a robot, of a camera, or north, east, down; and which of them a file has.
+"""Axis conventions of trajectories (robot, camera, or north-east-down), and their detection in a file.
 
 A robot's axes are x forward, y left, z up (REP 103); a camera's x right, y down, z forward (as in KITTI and
-OpenCV); those of autopilots x north or forward, y east or right, z down. A trajectory has axes twice: those
-of the world that positions are in, and those of the body that the orientations turn.
+OpenCV); those of autopilots x north or forward, y east or right, z down. A trajectory has two conventions:
+one of the world frame of its positions, and one of the body frame of its orientations.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _ROBOT_FROM: dict[Axes, NDArray[np.float64]] = {
     "ned": np.diag([1.0, -1.0, -1.0]),
 }
 _FORWARD: dict[Axes, int] = {"robot": 0, "camera": 2, "ned": 0}
-"""Which of the body's axes looks forward."""
+"""Index of the body's forward axis."""
 
 _PLAIN = 0.7
-"""Part of the way along an axis of the body, from which that axis is the one it moves along."""
+"""Fraction of the path along a body axis above which that is the direction of motion."""
 
 _LEVEL = 0.8
-"""Mean cosine between an axis of the body and the vertical, from which the two are the same."""
+"""Mean cosine between a body axis and a world axis above which the two are taken to coincide."""
 
 _STEEP = 0.5
-"""Horizontal part of the forward axis, below which the heading is not defined: steeper than 60 degrees."""
+"""Horizontal component of the forward axis below which the heading is undefined: steeper than 60 degrees."""
 
 _SAMPLES = 500
 _HIGH_M = 20.0
@@ -44,19 +44,19 @@ _NARROW = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The axes of a trajectory."""
+    """The axis conventions of a trajectory."""
 
     world: Axes
     body: Axes
 
 
 def parse_axes(text: str | None) -> Axes | None:
-    """Read the name of axes; None for none.
+    """Read the name of an axis convention; None for an empty text.
 
     Raises
     ------
     UsageError
-        There are no such axes.
+        The name is unknown.
     """
     if not text:
         return None
@@ -85,13 +85,13 @@ def to_robot(
     rotation: NDArray[np.float64],
     frames: Frames,
 ) -> LocalPoses:
-    """Bring poses to a robot's axes; their covariance is unknown.
+    """Convert poses to robot axes; their covariance is unknown.
 
     Parameters
     ----------
     xyz_m : (n, 3) float64
     rotation : (n, 3, 3) float64
-        World from body; NaN where it is unknown. Where the body looks up or down, the yaw is unknown.
+        World from body; NaN where unknown. The yaw is NaN where the body looks steeply up or down.
     """
     turn = _ROBOT_FROM[frames.world]
     forward = rotation[:, :, _FORWARD[frames.body]] @ turn.T
@@ -103,7 +103,7 @@ def to_robot(
 def detect_frames(
     xyz_m: NDArray[np.float64], rotation: NDArray[np.float64], *, usual: Frames
 ) -> tuple[Frames, str]:
-    """Detect the axes of a trajectory by what it does: a vehicle moves forward, and stays upright.
+    """Detect the axis conventions of a trajectory from its motion: a vehicle moves forward and stays upright.
 
     Parameters
     ----------
@@ -111,13 +111,13 @@ def detect_frames(
     rotation : (n, 3, 3) float64
         World from body; NaN where it is unknown.
     usual : Frames
-        What holds where nothing plain speaks against it.
+        The default, unless the motion clearly contradicts it.
 
     Returns
     -------
     frames : Frames
     remark : str
-        Why other axes than the usual were taken, or why the usual ones are doubtful; may be empty.
+        Why the usual axes were not taken, or why they are doubtful; may be empty.
     """
     known = ~np.isnan(rotation).any(axis=(1, 2)) & ~np.isnan(xyz_m).any(axis=1)
     places = np.flatnonzero(known)
@@ -129,7 +129,7 @@ def detect_frames(
 
 
 def _of_motion(xyz_m: NDArray[np.float64], rotation: NDArray[np.float64], usual: Frames) -> Frames | None:
-    """Return the axes that the motion shows; None where it shows none."""
+    """Return the axes that the motion indicates; None if it is not conclusive."""
     steps = np.diff(xyz_m, axis=0)
     way = float(np.linalg.norm(steps, axis=1).sum())
     turned = np.abs(rotation - rotation[0]).max() > 0.1
@@ -164,7 +164,7 @@ def _remark(found: Frames) -> str:
 
 
 def _doubt(xyz_m: NDArray[np.float64], usual: Frames) -> str:
-    """Return a doubt about a track that is high and narrow."""
+    """Return a remark on a track that is high and narrow; else an empty text."""
     moved = xyz_m @ _ROBOT_FROM[usual.world].T
     moved = moved[~np.isnan(moved).any(axis=1)]
     if not len(moved):

@@ -1,4 +1,4 @@
-"""A batch of records of a robot, as JSON holds them: checked as a whole, then grouped by track."""
+"""A batch of a robot's records, parsed from JSON: validated as a whole, then grouped by track."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from webapp.errors import InputError
 from webapp.robot.fields import FieldError, check_record
 
 _WIDTH = 9
-"""Numbers of a pose."""
+"""Number of columns of a pose."""
 _NAN3 = (math.nan, math.nan, math.nan)
 
 TrackKey = tuple[str, str]
@@ -31,9 +31,9 @@ class BatchTrack:
     poses : Poses
         `travelled_m` is NaN where the robot did not send it.
     skipped : int
-        Poses that the robot left out between these, and after the last one if it is over.
+        Number of poses that the robot left out between these, and after the last one if the track is over.
     travelled_m : float
-        At the end, with those left out after the last one; NaN where the robot did not send it.
+        Distance at the end of the track, poses left out after the last one included; NaN if not sent.
     """
 
     poses: Poses
@@ -43,7 +43,7 @@ class BatchTrack:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What a batch holds, in the order of the records.
+    """The records of a batch, in their order.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def parse(records: Sequence[object]) -> Batch:
     Raises
     ------
     InputError
-        One of them cannot be used; `where` names it and its field: `records.17.lat`.
+        A record is invalid; `where` names it and its field: `records.17.lat`.
     """
     columns: dict[TrackKey, _Columns] = {}
     sightings: list[Sighting] = []

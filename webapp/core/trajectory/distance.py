@@ -1,7 +1,6 @@
-"""How far something has gone: geodesics on WGS 84 from pose to pose; and the profile of a track.
+"""Distance travelled, by geodesics on WGS 84 from pose to pose; and the profile of a track.
 
-It is measured on every pose that there is, before any is left out: thinning cuts corners, and would take
-standing jitter for a way. Heights play no part.
+The distance is measured over all poses, before thinning, which cuts corners. Heights are ignored.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ COLUMNS = 4
 
 
 def steps_m(latlon: ArrayLike) -> NDArray[np.float64]:
-    """Measure from each position to the next, by Karney's geodesics (Journal of Geodesy 87, 2013).
+    """Measure the distance from each position to the next, by Karney's geodesics (J. of Geodesy 87, 2013).
 
     Parameters
     ----------
@@ -38,7 +37,7 @@ def steps_m(latlon: ArrayLike) -> NDArray[np.float64]:
 def metres_per_degree(lat: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the length of a degree of latitude and of longitude, by the radii of curvature of WGS 84.
 
-    Geodesics would take about ten times as long, and thousands of positions may come at once.
+    Geodesics would take about ten times as long, and there may be thousands of positions at once.
     """
     a, e2 = WGS84.a, WGS84.es
     root = 1.0 - e2 * np.sin(np.radians(lat)) ** 2
@@ -49,7 +48,7 @@ def metres_per_degree(lat: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 
 @dataclass(slots=True)
 class Odometer:
-    """Measures a track that comes in pieces.
+    """Measures the length of a track that arrives in pieces.
 
     Attributes
     ----------
@@ -61,7 +60,7 @@ class Odometer:
     _last: NDArray[np.float64] | None = field(default=None, init=False)
 
     def add(self, latlon: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Go on along the next positions.
+        """Add the next positions.
 
         Parameters
         ----------
@@ -71,7 +70,7 @@ class Odometer:
         Returns
         -------
         (n,) float64
-            Metres from the first position of all pieces to each of these, along the track.
+            Metres along the track from the very first position to each of these.
         """
         if not len(latlon):
             return np.empty(0)
@@ -87,7 +86,7 @@ def fill_travelled(
     *,
     before: tuple[float, float, float] | None,
 ) -> NDArray[np.float64]:
-    """Fill in the distance travelled where a pose lacks it, by the steps since the last pose that has it.
+    """Fill in missing distances travelled, by the steps since the last pose that has one.
 
     Parameters
     ----------
@@ -96,7 +95,7 @@ def fill_travelled(
     travelled_m : (n,) float64
         Metres; NaN where unknown.
     before : (float, float, float) or None
-        Degrees north, degrees east and metres travelled of the pose before all these; None at the begin of a
+        Degrees north, degrees east and metres travelled of the pose before these; None at the start of a
         track.
 
     Returns
@@ -119,20 +118,20 @@ def profile(
     height_m: NDArray[np.float64],
     points: int,
 ) -> NDArray[np.float64]:
-    """Choose points of a track: of each part of it the lowest and the highest.
+    """Choose points of a track: the lowest and the highest of each of its parts.
 
     Parameters
     ----------
     times_s, travelled_m, height_m : (n,) float64
-        Heights are NaN where they are not known: there, the ends of a part stand for it.
+        Heights are NaN where unknown: a part without heights is represented by its ends.
     points : int
-        At most so many.
+        Largest number of points.
 
     Returns
     -------
     (m, 4) float64
-        time_s, travelled_m, speed_mps, height_m; the speed is the mean over the part, NaN where its times do
-        not grow.
+        time_s, travelled_m, speed_mps, height_m; the speed is the mean over the part, NaN where time does not
+        increase.
     """
     n = len(times_s)
     if n == 0:
@@ -154,7 +153,7 @@ def profile(
 def _extremes(
     height_m: NDArray[np.float64], begins: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the places of the lowest and the highest of each part; its ends where nothing is known."""
+    """Find the indices of the lowest and the highest of each part; its ends where no height is known."""
     part = np.repeat(np.arange(len(begins)), ends - begins)
     low, high = begins.copy(), ends - 1
     known = np.flatnonzero(~np.isnan(height_m))

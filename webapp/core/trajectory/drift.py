@@ -1,4 +1,4 @@
-"""How far a track that comes back to its start misses it: the drift of what recorded it."""
+"""Loop closure error of a track that returns to its start: the drift of its sensor."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 
 MOST_SHARE = 0.1
-"""Dead reckoning drifts by a few percent of the way; a gap of over a tenth of it is not drift."""
+"""Largest gap, as a fraction of the distance, that is drift: dead reckoning drifts by a few percent."""
 
 MOST_OF_REACH = 1 / 3
-"""The end must be much nearer to the start than the track has been: else it has not come back."""
+"""Largest distance between the ends, as a fraction of the track's farthest distance from its start."""
 
 LEAST_REACH_M = 10.0
-"""Within a few metres of its start a receiver that lies on a table walks too, and comes back all the time."""
+"""Least such farthest distance: a receiver at rest wanders by a few metres, and returns all the time."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoopClosure:
-    """What a closed track misses its start by.
+    """The loop closure error of a track.
 
     Attributes
     ----------
     gap_m : float
         From the first position to the last one.
     share : float
-        The gap as a part of the distance that was travelled.
+        The gap as a fraction of the distance travelled.
     """
 
     gap_m: float
@@ -35,29 +35,29 @@ class LoopClosure:
 
 @dataclass(frozen=True, slots=True)
 class NoClosure:
-    """The track does not close, and why. Falsy."""
+    """The track does not close, and the reason. Falsy."""
 
     reason: str
 
     def __bool__(self) -> bool:
-        """Return a drift without a gap."""
+        """Return False: the track does not close."""
         return False
 
 
 def measure_closure(
     first: LatLon, last: LatLon, *, distance_m: float, bounds: tuple[float, float, float, float]
 ) -> LoopClosure | NoClosure:
-    """Measure by how much a track misses its start, if it returns to it at all.
+    """Measure the loop closure error of a track, if it returns to its start.
 
-    A track closes when its end is much nearer to its start than its farthest part is, and the gap is what
-    dead reckoning may have drifted by on a way of that length.
+    A track closes if its end is much nearer to its start than its farthest point, and if dead reckoning may
+    drift by the gap over the distance travelled.
 
     Parameters
     ----------
     first, last : LatLon
         Its ends.
     distance_m : float
-        Travelled, all poses counted.
+        Distance travelled, over all poses.
     bounds : (float, float, float, float)
         South, west, north, east of all its positions, degrees.
     """
@@ -75,7 +75,7 @@ def measure_closure(
 
 
 def _reach(frame: LocalFrame, bounds: tuple[float, float, float, float]) -> float:
-    """Distance from the origin to the farthest side of a box, metres: the track touches each of its sides."""
+    """Return the distance from the origin to the farthest side of a box, metres: the track touches each."""
     south, west, north, east = bounds
     lat, lon = frame.origin
     sides = frame.enu_from_latlon([(south, lon), (north, lon), (lat, west), (lat, east)])

@@ -22,32 +22,32 @@ from webapp.core.trajectory.smoother import Judgement, SmoothedTrack, log_likeli
 from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
 DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
-"""Standard deviation to the east and to the north of fixes without a covariance, by their source."""
+"""Standard deviation per axis of fixes without a covariance, by their source."""
 
 MIN_SIGMA_M = 0.02
-"""Smallest standard deviation of a fix: a receiver that states 0 does not know it."""
+"""Lower limit of a fix's standard deviation: a receiver that states 0 does not know it."""
 
 MOST_POSES = 100_000
-"""Poses taken of a longer track, evenly: of odometry, the movement between them is kept whole."""
+"""A longer track is sampled evenly to this number of poses; odometry keeps the whole motion between them."""
 
 SAMPLE = 500
-"""Fixes of each source from which the noise is estimated; of odometry, four times as many poses."""
+"""Fixes per source from which the noise is estimated, with four times as many poses of odometry."""
 
 MOST_JUDGED = 2000
-"""Fixes that are judged by the whole track."""
+"""Largest number of fixes that are judged by the whole track."""
 
 WORSE = 2.0
-"""Factor on the errors of odometry by which wrong fixes are found before its noise is known."""
+"""Factor on the usual errors of odometry while outliers are searched before its noise is known."""
 
 LEAST_SAMPLE = 8
-"""Fewer fixes are too few to estimate the noise from."""
+"""Least number of fixes from which the noise is estimated."""
 
 CORRELATION_TIME_S = 20.0
-"""Errors of one receiver are correlated over such a time, by the same satellites and the same reflections:
-fixes within it count as one measurement."""
+"""Correlation time of a receiver's errors, from the same satellites and reflections: fixes within it count as
+one measurement."""
 
 LEAST_SPEED_MPS = 0.3
-"""Without odometry, the heading is that of a movement that is faster, and faster than it is uncertain."""
+"""Without odometry, the course is the heading where the speed exceeds this and its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,11 +57,11 @@ class GatingResult:
     Attributes
     ----------
     number : (m,) intp
-        Places in the track as it was given, ordered by time.
+        Indices in the given track, ordered by time.
     distance : (m,) float64
         Squared Mahalanobis distance of the innovation; its mean is 2 where all covariances are right.
     gated : (m,) bool
-        Which were rejected as outliers.
+        Whether each was rejected as an outlier.
     expected : (m, 2) float64
         Predicted positions, degrees north and east.
     innovation_m : (m,) float64
@@ -83,14 +83,14 @@ class GatingResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fusion:
-    """A corrected track.
+    """A fused track.
 
     Attributes
     ----------
     poses : Poses
         At each time of the odometry and of the fixes.
     begins_s : tuple of float
-        When each piece begins; the first one begins with the track, at the others it was found elsewhere.
+        Start time of each piece: that of the track, and of each jump to another position.
     fit : NoiseFit
         Factors on the noise of odometry and receiver, estimated from this track.
     """
@@ -103,12 +103,12 @@ class Fusion:
 
 @dataclass(frozen=True, slots=True)
 class NoFusion:
-    """Nothing to fuse, and why. Falsy."""
+    """Nothing to fuse, and the reason. Falsy."""
 
     reason: str
 
     def __bool__(self) -> bool:
-        """Return an empty track."""
+        """Return False: there is no fused track."""
         return False
 
 
@@ -126,9 +126,9 @@ def fuse(
     odometry : Poses or None
         Only its relative motion is used, not its origin nor its covariance.
     fixes : mapping of Source to Poses
-        Their covariances are used where they have some.
+        Their covariances are used where known.
     check : callable
-        Called now and then with the number of nodes done; what it raises ends the work.
+        Called now and then with the number of nodes done; an exception that it raises cancels the fusion.
     """
     tracks = {source: poses for source, poses in fixes.items() if len(poses)}
     if not tracks:
@@ -187,9 +187,9 @@ def _judged(
     usual: Noise,
     check: Callable[[int], None],
 ) -> Judgement | None:
-    """Judge the fixes by the whole track; of too many, some, between which the filter judges by itself.
+    """Judge the fixes by the whole track; of too many, a sample, and the filter judges the others.
 
-    None where the filter explains the fixes better, as by odometry whose drift bends the way.
+    None where the filter alone explains the fixes better, for instance if odometry drift bends the path.
     """
     chosen = np.linspace(0, len(every.number) - 1, min(len(every.number), MOST_JUDGED)).astype(np.intp)
     some = _AllFixes(every.poses.take(chosen), every.source[chosen], every.number[chosen])
@@ -206,7 +206,7 @@ def _judged(
 
 
 def _decorrelated(poses: Poses) -> Poses:
-    """Return fixes with uncorrelated errors."""
+    """Return one fix per correlation time, so that their errors are independent."""
     order = np.argsort(poses.times_s, kind="stable")
     turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / CORRELATION_TIME_S)
     return poses.take(order[np.unique(turn, return_index=True)[1]])
@@ -230,7 +230,7 @@ def _filter_inputs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _AllFixes:
-    """The fixes of all sources, ordered by time: their poses, where each is from, and its place there."""
+    """The fixes of all sources, ordered by time: poses, source, and index in the track of that source."""
 
     poses: Poses
     source: NDArray[np.str_]
@@ -238,7 +238,7 @@ class _AllFixes:
 
 
 def _in_time(poses: Poses, most: int) -> NDArray[np.intp]:
-    """Places of the poses in the order of time; of too many, some."""
+    """Return the indices of the poses in order of time; of too many, an even sample."""
     order = np.argsort(poses.times_s, kind="stable")
     count = min(len(order), most)
     return order[np.linspace(0, len(order) - 1, count).astype(np.intp)]
@@ -265,7 +265,7 @@ def _covariances(fixes: _AllFixes) -> Floats:
 
 
 def _shares(fixes: _AllFixes) -> Floats:
-    """Weigh each fix as a share of an independent measurement, by the time since the one before."""
+    """Weight each fix as a fraction of an independent measurement, by the time since the previous one."""
     found = np.ones(len(fixes.source))
     of_gps = fixes.source == "gps"
     waited = np.diff(fixes.poses.times_s[of_gps], prepend=-np.inf)
@@ -274,7 +274,7 @@ def _shares(fixes: _AllFixes) -> Floats:
 
 
 def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning | None:
-    """Project odometry into a plane of its own; None with fewer than two poses."""
+    """Project odometry to a local plane of its own; None for fewer than two poses."""
     poses = odometry.take(_in_time(odometry, most))
     poses = poses.take(np.unique(poses.times_s, return_index=True)[1])
     if len(poses) < 2:
@@ -284,7 +284,7 @@ def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning | None:
 
 
 def _headings(stated: Floats, position: Floats) -> Floats:
-    """Unwrap headings: those of the poses where most have one, else the course to the next pose."""
+    """Return unwrapped headings: those of the poses if most have one, else the course to the next pose."""
     known = np.flatnonzero(np.isfinite(stated))
     if 2 * known.size >= len(stated):
         return np.interp(np.arange(len(stated)), known, np.unwrap(stated[known]))
@@ -314,7 +314,7 @@ def _poses(steps: Steps, done: SmoothedTrack, *, frame: LocalFrame, height_m: Fl
         speed > np.maximum(spread, LEAST_SPEED_MPS), np.arctan2(state[:, 2], state[:, 3]), np.nan
     )
     way = np.hypot(*np.diff(state[:, POSITION], axis=0).T)
-    way[[begin - 1 for begin in done.begins[1:]]] = 0.0  # from piece to piece nobody travelled
+    way[[begin - 1 for begin in done.begins[1:]]] = 0.0  # a jump between pieces is no distance travelled
     return make_poses(
         steps.times_s,
         frame.latlon_from_enu(state[:, POSITION]),

@@ -1,4 +1,4 @@
-"""Where on a track something happened, by its time; and how wrong a clock was."""
+"""Positions on a track by time; and the offset of a camera's clock from the track's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.core.geo.types import LatLon
 from webapp.core.trajectory.track import FixTrack
 
 _NEAREST = 5
-"""Number of fixes near a photo's own position that are tried as the moment when it was taken."""
+"""Number of nearest fixes to a photo's own position that propose the time when it was taken."""
 _SAMPLE = 40
 _NEAR_M = 30.0
 _LEAST = 3
@@ -26,7 +26,7 @@ class Match:
     Attributes
     ----------
     gap_s : float
-        Between the two fixes around it; for one that is at a fix itself, the time to that fix.
+        Time between the two fixes around it; for the position of a single fix, the time to that fix.
     """
 
     position: LatLon
@@ -40,20 +40,20 @@ class NoMatch:
     reason: str
 
     def __bool__(self) -> bool:
-        """Say that there is no position."""
+        """Return False: there is no position."""
         return False
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """How a clock differs from the track's.
+    """Offset of a clock from the track's.
 
     Attributes
     ----------
     offset_s : float
         To be added to the clock's time.
     median_m : float
-        Of the distances between photos' own positions and those on the track then.
+        Median distance between the photos' own positions and those on the track at the corrected times.
     """
 
     offset_s: float
@@ -61,10 +61,10 @@ class ClockOffset:
 
 
 def match(track: FixTrack, times_s: Sequence[float], *, max_gap_s: float) -> list[Match | NoMatch]:
-    """Find the positions at some times, on the straight line between the fix before and the fix after.
+    """Interpolate the positions at given times linearly between the fixes before and after.
 
-    Where these are more than `max_gap_s` apart, and before the first and after the last fix, the nearest fix
-    stands for what is at most half of that away: no position is a worse guess than inside an allowed gap.
+    Across a gap longer than `max_gap_s`, before the first and after the last fix, the nearest fix is returned
+    if it is at most `max_gap_s` / 2 away: no position is then a worse guess than inside an allowed gap.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def match(track: FixTrack, times_s: Sequence[float], *, max_gap_s: float) -> lis
     times_s : sequence of float
         Seconds since 1970, UTC.
     max_gap_s : float
-        Largest time between two fixes that is bridged, seconds.
+        Longest gap between two fixes over which positions are interpolated, seconds.
 
     Returns
     -------
@@ -84,10 +84,10 @@ def match(track: FixTrack, times_s: Sequence[float], *, max_gap_s: float) -> lis
 
 
 def estimate_offset(track: FixTrack, times_s: ArrayLike, *, latlon: ArrayLike) -> ClockOffset | NoMatch:
-    """Find by how much a camera's clock is wrong, from photos that know where they were taken.
+    """Estimate the offset of a camera's clock from photos with known positions.
 
-    For each photo, the moments when the track came closest to it each propose an offset; the one is taken
-    that brings the photos nearest to the track in the median.
+    For each photo, the times of the fixes closest to it each propose an offset; the one with the least median
+    distance of the photos from the track is chosen.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _at(track: FixTrack, t: float, max_gap_s: float) -> Match | NoMatch:
 
 
 def _between(track: FixTrack, after: int, share: float) -> LatLon:
-    """Go a share of the way from one fix to the next, the short way around the Earth."""
+    """Interpolate between a fix and the previous one, the short way around the Earth."""
     (lat, lon), (lat1, lon1) = track.latlon[after - 1].tolist(), track.latlon[after].tolist()
     east = (lon1 - lon + 180.0) % 360.0 - 180.0
     return LatLon(lat + share * (lat1 - lat), (lon + share * east + 180.0) % 360.0 - 180.0)
@@ -156,7 +156,7 @@ def _moments(track: FixTrack, fixes: NDArray[np.float64], photo: NDArray[np.floa
 def _median_m(
     track: FixTrack, fixes: NDArray[np.float64], times: NDArray[np.float64], *, photos: NDArray[np.float64]
 ) -> float:
-    """Median distance of photos to where the track was then; outside of it, infinite."""
+    """Return the median distance of photos from the track at given times; infinite outside of the track."""
     east = np.interp(times, track.times_s, fixes[:, 0], left=np.inf, right=np.inf)
     north = np.interp(times, track.times_s, fixes[:, 1], left=np.inf, right=np.inf)
     return float(np.median(np.hypot(east - photos[:, 0], north - photos[:, 1])))

@@ -1,14 +1,14 @@
-"""How the state of a robot on the ground changes from one node to the next, and how sure that is.
+"""Motion model of a ground robot: the predicted state at the next node, and its covariance.
 
 The state has eight numbers: metres east and north; metres a second east and north; the heading, radians
-clockwise from north; and what is systematically wrong with the odometry: its scale, the scale of its turns
-(the wheels' distance) and the curve it drives when it believes to go straight (unequal wheels). See
-J. Borenstein and L. Feng, "Measurement and correction of systematic odometry errors in mobile robots", IEEE
-Transactions on Robotics and Automation 12 (1996).
+clockwise from north; and the systematic errors of the odometry: its scale, the scale of its turns (wheel
+separation) and the curvature of a path that it takes for straight (unequal wheels). See J. Borenstein and
+L. Feng, "Measurement and correction of systematic odometry errors in mobile robots", IEEE Transactions on
+Robotics and Automation 12 (1996).
 
-Where odometry has the motion, it is the prediction. Where it does not, the robot is assumed to keep
-a velocity that is forgotten with time, an Ornstein-Uhlenbeck process: D. Gillespie, "Exact numerical
-simulation of the Ornstein-Uhlenbeck process and its integral", Physical Review E 54 (1996).
+Where there is odometry, it is the prediction. Elsewhere, the velocity is an Ornstein-Uhlenbeck process, which
+decays with time: D. Gillespie, "Exact numerical simulation of the Ornstein-Uhlenbeck process and its
+integral", Physical Review E 54 (1996).
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ SCALE, TURN_SCALE, CURVE = 5, 6, 7
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """How wrong movements are, one standard deviation each; usual values of wheeled robots.
+    """Noise of the motion, standard deviations; the defaults suit wheeled robots.
 
-    Random errors add up by their squares: after a hundred metres they are ten times those after one.
+    Variances of random errors add up: after a hundred metres the error is ten times that after one.
     """
 
     forward: float = 0.05
-    """Metres after one metre, along the way."""
+    """Metres after one metre, along the path."""
 
     sideways: float = 0.03
     """Metres after one metre, across it."""
@@ -51,23 +51,23 @@ class Noise:
     """Radians after one second, also at rest."""
 
     scale: float = 0.05
-    """Share by which the odometry's distances may be wrong all the time."""
+    """Systematic relative error of the odometry's distances."""
 
     turn_scale: float = 0.1
-    """Share by which its turns may be."""
+    """Systematic relative error of its turns."""
 
     curve: float = 0.01
-    """Radians a metre that it may turn without knowing."""
+    """Systematic turn that the odometry does not measure, radians a metre."""
 
     velocity: float = 3.0
-    """Metres a second in each direction, of something on its way whose odometry is not known."""
+    """Metres a second along each axis, of a moving robot without odometry."""
 
     memory_s: float = 20.0
-    """After so long it may go quite another way."""
+    """Time constant with which the velocity is forgotten, without odometry."""
 
 
 Prediction = tuple[Floats, Floats, Floats]
-"""The state (8,), its derivative by the state before (8, 8), and the covariance that was added (8, 8)."""
+"""The state (8,), its Jacobian by the previous state (8, 8), and the process noise covariance (8, 8)."""
 
 
 def predict(state: Floats, move: Floats, *, seconds: float, noise: Noise) -> Prediction:
@@ -89,7 +89,7 @@ def predict(state: Floats, move: Floats, *, seconds: float, noise: Noise) -> Pre
 def _drive(state: Floats, move: list[float], *, seconds: float, noise: Noise) -> Prediction:
     forward, right, turn = move
     scale = 1.0 + state[SCALE]
-    # What is turned more than the odometry knows is turned evenly: the way bends by half of it.
+    # the unmeasured turn is spread evenly over the step: the chord is rotated by half of it
     excess = state[TURN_SCALE] * turn + state[CURVE] * forward
     angle = state[HEADING] + excess / 2
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -109,7 +109,7 @@ def _drive(state: Floats, move: list[float], *, seconds: float, noise: Noise) ->
         change[row, TURN_SCALE] = by_angle * turn / 2
         change[row, CURVE] = by_angle * forward / 2
         change[row + 2] = change[row] / seconds
-        change[row + 2, row] = 0.0  # the velocity is that of this step, wherever it began
+        change[row + 2, row] = 0.0  # the velocity does not depend on the position before
     change[HEADING, TURN_SCALE] = turn
     change[HEADING, CURVE] = forward
     return after, change, _drive_noise(move, (sine, cosine), seconds=seconds, noise=noise)
@@ -126,7 +126,7 @@ def _drive_noise(
     added[0, 0] = along * sine**2 + across * cosine**2
     added[1, 1] = along * cosine**2 + across * sine**2
     added[0, 1] = added[1, 0] = (along - across) * sine * cosine
-    added[2, 2] = added[3, 3] = 0.1**2  # how unevenly a step is driven
+    added[2, 2] = added[3, 3] = 0.1**2  # speed varies within a step
     added[HEADING, HEADING] = (
         noise.heading**2 * way + noise.turning**2 * turn + noise.resting_rad**2 * seconds
     )

@@ -1,9 +1,9 @@
-"""How wrong odometry and receiver are, as the track itself shows.
+"""Maximum likelihood estimate of the noise of odometry and receiver, from the track itself.
 
-Robots differ: wheels that skid in turns are several times worse than wheels that roll. And receivers know
-their noise but not what reflections do; many send the dilution of precision instead of a variance. So the
-fixes are predicted, each from those before it, under several assumptions, and the one under which they are
-most likely is taken (F. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE
+Robots differ: the odometry of wheels that skid in turns is several times worse than that of rolling wheels.
+Receivers know their noise but not their multipath errors; many send the dilution of precision instead of a
+variance. So each fix is predicted from the ones before under several assumptions, and the one under which the
+fixes are most likely is chosen (F. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE
 Transactions on Information Theory 11, 1965).
 """
 
@@ -20,7 +20,7 @@ from webapp.core.trajectory.smoother import Judgement, log_likelihood
 from webapp.core.trajectory.steps import Fixes, Steps
 
 ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""The usual errors of odometry times this."""
+"""Factors on the usual errors of odometry."""
 
 RECEIVER = (1.0, 2.0, 4.0)
 """Factors on a receiver's stated standard deviations: none below 1, as it is never better than stated."""
@@ -28,19 +28,19 @@ RECEIVER = (1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, slots=True)
 class NoiseFit:
-    """By what the assumed errors are multiplied.
+    """Factors on the assumed errors.
 
     Attributes
     ----------
     odometry, receiver : float
-        Standard deviations.
+        Factors on standard deviations.
     """
 
     odometry: float = 1.0
     receiver: float = 1.0
 
     def noise(self, usual: Noise) -> Noise:
-        """Return the noise of the odometry."""
+        """Return the scaled noise of the odometry."""
         by = self.odometry
         return replace(
             usual,
@@ -54,7 +54,7 @@ class NoiseFit:
         )
 
     def fixes(self, stated: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
-        """Return the fixes with the covariances that they have in truth.
+        """Return the fixes with scaled covariances.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ def fit(
     usual: Noise,
     judged: Callable[[Fixes], Judgement | None] = lambda _: None,
 ) -> NoiseFit:
-    """Find how wrong odometry and receiver are.
+    """Estimate the noise of odometry and receiver.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def fit(
     of_receiver : (m,) bool
         Which fixes came from a satellite receiver.
     judged : callable
-        Judges the fixes under an assumed covariance, as wrong ones are no evidence of a bad receiver. It
-        counts where that makes the fixes likelier.
+        Finds outliers under an assumed covariance, as they are no evidence of a noisy receiver. The judgement
+        is used if it makes the fixes likelier.
     """
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [

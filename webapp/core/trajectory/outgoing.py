@@ -1,7 +1,7 @@
-"""A mission on its way out: what every file that is made of it is made of.
+"""A mission as the exporters of all file formats read it.
 
-A mission can have millions of poses and many objects, so neither is ever there as a whole: they come in
-parts, afresh each time that they are asked for.
+A mission can have millions of poses and many objects, so neither is ever in memory as a whole: they are
+yielded in parts, anew by each call.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SOURCE_COLOURS = {
     "fused": "#009e73",
     "manual": "#56b4e9",
 }
-"""Of lines, by where their poses come from: as on the pages."""
+"""Line colours by the source of the poses, as on the web pages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +33,20 @@ class ExportTrack:
     name : str
         Distinguishes several tracks of one source; may be empty.
     count : int
-        Poses that come.
+        Number of exported poses.
     distance_m : float
-        Along all poses that the source had.
+        Distance along all poses of the source.
     bounds : tuple of float, or None
         South, west, north, east, degrees; None without poses.
     poses : function
-        Gives the poses from the first to the last, in parts of at most a few thousand.
+        Yields the poses in their order, in parts of at most a few thousand.
     timed : bool
-        False where the times of the poses only keep their order: they do not go out.
+        False if the times only order the poses: they are not exported.
     removed : int
-        Poses that were removed to save room.
+        Number of poses that were removed to save space.
     thinned_m : float or None
-        How far from the motion through the others those are, at most, metres; None: only both ends are left.
+        Largest distance of those from the motion interpolated without them, metres; None if only both ends
+        are left.
     """
 
     id: int
@@ -61,7 +62,7 @@ class ExportTrack:
 
     @property
     def remark(self) -> str:
-        """What has been removed, for people; empty where nothing was."""
+        """Description of what has been removed; empty if nothing was."""
         if not self.removed:
             return ""
         if self.thinned_m is None:
@@ -70,18 +71,18 @@ class ExportTrack:
 
     @property
     def title(self) -> str:
-        """For people."""
+        """Title to show."""
         return f"{self.source}: {self.name}" if self.name else self.source
 
     @property
     def colour(self) -> str:
-        """Of its line, `#rrggbb`."""
+        """Line colour, `#rrggbb`."""
         return SOURCE_COLOURS.get(self.source, SOURCE_COLOURS["manual"])
 
 
 @dataclass(frozen=True, slots=True)
 class ExportObject:
-    """Something that was seen, where it was seen last; an associated object in the mean of its detections.
+    """A detected object at its last position; an associated object at the mean of its detections.
 
     Attributes
     ----------
@@ -96,11 +97,11 @@ class ExportObject:
     size_m : tuple of float, or None
         Length, width, height.
     state : str
-        How far people are with it.
+        `found`, `confirmed`, `cleared` or `dismissed`.
     state_by : str or None
-        Who has set the state; None where nobody has, or it does not go out.
+        Who set the state; None if it is unset, or names are not exported.
     state_time_s : float or None
-        When, seconds since 1970, UTC.
+        When it was set, seconds since 1970, UTC.
     """
 
     id: str
@@ -121,16 +122,16 @@ class ExportObject:
 
 @dataclass(frozen=True, slots=True)
 class MissionOut:
-    """A mission.
+    """A mission to export.
 
     Attributes
     ----------
     tracks : tuple of ExportTrack
         Those that have poses.
     kinds : tuple of str
-        The classes of its objects; of very many, some.
+        The classes of its objects; of very many, a part.
     objects : function
-        Gives the objects, in the order of their ids.
+        Yields the objects, in the order of their ids.
     """
 
     name: str

@@ -1,14 +1,14 @@
-"""Finds wrong fixes by the whole track: what comes after a fix says as much about it as what came before.
+"""Finds wrong fixes by the whole track, from the measurements after each fix as well as those before.
 
-A filter that goes forward has to judge each fix when it comes. After a long way its prediction is vague: it
-takes a wrong fix, and leaves out good ones that follow. Here all fixes are weighed at once under a truncated
-quadratic loss, which stops growing where a fix is farther off than a good one can be, by graduated
-non-convexity: the loss is nearly convex first and becomes truncated step by step, while the smoother finds
-the best track for the weights of each step (H. Yang, P. Antonante, V. Tzoumas, L. Carlone, "Graduated
-non-convexity for robust spatial perception", IEEE Robotics and Automation Letters 5, 2020).
+A forward filter must judge each fix as it arrives. After a long distance its prediction is uncertain: it
+accepts a wrong fix, and then rejects good ones. Here all fixes are weighted jointly under a truncated
+quadratic loss, constant beyond the gate of a good fix, by graduated non-convexity: the loss is nearly convex
+at first and truncated step by step, while the smoother estimates the best track for the weights of each step
+(H. Yang, P. Antonante, V. Tzoumas, L. Carlone, "Graduated non-convexity for robust spatial perception", IEEE
+Robotics and Automation Letters 5, 2020).
 
-With equal weights, wrong fixes would bend the first track so far that its linearisation is worth nothing.
-So it is made of the fixes that are as far from their neighbours as the odometry says.
+With equal weights, wrong fixes would bend the first track too far for a useful linearisation. It is therefore
+estimated from the fixes whose distances from their neighbours agree with the odometry.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ GROWTH = 1.8
 """Factor by which the loss becomes less convex in each step."""
 
 INITIAL_MU = 0.3
-"""The degree of non-convexity to begin with, as the first weights are good already."""
+"""Initial degree of non-convexity: fairly high, as the first weights are already good."""
 
 MOST_STEPS = 40
 
 NEIGHBOURS = 4
-"""Fixes before and after one with which it is compared."""
+"""Number of fixes before and after one with which it is compared."""
 
 DISTANCE_TOLERANCE = 0.05
-"""Share of the way by which a distance changes with the scale and the turns of the odometry."""
+"""Tolerance of distances for scale and turn errors of the odometry, as a fraction of the path length."""
 
 READMISSIONS = 3
-"""Rounds in which fixes that were left out are tested once more against the track without them."""
+"""Largest number of rounds in which rejected fixes are tested again against the track without them."""
 
 
 def find_outliers(
     steps: Steps, fixes: Fixes, *, noise: Noise, check: Callable[[int], None] = lambda _: None
 ) -> Judgement | None:
-    """Judge all fixes together; where many in a row are wrong and agree, a new piece begins.
+    """Judge all fixes jointly; a run of wrong fixes that agree with each other begins a new piece.
 
     Parameters
     ----------
     fixes : Fixes
         At least one.
     check : callable
-        Called now and then; raises where the work was cancelled.
+        Called now and then; raises if the work was cancelled.
 
     Returns
     -------
     Judgement or None
-        None without odometry: what lies between fixes is unknown then, and each could be right.
+        None without odometry: the motion between fixes is then unknown, and each could be right.
     """
     if not np.isfinite(steps.moves).any():
         return None
@@ -82,7 +82,7 @@ def find_outliers(
 def _judge(
     steps: Steps, fixes: Fixes, *, noise: Noise, begin: int, end: int, check: Callable[[int], None]
 ) -> NDArray[np.bool_]:
-    """Return which fixes are wrong (m,); only those of the nodes from `begin` to `end` are judged."""
+    """Return which fixes are wrong (m,); only those at nodes from `begin` to before `end` are judged."""
     mine = (fixes.node >= begin) & (fixes.node < end)
     weight = _consistent(steps, fixes, mine=mine, noise=noise).astype(np.float64)
     filter = Filter(steps, fixes, noise=noise, weight=weight)
@@ -115,10 +115,10 @@ def _judge(
 
 
 def _consistent(steps: Steps, fixes: Fixes, *, mine: NDArray[np.bool_], noise: Noise) -> NDArray[np.bool_]:
-    """Return which fixes (m,) are as far as the odometry says from at least half of their neighbours.
+    """Return which fixes (m,) have distances to at least half of their neighbours that fit the odometry.
 
-    Distances need no heading, so that nothing has to be estimated before. In the second round only neighbours
-    that were found consistent have a say.
+    Distances do not depend on the heading, so that no estimate is needed. In the second round only neighbours
+    that were consistent in the first are compared.
     """
     whole = replace(steps, moves=np.nan_to_num(steps.moves))
     way = np.concatenate([[0.0], np.cumsum(np.hypot(whole.moves[1:, 0], whole.moves[1:, 1]))])
@@ -145,14 +145,14 @@ def _consistent(steps: Steps, fixes: Fixes, *, mine: NDArray[np.bool_], noise: N
 
 
 def _weights(distance: Floats, control: float) -> Floats:
-    """Return the weights of the truncated loss at a degree of convexity (equation 14 of the paper)."""
+    """Return the weights of the truncated loss at a degree of non-convexity (equation 14 of the paper)."""
     low, high = control / (control + 1.0) * GATE_2D, (control + 1.0) / control * GATE_2D
     middle = np.sqrt(GATE_2D * control * (control + 1.0) / np.maximum(distance, 1e-12)) - control
     return np.where(distance <= low, 1.0, np.where(distance >= high, 0.0, middle))
 
 
 def _far(filter: Filter, fixes: Fixes, weight: Floats) -> NDArray[np.bool_]:
-    """Return which fixes are too far from the track: of those left out, its uncertainty counts too."""
+    """Return which fixes are too far from the track; for rejected ones, its uncertainty is added."""
     off = fixes.position - filter.state[fixes.node, POSITION]
     spread = filter.covariance[fixes.node, POSITION, POSITION]
     around = fixes.covariance + np.where(weight[:, None, None] < 0.5, spread, 0.0)
@@ -162,7 +162,7 @@ def _far(filter: Filter, fixes: Fixes, weight: Floats) -> NDArray[np.bool_]:
 def _first_of_consistent_run(
     steps: Steps, fixes: Fixes, mine: NDArray[np.intp], *, gated: NDArray[np.bool_], noise: Noise
 ) -> int | None:
-    """Return the node of the first of several wrong fixes in a row that agree; None without them."""
+    """Return the node of the first fix of a run of wrong fixes that agree; None if there is no such run."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[False], gated[mine], [False]]).astype(np.int8)))
     for first, last in bounds.reshape(-1, 2).tolist():
         run = mine[first:last]

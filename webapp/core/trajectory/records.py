@@ -1,4 +1,4 @@
-"""What a robot records: the poses of a track, and the objects it detected."""
+"""Records of a robot: the poses of tracks, and detected objects."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ __all__ = ["SOURCES", "Poses", "Sighting", "Source", "join", "make_poses"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """The poses of one track, in the order in which they came.
+    """The poses of one track, in the order in which they arrived.
 
     Attributes
     ----------
     times_s : (n,) float64
-        Seconds since 1970, UTC. Need not ascend.
+        Seconds since 1970, UTC; not necessarily ascending.
     latlon : (n, 2) float64
         Degrees north, degrees east.
     height_m : (n,) float64
-        Metres as the source counts them; NaN where it is unknown.
+        Metres, in the height system of the source; NaN where it is unknown.
     heading_deg : (n,) float64
         Degrees clockwise from north, 0 <= heading < 360; NaN where it is unknown.
     covariance_m2 : (n, 3) float64
         Square metres: variance east, variance north, covariance of the two; NaN where it is unknown.
     travelled_m : (n,) float64
-        Metres along the track since its first pose, those that thinning left out included.
+        Metres along the track since its first pose, through the poses that thinning left out too.
     """
 
     times_s: NDArray[np.float64]
@@ -46,18 +46,18 @@ class Poses:
         return len(self.times_s)
 
     def take(self, chosen: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Poses:
-        """Return some of the poses, by a slice, a mask (n,) bool, or their places (m,) intp."""
+        """Return some of the poses, by a slice, a mask (n,) bool, or indices (m,) intp."""
         return Poses(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A robot saw an object somewhere at some time.
+    """A detection of an object by a robot.
 
     Attributes
     ----------
     object_id : str or None
-        The same object has the same id at every sighting; None where its detector does not track objects.
+        The same at every sighting of an object; None if its detector does not track objects.
     kind : str
         Its class: `car`, `victim` ...
     time_s : float
@@ -71,7 +71,7 @@ class Sighting:
     size_m : tuple of float, or None
         Along the object's own axes, the last one up.
     state : str
-        How far people are with the object, by a file that this program wrote; empty where nothing says.
+        The object's state, read from a file that this program exported; empty if it has none.
     """
 
     object_id: str | None
@@ -95,21 +95,21 @@ def make_poses(
     covariance_m2: ArrayLike | None = None,
     travelled_m: ArrayLike | None = None,
 ) -> Poses:
-    """Make poses of what is known; what is not given is NaN.
+    """Make poses from arrays; those not given are NaN.
 
     Parameters
     ----------
     times_s : (n,) array_like
     latlon : (n, 2) array_like
     height_m, heading_deg : (n,) array_like, optional
-        Headings of any turn are brought to 0 <= heading < 360.
+        Headings are normalised to 0 <= heading < 360.
     covariance_m2 : (n, 3) array_like, optional
     travelled_m : (n,) array_like, optional
 
     Raises
     ------
     ValueError
-        They are not equally long.
+        The arrays differ in length.
     """
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     n = len(times)
@@ -133,7 +133,7 @@ def make_poses(
 
 
 def join(parts: Sequence[Poses]) -> Poses:
-    """Put poses one after the other; `travelled_m` stays as it is in each."""
+    """Concatenate poses; `travelled_m` is not changed."""
     if not parts:
         return make_poses([], np.empty((0, 2)))
     return Poses(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Poses)))

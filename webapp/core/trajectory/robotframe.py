@@ -1,12 +1,12 @@
 """A robot's own frame <-> the Earth.
 
-The frame starts where the robot was first: x forward, y left, z up, metres (as in ROS, REP 103). An operator
-says where on the Earth that was, and which way the robot looked. Distances and directions from the start are
-those of the geodesic, at any latitude and over the 180th meridian (see `webapp.core.geo.local`).
+The origin is the first pose of the robot: x forward, y left, z up, metres (as in ROS, REP 103). An operator
+enters its latitude, longitude and heading. Distances and directions from the start are those of the geodesic,
+at any latitude and across the 180th meridian (see `webapp.core.geo.local`).
 
-The robot of 2012 looked east at the start and took latitude = lat0 + y / b and longitude =
-lon0 + x / (a cos lat0). That is right to a percent of the way near the start, and wrong where the meridians
-run together: far from the start, and near a pole.
+The robot of 2012 faced east at the start and computed latitude = lat0 + y / b and longitude =
+lon0 + x / (a cos lat0). Near the start that is accurate to a percent of the distance, but it is wrong where
+the meridians converge: far from the start, and near a pole.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from webapp.errors import UsageError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalPoses:
-    """Poses in a robot's frame, in the order in which they came.
+    """Poses in a robot's frame, in the order in which they arrived.
 
     Attributes
     ----------
@@ -55,12 +55,12 @@ class LocalPoses:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a robot was at first.
+    """The start pose of a robot on the Earth.
 
     Attributes
     ----------
     heading_deg : float
-        Which way it looked, degrees clockwise from north.
+        Degrees clockwise from north.
     """
 
     position: LatLon
@@ -68,7 +68,7 @@ class Start:
 
 
 def parse_start(text: str | None) -> Start | None:
-    """Read a start written as `latitude,longitude,heading`; None for none.
+    """Read a start written as `latitude,longitude,heading`; None for an empty text.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def parse_start(text: str | None) -> Start | None:
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The first pose in a frame whose origin is somewhere else: a log that was begun on the way.
+    """The first pose in a frame with its origin elsewhere, as in a log that was started on the way.
 
     Attributes
     ----------
@@ -107,19 +107,19 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class RobotFrame:
-    """A robot's frame, laid on the Earth.
+    """A robot's frame, georeferenced by its start.
 
     Attributes
     ----------
     anchor : Anchor
-        The pose in the frame that is at the start.
+        The pose in the frame that corresponds to the start.
     """
 
     start: Start
     anchor: Anchor = field(default_factory=Anchor)
 
     def latlon_from_xy(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bring positions to the Earth.
+        """Convert positions to latitude and longitude.
 
         Parameters
         ----------
@@ -135,12 +135,12 @@ class RobotFrame:
         return LocalFrame(self.start.position).latlon_from_enu(offsets @ self._enu_from_xy.T)
 
     def heading_from_yaw(self, yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn yaws (n,), radians, into headings (n,), 0 <= degrees clockwise from north < 360."""
+        """Convert yaws (n,), radians, to headings (n,), 0 <= degrees clockwise from north < 360."""
         degrees: NDArray[np.float64] = np.degrees(yaw_rad - self.anchor.yaw_rad)
         return (self.start.heading_deg - degrees) % 360.0
 
     def poses(self, local: LocalPoses) -> Poses:
-        """Bring poses to the Earth; heights count from the start, and `travelled_m` stays unknown."""
+        """Convert poses to the Earth; heights are relative to the start, and `travelled_m` is unknown."""
         return make_poses(
             local.times_s,
             self.latlon_from_xy(local.xyz_m[:, :2]),
@@ -157,14 +157,14 @@ class RobotFrame:
 
     @property
     def _enu_from_xy(self) -> NDArray[np.float64]:
-        """(2, 2): the columns are where forward and left of the frame point to, east and north."""
+        """Rotation (2, 2); its columns are the frame's forward and left directions, as east and north."""
         angle = math.radians(self.start.heading_deg) + self.anchor.yaw_rad
         sin, cos = math.sin(angle), math.cos(angle)
         return np.array([[sin, -cos], [cos, sin]])
 
 
 def anchor_of(local: LocalPoses) -> Anchor:
-    """Take the first pose for the start; an unknown yaw counts as 0.
+    """Return the first pose as the anchor; an unknown yaw counts as 0.
 
     Parameters
     ----------

@@ -1,14 +1,14 @@
-"""An extended Kalman filter that goes through a track once, and a smoother that goes back.
+"""A forward extended Kalman filter over a track, with gating, and a backward smoother.
 
-Going forward, each fix is weighed against what was predicted, and left out when it is too far off to be
-chance. Going back, each node learns from what came after it (H. Rauch, F. Tung and C. Striebel, "Maximum
-likelihood estimates of linear dynamic systems", AIAA Journal 3, 1965). Where several fixes in a row are left
-out that agree with each other, it is not they that are wrong: the robot was carried, or its odometry has
-slipped far, and a new piece begins. All is done twice, the second time linearised where the first came out
-(B. Bell, "The iterated Kalman smoother as a Gauss-Newton method", SIAM Journal on Optimization 4, 1994).
+The forward pass updates the prediction with each fix, and rejects a fix outside the gate. The backward pass
+uses the measurements after each node (H. Rauch, F. Tung and C. Striebel, "Maximum likelihood estimates of
+linear dynamic systems", AIAA Journal 3, 1965). Several rejected fixes in a row that agree with each other are
+right: the robot was carried, or its odometry has slipped far, and a new piece begins. Both passes run twice,
+the second time linearised about the first result (B. Bell, "The iterated Kalman smoother as a Gauss-Newton
+method", SIAM Journal on Optimization 4, 1994).
 
-The filter is written out here: the state is small, the gating is the point of it, and the libraries at hand
-are no longer kept or bring a whole optimiser along.
+The filter is implemented here because the state is small, gating is essential, and available libraries are
+unmaintained or depend on a whole optimiser.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ from webapp.core.trajectory.motion import POSITION, SIZE, Noise, predict
 from webapp.core.trajectory.steps import Fixes, Floats, Steps
 
 AGREEING = 5
-"""Fixes in a row that are left out and agree with each other: a new piece begins."""
+"""Least number of rejected fixes in a row that agree with each other and begin a new piece..."""
 
 AGREEING_S = 10.0
-"""... over at least this many seconds: for shorter times, reflections often mislead a receiver."""
+"""... over at least this many seconds: for shorter times, multipath often misleads a receiver."""
 
 OUTLIERS = 0.01
-"""Share of fixes, and of pieces, that are expected to be wrong."""
+"""Prior fraction of wrong fixes; also the likelihood factor of each piece."""
 
 ANYWHERE_M = 100.0
-"""They are expected within such a radius."""
+"""Wrong fixes are modelled as uniform over a disc of this radius."""
 
 LEAST_WEIGHT = 1e-6
-"""A fix of less weight counts for nothing."""
+"""A fix of less weight is ignored."""
 
 _CHECK_EVERY = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedTrack:
-    """A corrected track.
+    """A smoothed track.
 
     Attributes
     ----------
     state : (n, 8) float64
-        At each node, as `motion` lists it.
+        At each node; see `motion`.
     covariance : (n, 8, 8) float64
     begins : tuple of int
         The first node of each piece.
     distance : (m,) float64
         Squared Mahalanobis distance of each fix from its prediction.
     gated : (m,) bool
-        Which fixes were left out.
+        Which fixes were rejected.
     expected : (m, 2) float64
-        Where each fix was predicted, metres east and north.
+        Predicted position of each fix, metres east and north.
     """
 
     state: Floats
@@ -72,14 +72,14 @@ class SmoothedTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """Which fixes are wrong, and where the robot was carried, as the whole track shows.
+    """Outliers among the fixes, and the pieces between which the robot was carried, by the whole track.
 
     Attributes
     ----------
     weight : (m,) float64
         0 for a wrong fix, 1 for a good one; NaN where it is not judged.
     begins_s : tuple of float
-        When each piece begins.
+        Start time of each piece.
     """
 
     weight: Floats
@@ -101,9 +101,9 @@ def smooth(
     fixes : Fixes
         At least one.
     judged : Judgement, optional
-        Without it, fixes are judged by their predictions, and pieces begin where several are rejected.
+        Without it, fixes are gated by their predictions, and pieces begin where several are rejected.
     check : callable
-        Called now and then with the number of nodes done; what it raises ends the work.
+        Called now and then with the number of nodes done; an exception that it raises cancels the work.
     """
     filter = Filter(steps, fixes, noise=noise or Noise(), weight=None if judged is None else judged.weight)
     ends = None if judged is None else _ends(steps, judged.begins_s)
@@ -114,8 +114,8 @@ def smooth(
         end = filter.forward(node, begun, check=check, end=None if ends is None else ends[len(begins)])
         begins.append(node)
         filter.back(node, end)
-        # Once more, around what came out: after a long way with a heading that was hardly known, straight
-        # lines were no good where the filter thought to be. A third time changes next to nothing.
+        # a second pass, linearised about the first result: where the heading was poorly known, linearisation
+        # about the filter's states is inaccurate; a third pass hardly changes anything
         filter.forward(node, begun, check=check, end=end, around_last=True)
         filter.back(node, end)
         node = end
@@ -127,12 +127,12 @@ def smooth(
 
 
 def _ends(steps: Steps, begins_s: tuple[float, ...]) -> list[int]:
-    """Return the node after the last of each piece."""
+    """Return the node after the last one of each piece."""
     return [*np.searchsorted(steps.times_s, begins_s[1:]).tolist(), len(steps)]
 
 
 def _compare_with_whole_track(filter: Filter, judged: Judgement) -> None:
-    """Expect the fixes that were judged wrong where the whole track, of which they are no part, passes."""
+    """Predict the fixes that were judged wrong from the smoothed track, which does not use them."""
     for at in np.flatnonzero(judged.weight == 0.0).tolist():
         node = filter.fixes.node[at]
         filter.expected[at] = filter.state[node, POSITION]
@@ -144,8 +144,8 @@ def _compare_with_whole_track(filter: Filter, judged: Judgement) -> None:
 def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: Judgement | None = None) -> float:
     """Return the log-likelihood of fixes, each predicted from those before it.
 
-    A few of them are taken to be anywhere, so that an outlier costs the same however far off it is: as many
-    as are judged wrong, where they are judged.
+    Outliers are modelled as uniform, so that one costs the same at any distance; their fraction is that of
+    the judgement, if there is one.
     """
     filter = Filter(steps, fixes, noise=noise, weight=None if judged is None else judged.weight)
     ends = None if judged is None else _ends(steps, judged.begins_s)
@@ -163,13 +163,13 @@ def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: Judgemen
 
 
 class Filter:
-    """The arrays of one run.
+    """An extended Kalman filter and smoother, with the arrays of one run.
 
     Parameters
     ----------
     weight : (m,) float64, optional
-        Of each fix, 0 to 1; NaN where the filter judges a fix by its prediction, as it does without weights.
-        It may be changed between runs.
+        Of each fix, 0 to 1; NaN where the filter gates a fix by its prediction, as it does without weights.
+        The array may be changed between passes.
     """
 
     def __init__(self, steps: Steps, fixes: Fixes, *, noise: Noise, weight: Floats | None = None) -> None:
@@ -183,7 +183,7 @@ class Filter:
         self.expected, self.log_determinant = np.full((m, 2), np.nan), np.full(m, np.nan)
 
     def begun(self, node: int) -> InitialState:
-        """Find a state for a node."""
+        """Estimate the initial state at a node."""
         used = (self.fixes.node >= node) & ~(self.weight < LEAST_WEIGHT)
         later = self.fixes.take(used if used.any() else self.fixes.node >= node)
         return start(self.steps, later, begin=node, noise=self.noise)
@@ -197,10 +197,10 @@ class Filter:
         end: int | None = None,
         around_last: bool = False,
     ) -> int:
-        """Filter from a node on, to the end or to where a new piece begins; give the node after the last.
+        """Filter forward from a node to the end of its piece; return the node after the last.
 
-        With `end` the piece ends there. With `around_last` movements are linearised where the smoother has
-        left them.
+        The piece ends at `end`, or without it where a new piece is detected. With `around_last`, motions are
+        linearised about the last smoothed states.
         """
         steps, fixes = self.steps, self.fixes
         at = int(np.searchsorted(fixes.node, begin))
@@ -235,7 +235,7 @@ class Filter:
         return after, uncertain
 
     def _update(self, at: int, state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Weigh a fix against the prediction, or leave it out."""
+        """Update the prediction with a fix, or reject the fix."""
         measured = self.fixes.covariance[at]
         off = self.fixes.position[at] - state[POSITION]
         around = covariance[POSITION, POSITION] + measured
@@ -250,13 +250,13 @@ class Filter:
         weight = 1.0 if by_distance else weight
         counts = measured / (self.fixes.share[at] * weight)
         gain = covariance[:, POSITION] @ np.linalg.inv(covariance[POSITION, POSITION] + counts)
-        # Joseph's form keeps the covariance positive, whatever is rounded.
+        # the Joseph form keeps the covariance positive definite despite rounding
         keep = np.eye(SIZE)
         keep[:, POSITION] -= gain
         return state + gain @ off, keep @ covariance @ keep.T + gain @ counts @ gain.T
 
     def _carried(self, pending: list[int]) -> bool:
-        """Return whether fixes that were left out are right together; forget the first of too many."""
+        """Return whether enough rejected fixes agree (the robot was carried); else drop the first of them."""
         times = self.steps.times_s[self.fixes.node[pending]]
         if len(pending) < AGREEING or times[-1] - times[0] < AGREEING_S:
             return False
@@ -268,7 +268,7 @@ class Filter:
         return False
 
     def back(self, first: int, end: int) -> None:
-        """Smooth the nodes of a piece, the last one first."""
+        """Smooth the nodes of a piece, backward."""
         for node in range(end - 2, first - 1, -1):
             after = node + 1
             # C = P F' (P_predicted)^-1, of symmetric matrices
@@ -280,10 +280,10 @@ class Filter:
 
 
 def mean_distance_bounds(count: int) -> tuple[float, float]:
-    """Return the bounds of the mean squared distance of good fixes in 95 % of the cases.
+    """Return the 95 % bounds of the mean squared distance of `count` good fixes.
 
-    The sum of `count` such distances follows the chi-square distribution of 2 `count` degrees; its bounds are
-    those of E. Wilson and M. Hilferty, "The distribution of chi-square", PNAS 17 (1931).
+    The sum of the distances follows the chi-square distribution with 2 `count` degrees of freedom, which is
+    approximated after E. Wilson and M. Hilferty, "The distribution of chi-square", PNAS 17 (1931).
     """
     degrees = 2 * count
     spread = 1.96 * math.sqrt(2 / (9 * degrees))

@@ -1,6 +1,6 @@
 """Inputs of the filter: odometry increments from node to node, and position fixes at some nodes.
 
-A node is a time at which something is known. Metres, radians and a local plane; no latitude any more.
+A node is the time of a fix or of a pose of the odometry. Units are metres in a local plane, and radians.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MOST_SPEED_MPS = 40.0
-"""A faster increment of odometry is a reset: nothing is known about that movement."""
+"""A faster increment of odometry is taken for a reset: that motion is unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """Movements between nodes.
+    """Motion between nodes.
 
     Attributes
     ----------
     times_s : (n,) float64
         Strictly ascending.
     moves : (n, 3) float64
-        Since the node before, in the robot's own frame there: metres forward, metres to the right, and
-        radians turned clockwise. NaN without odometry; so is the first.
+        Since the previous node, in the robot's own frame there: metres forward, metres to the right, and
+        radians turned clockwise. NaN without odometry, and for the first node.
     heading_rad : (n,) float64
-        As the odometry has it, clockwise from north; NaN where there is none.
+        Of the odometry, clockwise from north; NaN where there is none.
     """
 
     times_s: Floats
@@ -47,13 +47,13 @@ class Fixes:
     Attributes
     ----------
     node : (m,) intp
-        At which each was taken; ascending.
+        Node of each fix; ascending.
     position : (m, 2) float64
         Metres east, metres north.
     covariance : (m, 2, 2) float64
         Square metres.
     share : (m,) float64
-        How much of an independent measurement each is, 0 < share <= 1: those that err alike count as one.
+        Fraction of an independent measurement, 0 < share <= 1: fixes with correlated errors count as one.
     """
 
     node: NDArray[np.intp]
@@ -72,7 +72,7 @@ class Fixes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """The path of the odometry, in any plane: only its increments count.
+    """The path of the odometry, in any plane: only its increments are used.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class DeadReckoning:
     position : (n, 2) float64
         Metres east, metres north.
     heading_rad : (n,) float64
-        Clockwise from north, without jumps of a whole turn.
+        Clockwise from north, unwrapped.
     """
 
     times_s: Floats
@@ -92,7 +92,7 @@ class DeadReckoning:
 def make_steps(times_s: Floats, odometry_path: DeadReckoning | None) -> Steps:
     """Resample the odometry into increments between given times.
 
-    Between two of its poses the robot moves at constant speed.
+    Between two of its poses the robot is assumed to move at constant speed.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Signs of detected objects: a frame that says what an object means for rescuers, and a glyph of its class.
+"""Symbols of detected objects: a frame for what an object means to rescuers, and a glyph for its class.
 
-The frames follow MIL-STD-2525 in shape and colour: a yellow quatrefoil for people, of whom nothing is known
-yet, a red diamond for hazards, a blue rectangle for what helps, a green square for other things. The glyphs
-are drawn for this program, in the manner of the humanitarian icons of OCHA. A class without a glyph is a
-plain disc of the class's colour with its first letter.
+The frames follow MIL-STD-2525 in shape and colour: a yellow quatrefoil (unknown) for people, a red diamond
+for hazards, a blue rectangle for help, a green square for other things. The glyphs are drawn for this
+program, in the style of the humanitarian icons of OCHA. A class without a glyph is a plain disc of the
+class's colour with its first letter.
 
-All lines are in a box of 32 x 32, x to the right and y down; the object is in its middle.
+All lines are in a box of 32 x 32, x to the right and y down; its middle is the position of the object.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PLAIN_COLOURS = ("#0072b2", "#b26b00", "#00785a", "#a8518a", "#2b7cb3", "#d55e0
 
 @dataclass(frozen=True, slots=True)
 class SymbolFrame:
-    """A closed outline, and the colour in it."""
+    """A closed outline and its fill colour."""
 
     outline: Line
     fill: str
@@ -37,8 +37,7 @@ class Symbol:
     Attributes
     ----------
     words : str
-        Regular expression: whole words of the classes of which it is, in small letters, without the `s` of a
-        plural.
+        Regular expression for the words of its classes, in lower case and without a plural `s`.
     glyph : tuple of Line
         Dark lines.
     """
@@ -49,17 +48,17 @@ class Symbol:
 
     @property
     def pattern(self) -> str:
-        """The regular expression that fits a class in small letters. JavaScript reads it the same way."""
+        """Regular expression that matches the class in lower case, in Python and JavaScript alike."""
         return rf"(?:^|[^a-z])(?:{self.words})s?(?![a-z])"
 
 
 def symbol_of(kind: str) -> Symbol | None:
-    """Find the symbol of a class of objects; None for a class that has none of its own."""
+    """Find the symbol of a class of objects; None for a class without one."""
     return next((symbol for symbol in SYMBOLS if re.search(symbol.pattern, kind.lower())), None)
 
 
 def kind_colour(kind: str) -> str:
-    """Return the colour of a class of objects, `#rrggbb`: the same at every time and place."""
+    """Return the colour of a class of objects, `#rrggbb`; it is always the same."""
     symbol = symbol_of(kind)
     if symbol is not None:
         return symbol.frame.fill
@@ -68,13 +67,13 @@ def kind_colour(kind: str) -> str:
 
 
 def svg_path(lines: tuple[Line, ...], *, closed: bool = False) -> str:
-    """Write lines as the path of an SVG."""
+    """Write lines as SVG path data."""
     end = "Z" if closed else ""
     return "".join("M" + "L".join(f"{x:g} {y:g}" for x, y in line) + end for line in lines)
 
 
 def _arc(x: float, y: float, radius: float, *, first: float = 0.0, last: float = 360.0) -> Line:
-    """Part of a circle, by degrees clockwise from its right."""
+    """Return an arc of a circle; angles are degrees clockwise from its right."""
     count = max(4, round(abs(last - first) / 15.0))
     angles = (math.radians(first + (last - first) * n / count) for n in range(count + 1))
     return tuple((round(x + radius * math.cos(a), 2), round(y + radius * math.sin(a), 2)) for a in angles)
@@ -86,7 +85,7 @@ def _quatrefoil() -> Line:
 
 
 DISC = _arc(16, 16, 13)
-"""Of classes without a symbol."""
+"""Outline for classes without a symbol."""
 
 PEOPLE = SymbolFrame(_quatrefoil(), "#ffff80")
 HAZARD = SymbolFrame(((16, 1), (31, 16), (16, 31), (1, 16)), "#ff8080")
@@ -151,4 +150,4 @@ SYMBOLS = (
     Symbol(r"sign|marker|(?:april)?tag|landmark|waypoint", THING,
            (((11, 25), (11, 8), (22, 11.5), (11, 15)),)),
 )  # fmt: skip
-"""The first one that fits counts."""
+"""The first one that matches is used."""

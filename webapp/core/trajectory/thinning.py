@@ -1,9 +1,9 @@
-"""Fewer points of a track: poses that hardly differ from the one before, and what a display does not need.
+"""Thinning of tracks: leaves out poses that hardly moved, or that others predict within a tolerance.
 
-A robot sends its position up to a hundred times a second, even when it stands still. Only what moved more
-than a threshold since the last kept pose is kept, as the search and rescue robot of 2012 did it: by more than
-0.00001 degree in latitude or in longitude (1.1 m to the north; to the east 1.1 m at the equator, 0.7 m at 50
-degrees). A threshold in metres is the same everywhere.
+A robot sends its position up to a hundred times a second, even at rest. A pose is only kept if it is farther
+than a threshold from the last kept one, as on the search and rescue robot of 2012: more than 0.00001 degree
+in latitude or longitude (1.1 m to the north; to the east 1.1 m at the equator, 0.7 m at 50 degrees). A
+threshold in metres is the same everywhere.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from webapp.core.trajectory.distance import WGS84, metres_per_degree
 from webapp.errors import UsageError
 
 _METRES_PER_DEGREE = 111_195.0
-"""On a sphere: for display it is the same."""
+"""On a sphere, which is accurate enough for display."""
 
 GAP_S = 10.0
 GAP_FACTOR = 5.0
-"""Between poses farther apart in time than so many seconds, and so many times the usual, there is a gap."""
+"""There is a gap between poses whose interval exceeds this many seconds and this multiple of the median."""
 
 _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(m|deg|)\s*", re.IGNORECASE)
 
@@ -37,7 +37,7 @@ class MinMove:
     Attributes
     ----------
     value : float
-        Zero keeps every pose, those that have not moved too.
+        Zero keeps every pose, even without motion.
     unit : {"deg", "m"}
         Degrees of latitude or of longitude, whichever changed more; or metres along the geodesic.
     """
@@ -46,7 +46,7 @@ class MinMove:
     unit: Literal["deg", "m"] = "deg"
 
     def __str__(self) -> str:
-        """As `parse_min_move` reads it."""
+        """Write it as `parse_min_move` reads it."""
         return f"{self.value:.12g}{self.unit}" if self.value else "0"
 
 
@@ -68,7 +68,7 @@ def parse_min_move(text: str) -> MinMove:
 
 @dataclass(slots=True)
 class Thinner:
-    """Thins a track that comes in pieces.
+    """Thins a track that arrives in pieces.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Thinner:
     _last: tuple[float, float] | None = field(default=None, init=False)
 
     def keep(self, latlon: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Choose among the next positions.
+        """Choose which of the next positions to keep.
 
         Parameters
         ----------
@@ -142,12 +142,12 @@ def simplify_motion(
     tolerance_m: float,
     gap_s: float | None = None,
 ) -> NDArray[np.bool_]:
-    """Choose poses of a motion so that at no time it is farther than a tolerance from the one through them.
+    """Choose poses so that the motion interpolated between them is within a tolerance of all others.
 
-    Between two chosen poses the motion is even: the distance of a pose is that from where it would be at its
-    time, so that stops stay stops (N. Meratnia and R. A. de By, "Spatiotemporal compression techniques for
-    moving point objects", EDBT 2004). Both ends of a gap are chosen, where times go back, and where heights
-    begin or end: nothing is interpolated there.
+    Interpolation is linear in time: the distance of a pose is that from the interpolated position at its
+    time, which preserves stops (N. Meratnia and R. A. de By, "Spatiotemporal compression techniques for
+    moving point objects", EDBT 2004). Both poses are chosen around a gap, where time goes backwards, and
+    where heights begin or end: nothing is interpolated there.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def simplify_motion(
     height_m : (n,) float64
         NaN where it is not known.
     gap_s : float or None
-        Between poses farther apart in time there is a gap; None: as `GAP_S` and `GAP_FACTOR` say.
+        Longest interval that is not a gap; None for that of `GAP_S` and `GAP_FACTOR`.
 
     Returns
     -------
@@ -176,16 +176,16 @@ def simplify_motion(
 
 
 _Distance = Callable[[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]], NDArray[np.float64]]
-"""How far points (n,) are from what joins a first (n,) to a last one (n,), metres."""
+"""Distances (n,), metres, of points from the connections of first and last points, all indices (n,)."""
 
 
 def _split_where_far(ends: NDArray[np.intp], distance: _Distance, tolerance_m: float) -> NDArray[np.bool_]:
-    """Choose points of a line: some, and of each part between two the farthest, until none is too far.
+    """Choose points of a line: split each part at its farthest point until none is beyond the tolerance.
 
     Parameters
     ----------
     ends : (m,) intp
-        What is chosen at least: ascending, the first and the last point among them.
+        Points that are always chosen: ascending, including the first and the last.
     """
     keep = np.zeros(ends[-1] + 1 if len(ends) else 0, dtype=np.bool_)
     keep[ends] = True
@@ -209,7 +209,7 @@ def _ends(n: int) -> NDArray[np.intp]:
 
 
 def _flat(latlon: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lay positions on a plane, metres; also where they cross the 180th meridian."""
+    """Project positions to a plane, metres; also across the 180th meridian."""
     lon = np.unwrap(latlon[:, 1], period=360.0)
     across = np.cos(np.radians(latlon[:, 0].mean())) if len(latlon) else 1.0
     return np.column_stack([lon * across, latlon[:, 0]]) * _METRES_PER_DEGREE
@@ -218,7 +218,7 @@ def _flat(latlon: NDArray[np.float64]) -> NDArray[np.float64]:
 def _farthest(
     distance: _Distance, starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Find the point of each part that is farthest from what joins its ends, and how far it is."""
+    """Find the point of each part that is farthest from the connection of its ends, and its distance."""
     counts = ends - starts - 1
     begins = np.concatenate([[0], np.cumsum(counts)[:-1]])
     part = np.repeat(np.arange(len(starts)), counts)

@@ -32,14 +32,14 @@ class FixTrack:
 
 
 def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> FixTrack:
-    """Sort fixes by time; of several with one time the first counts.
+    """Sort fixes by time; of several with the same time the first is kept.
 
     Parameters
     ----------
     times_s : sequence of float
         Seconds since 1970, UTC.
     positions : sequence of LatLon
-        As many.
+        One for each time.
     """
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     latlon = np.asarray(positions, dtype=np.float64).reshape(-1, 2)

@@ -15,22 +15,22 @@ from webapp.core.geometry.estimate import NoPose
 from webapp.core.hypotheses.model import is_off_map
 
 CLEARLY = 0.7
-"""A less probable place is not a fix: a filter takes one place with an error, not a choice of several."""
+"""Least probability of a place for a fix: a filter takes one position, not several candidates."""
 
 AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
-"""Standard deviation along one axis, of the radius that holds 68 % of a normal distribution in the plane."""
+"""Standard deviation along one axis over the 68 % radius of a normal distribution in the plane."""
 
 
 @dataclass(frozen=True, slots=True)
 class VisualFix:
-    """Where a photo was taken.
+    """A position fix from a localized photo.
 
     Attributes
     ----------
     covariance_m2 : (float, float, float)
         Variance east, variance north, and the covariance of both.
     heading_deg : float or None
-        Where the camera looked, clockwise from north.
+        Viewing direction, clockwise from north.
     """
 
     latlon: LatLon
@@ -39,14 +39,14 @@ class VisualFix:
 
 
 def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> VisualFix | NoPose:
-    """Make a fix of an answer, where one place is clearly the most probable.
+    """Convert an answer to a fix, if one place is clearly the most probable.
 
     Parameters
     ----------
     answer : mapping
-        As `localize --json` prints it.
+        In the format of `localize --json`.
     georeference : Georeference or None
-        Of the map that answered.
+        Of the map of the answer.
     """
     best = next(iter(answer["hypotheses"]), None)
     if best is None or is_off_map(best["probability"], answer["off_map_probability"]):

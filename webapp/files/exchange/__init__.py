@@ -1,1 +1,1 @@
-"""Formats in which maps are exchanged."""
+"""Formats for exchanging maps, tracks and answers."""

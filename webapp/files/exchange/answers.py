@@ -1,4 +1,4 @@
-"""Answers about many photos as a table, GPX waypoints or GeoJSON: where each was most probably taken."""
+"""Answers for many photos (where each was most probably taken) as CSV, GPX waypoints or GeoJSON."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from webapp.files.text_file import plain_cell
 
 @dataclass(frozen=True, slots=True)
 class AnswerRow:
-    """The first hypothesis about a photo; None where there is none, or where it is not known.
+    """The first hypothesis for a photo; fields are None where it has none, or where they are unknown.
 
     Attributes
     ----------
     id : int
-        Of the answer.
+        Id of the answer.
     photo : str
         Name of the photo's file.
     off_map_probability : float or None
-        That it was not taken on the map.
+        Probability that the photo was not taken on the map.
     floor : str or None
-        Name of the floor; where no answer has one, tables have no column for it.
+        Name of the floor; a table has this column only if some row has a floor.
     """
 
     id: int
@@ -43,17 +43,17 @@ class AnswerRow:
 
     @property
     def latlon(self) -> LatLon | None:
-        """Its position on the Earth."""
+        """Latitude and longitude."""
         return None if self.lat is None or self.lon is None else LatLon(self.lat, self.lon)
 
 
 def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
-    """Write a line for each photo, a header line first; what is unknown is empty.
+    """Write a header line and a line for each photo; unknown values are empty.
 
     Yields
     ------
     bytes
-        UTF-8, as RFC 4180 has it; no text is a formula.
+        UTF-8, as in RFC 4180; text is escaped so that spreadsheets see no formulas.
     """
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\r\n")
@@ -65,7 +65,7 @@ def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
 
 
 def format_answers_geojson(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
-    """Write a point for each photo; one whose position is unknown has no geometry.
+    """Write a point for each photo; its geometry is null where the position is unknown.
 
     Yields
     ------
@@ -78,7 +78,7 @@ def format_answers_geojson(rows: Sequence[AnswerRow], *, title: str) -> Iterator
 
 
 def format_answers_gpx(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
-    """Write a waypoint, named like the photo, for each one whose position is known.
+    """Write a waypoint, named after the photo, for each photo whose position is known.
 
     Yields
     ------

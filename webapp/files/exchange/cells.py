@@ -1,4 +1,4 @@
-"""Values as the cells of loggers' tables have them: with units, hemispheres, and dates in many orders."""
+"""Parses cells of loggers' tables: numbers with units, angles with hemispheres, dates in many orders."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ _PACKED_CLOCK = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d+))?")
 
 
 def quantity(text: str, *, scale: float, units: Mapping[str, float]) -> float:
-    """Parse a number that may have its unit behind it: `98.470 m`.
+    """Parse a number that may be followed by its unit: `98.470 m`.
 
     Parameters
     ----------
     scale : float
-        Of numbers without a unit.
+        Factor for numbers without a unit.
     units : mapping
-        Units that the number can have, and their scales.
+        Factors of the accepted units.
 
     Returns
     -------
     float
-        In the usual unit; NaN for anything else, another unit too.
+        The number times its factor; NaN for anything else, including other units.
     """
     found = _QUANTITY.fullmatch(text)
     if found is None:
@@ -53,19 +53,19 @@ def quantity(text: str, *, scale: float, units: Mapping[str, float]) -> float:
 
 
 def angle(text: str, *, scale: float, hemispheres: str) -> float:
-    """Parse a latitude or longitude, in degrees: `50.1`, `0.134°S`, `N50 05.040`, `50° 5' 2.4" N`.
+    """Parse a latitude or longitude to degrees: `50.1`, `0.134°S`, `N50 05.040`, `50° 5' 2.4" N`.
 
     Parameters
     ----------
     scale : float
-        Of a number alone.
+        Factor for a plain number.
     hemispheres : str
-        `NS` or `EW`: the letters that it can have, that of negative angles last.
+        `NS` or `EW`: the accepted letters, that of negative angles last.
 
     Returns
     -------
     float
-        NaN for anything else.
+        Degrees; NaN for anything else.
     """
     try:
         return float(text) * scale
@@ -82,12 +82,12 @@ def angle(text: str, *, scale: float, hemispheres: str) -> float:
 
 
 def day_order(text: str) -> str | None:
-    """Decide from a date whether its day or its month comes first: `dmy` or `mdy`.
+    """Infer from a date whether the day or the month comes first: `dmy` or `mdy`.
 
     Returns
     -------
     str or None
-        `?` where both are possible; None where it has another order, or is no date.
+        `?` where both are possible; None for dates in another order or with dots, and for other text.
     """
     found = _YEAR_LAST.fullmatch(text)
     if found is None or found[2] == ".":
@@ -99,12 +99,12 @@ def day_order(text: str) -> str | None:
 
 
 def day_of(text: str, *, order: str) -> date | None:
-    """Parse a date.
+    """Parse a date; None if it is not one, or its order is unknown.
 
     Parameters
     ----------
     order : {"ymd", "dmy", "mdy", ""}
-        Of dates whose year is last, or that have six digits. By default six digits begin with the year.
+        Of dates that end with the year or have six digits. If empty, six digits are `ymd`.
     """
     try:
         return _day_of(text.strip(), order)
@@ -118,7 +118,7 @@ def seconds_of_day(text: str, *, packed: bool = False) -> float:
     Parameters
     ----------
     packed : bool
-        Six digits, `130322.8`, are one too.
+        Whether to accept six digits, `130322.8`, too.
     """
     text = text.strip()
     found = _CLOCK.fullmatch(text)
@@ -137,14 +137,14 @@ def seconds_of_day(text: str, *, packed: bool = False) -> float:
 
 
 def split_moment(text: str) -> tuple[str, str]:
-    """Split a date and a time of day that stand in one cell; the second is empty where there is one."""
+    """Split a cell with a date and a time of day; the time is empty if there is no colon."""
     head, colon, _ = text.partition(":")
     day = head.rstrip("0123456789") if colon else text
     return day.strip(" \tT,"), text[len(day) :].strip() if colon else ""
 
 
 def moment(day_text: str, clock_text: str, *, order: str) -> float:
-    """Put a date and a time of day together: seconds since 1970; NaN where one of them is none."""
+    """Combine a date and a time of day (UTC) to seconds since 1970; NaN where either is invalid."""
     day = day_of(day_text, order=order)
     if day is None:
         return math.nan

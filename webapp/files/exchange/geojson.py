@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946), written piece by piece: longitude before latitude."""
+"""Writes GeoJSON (RFC 7946; longitude before latitude) as a stream."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.notes import MapNote
 
 _DIGITS = 9
-"""Of degrees: a tenth of a millimetre."""
+"""Decimals of degrees: a tenth of a millimetre."""
 
 
 def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iterator[bytes]:
-    """Write the photos of a map, and the notes on its spots, as points.
+    """Write the photos and notes of a map as points.
 
     Yields
     ------
     bytes
-        UTF-8. A photo whose place has no position on the Earth has no geometry. What is unknown is null.
+        UTF-8. Unknown values are null, as is the geometry of a position without latitude and longitude.
     """
     photos = ([_photo(e, georeference, map_)] for e in map_.experiences)
     return write_collection(title, chain(photos, ([_note(note, map_, georeference)] for note in map_.notes)))
 
 
 def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
-    """Write a collection.
+    """Write a feature collection.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[b
 def point_feature(
     id_: int | str, latlon: LatLon | None, *, properties: Mapping[str, object], height_m: float | None = None
 ) -> str:
-    """Write a point; without a position it has no geometry."""
+    """Write a point; its geometry is null without a position."""
     geometry = None
     if latlon is not None:
         position = [round(latlon.lon, _DIGITS), round(latlon.lat, _DIGITS)]
@@ -64,12 +64,12 @@ def point_feature(
 
 
 def to_json(value: object) -> str:
-    """Write a value without blanks; infinite numbers are an error."""
+    """Write a value without white space; NaN and infinite numbers raise ValueError."""
     return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 def photo_properties(e: Experience) -> dict[str, object]:
-    """List what a map knows of a photo, None where it does not; KML has the same names."""
+    """Return the properties of a photo, None where unknown; KML uses the same names."""
     return {
         "photo": e.photo,
         "x_px": e.position.x,
@@ -90,7 +90,7 @@ def _photo(e: Experience, georeference: Georeference, map_: Map) -> str:
 
 
 def floor_properties(map_: Map, id: int) -> dict[str, Any]:
-    """Describe a floor by `floor`, its name, and `level`; nothing where the map has one image alone."""
+    """Return a floor's name as `floor`, and its `level`; empty if the map has no such floor."""
     floor = map_.floor_named(id)
     return {} if floor is None else {"floor": floor.name, "level": floor.level}
 

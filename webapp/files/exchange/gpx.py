@@ -16,13 +16,13 @@ from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 
 MAX_BYTES = 30_000_000
-"""Of a file that `parse_gpx` reads from memory."""
+"""Limit of `parse_gpx`, which reads from memory."""
 
 MAX_FIXES = 200_000
 
 NAMESPACE = "urn:experience-map:gpx"
-"""Of our extensions of points: `heading`, degrees clockwise from north, and `covariance`, square metres; and
-of the `source` of tracks and the `state` of waypoints."""
+"""Of our extensions: `heading` (degrees clockwise from north) and `covariance` (square metres) of points,
+`source` of tracks, and `state` of waypoints."""
 
 _COVARIANCE = 3
 _POINTS = {"trkpt", "rtept", "wpt"}
@@ -31,15 +31,15 @@ _LINES: dict[str, Literal["track", "route"]] = {"trk": "track", "rte": "route"}
 
 @dataclass(slots=True, eq=False)
 class GpxLine:
-    """A track or route whose points follow; the segments of a track are joined.
+    """Header of a track or route, followed by its points; the segments of a track are joined.
 
     Attributes
     ----------
     kind : {"track", "route"}
     number : int
-        From 1, among those of its kind.
+        Counted from 1 within its kind.
     name, source : str
-        Filled in when the reader meets them: before the points, where the file is valid. The source is ours.
+        Set when the reader finds them: before the points, in a valid file. The source is our extension.
     """
 
     kind: Literal["track", "route"]
@@ -49,7 +49,7 @@ class GpxLine:
 
 
 class GpxPoint(NamedTuple):
-    """A point of the line before it; NaN where a value is missing or no number.
+    """A point of the preceding line; NaN for missing or invalid values.
 
     Attributes
     ----------
@@ -58,9 +58,9 @@ class GpxPoint(NamedTuple):
     lat, lon : float
         Degrees.
     course_deg : float
-        Degrees clockwise from north: `course` of GPX 1.0, or our `heading`.
+        Degrees clockwise from north: our extension `heading`, or else `course` of GPX 1.0.
     var_e, var_n, cov_en : float
-        Our `covariance`.
+        Our extension `covariance`, square metres.
     """
 
     time_s: float
@@ -75,7 +75,7 @@ class GpxPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class GpxWaypoint:
-    """A waypoint: its `type`, or else `sym`, is its kind; the state is ours, and else empty."""
+    """A waypoint; its kind is its `type` or else `sym`, its state our extension or else empty."""
 
     number: int
     name: str
@@ -95,7 +95,7 @@ def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
     Raises
     ------
     TrackError
-        The XML is damaged, or declares a document type.
+        The XML is malformed, or declares a document type.
     """
     counts = dict.fromkeys((*_LINES, "wpt"), 0)
     line: GpxLine | None = None
@@ -122,20 +122,20 @@ def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
 
 
 def parse_gpx(data: bytes) -> FixTrack:
-    """Read the tracks of a small GPX file as one.
+    """Read the tracks of a small GPX file as a single one.
 
-    Fixes without a time, and positions that are not on the Earth, are left out; so are routes and waypoints.
+    Fixes without a time or a valid latitude and longitude are left out; so are routes and waypoints.
 
     Returns
     -------
     FixTrack
-        Of at least two fixes.
+        Has at least two fixes.
 
     Raises
     ------
     TrackError
-        The file is too large, is damaged, declares a document type (which can exhaust a reader's memory), or
-        has fewer than two fixes with times.
+        The file is too large or malformed, declares a document type (which can exhaust a reader's memory),
+        or has fewer than two fixes with times.
     """
     if len(data) > MAX_BYTES:
         raise TrackError(
@@ -181,7 +181,7 @@ def _point(element: Element) -> GpxPoint:
 
 
 def _extensions(element: Element) -> tuple[float, tuple[float, ...]]:
-    """Read our heading, and our covariance if it is whole."""
+    """Read our extensions `heading`, and `covariance` if it is complete."""
     heading: float = math.nan
     covariance: tuple[float, ...] = ()
     for name, text in _own_extensions(element):
@@ -193,7 +193,7 @@ def _extensions(element: Element) -> tuple[float, tuple[float, ...]]:
 
 
 def _own_extensions(element: Element) -> Iterator[tuple[str, str]]:
-    """Yield the names and the texts of our extensions."""
+    """Yield names and texts of our extensions."""
     ours = f"{{{NAMESPACE}}}"
     for outer in element:
         for inner in outer if local_name(outer) == "extensions" else ():

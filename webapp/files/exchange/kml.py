@@ -1,6 +1,6 @@
-"""KML 2.3, written piece by piece: the elements that maps and missions share, and a map's photos.
+"""Writes KML 2.3 as a stream: the elements that maps and missions share, and a map's photos.
 
-Photos are placemarks with direction, time and picture. Everything is escaped; see
+Photos are placemarks with direction, time and picture. All text is escaped; see
 https://docs.ogc.org/is/12-007r2/12-007r2.html for the order of elements.
 """
 
@@ -40,19 +40,19 @@ class Pictures:
 def format_kml(
     map_: Map, georeference: Georeference, *, title: str, pictures: Pictures | None = None
 ) -> Iterator[bytes]:
-    """Write the photos of a map, and the notes on its spots, as placemarks; each has its floor as data.
+    """Write the photos and notes of a map as placemarks, with their floors as extended data.
 
     Parameters
     ----------
     title : str
         Name of the map.
     pictures : Pictures, optional
-        For a KMZ.
+        Pictures of a KMZ.
 
     Yields
     ------
     bytes
-        UTF-8. A photo whose place has no position on the Earth is left out.
+        UTF-8. Photos and notes without latitude and longitude are left out.
     """
     pictures = pictures or Pictures()
     content = [element("name", title), "\n"]
@@ -64,7 +64,7 @@ def format_kml(
 
 
 def write_kml(*parts: Iterable[str]) -> Iterator[bytes]:
-    """Write a file around features.
+    """Write a KML file with the given content.
 
     Yields
     ------
@@ -90,13 +90,13 @@ def point(at: LatLon, height_m: float | None = None) -> str:
 
 def picture_description(href: str, *, caption: str = "") -> str:
     """Write a description that shows a picture."""
-    # a description is HTML: escaped once for that, and once more as text of the XML
+    # a description is HTML inside XML, so it is escaped twice
     about = f"<p>{html.escape(caption)}</p>" if caption else ""
     return element("description", f'{about}<img src="{html.escape(href)}" alt="">')
 
 
 def extended_data(facts: Mapping[str, object]) -> str:
-    """Write facts by name; those that are None are left out."""
+    """Write named values; those that are None are left out."""
     data = "".join(
         f"<Data name={quoted(name)}>{element('value', value)}</Data>"
         for name, value in facts.items()
@@ -140,7 +140,7 @@ def _note(note: MapNote, map_: Map, georeference: Georeference) -> str:
 
 
 def _ground(map_: Map, georeference: Georeference, *, href: str) -> str:
-    """Lay the satellite image on the ground by its four corners, counterclockwise from the bottom left."""
+    """Write a ground overlay of the satellite image; its corners go counterclockwise from bottom left."""
     width, height = map_.satellite.width, map_.satellite.height
     corners = georeference.latlon_from_pixel([(0, height), (width, height), (width, 0), (0, 0)]).tolist()
     if not all(math.isfinite(value) for corner in corners for value in corner):

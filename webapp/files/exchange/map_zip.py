@@ -1,7 +1,6 @@
-"""Unpacks a zip with a map: only what belongs to the map, and never outside the folder.
+"""Unpacks a zip with a map: only files that belong to the map, and never outside the folder.
 
-A zip is a stranger's: its names, its sizes and its number of files are claims, checked before and while it is
-unpacked.
+Zips are untrusted: names, sizes and the number of files are checked before and while one is unpacked.
 """
 
 from __future__ import annotations
@@ -30,35 +29,35 @@ from webapp.progress import Progress
 from webapp.settings import ImportLimits
 
 _SMALL = 1_000_000
-"""Bytes of a file whose compression is not judged: text shrinks a lot."""
+"""Bytes of a file up to which its compression ratio is not checked: text compresses well."""
 
 _QUICK_BYTES, _QUICK_FILES, _QUICK_CFG_BYTES = 30_000_000, 1000, 200_000
-"""Of a zip that is imported while somebody waits; a line of a `.cfg` has about 20 bytes and takes 0.2 ms."""
+"""Limits of an import within the request; a line of a `.cfg` has about 20 bytes and takes 0.2 ms."""
 
 _CHUNK = 1 << 20
 _MOST_JSON = 20_000_000
-"""Bytes of a `map.json` that is read for its title; 100 000 photos have fewer."""
+"""Maximum bytes of a `map.json` that is read for its title; 100 000 photos take fewer."""
 
 _MAX_NAME_BYTES = 200
 _WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
-"""What `zipfile` raises for damaged, encrypted and unknown contents."""
+"""Exceptions of `zipfile` for damaged, encrypted and unknown content."""
 
 _OF_READERS = (None, errno.EINVAL)
-"""Numbers of the errors with which bz2 and a seek before the file report damage, and no disk."""
+"""`errno` of an OSError that means damage, not a failing disk: from bz2, and a seek before the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnpackedMap:
-    """What came out of a zip.
+    """The result of unpacking a zip.
 
     Attributes
     ----------
     cfgs : tuple of str
         The `.cfg` files, relative to the folder, sorted.
     left_out : tuple of str
-        Files that do not belong to a map, as they are named in the zip.
+        Names in the zip of files that do not belong to a map.
     """
 
     folder: Path
@@ -82,17 +81,17 @@ def unpack(
     folder : Path
         New and empty.
     reserve_mb : float
-        Disk space that stays free, megabytes (10^6 bytes).
+        Disk space to keep free, megabytes (10^6 bytes).
     progress : Progress
-        One step a file.
+        One step per file.
 
     Raises
     ------
     InputError
-        It is not a zip, is damaged or encrypted, leads out of its folder, names a file twice, or is larger
-        than the limits.
+        The file is not a zip, is damaged or encrypted, has paths outside its folder or duplicate names, or
+        exceeds the limits.
     StorageError
-        The disk refused, or has no room for it (`DiskFull`).
+        Writing failed, or the disk is too full (`DiskFull`).
     Cancelled
     """
     _check_number(archive, limits)
@@ -110,21 +109,21 @@ def unpack(
 
 
 def is_quick(archive: Path) -> bool:
-    """Return whether a zip is so small that it is imported within seconds; what is no zip is, too."""
+    """Return whether a zip can be imported within seconds; True also if it is invalid."""
     if has_many_files(archive, limit=_QUICK_FILES):
         return False
     try:
         with zipfile.ZipFile(archive) as opened:
             infos = opened.infolist()
     except (*_BROKEN, OSError):
-        return True  # it is refused at once
+        return True  # the import refuses it at once
     lines_bytes = sum(info.file_size for info in infos if info.filename.lower().endswith(".cfg"))
     size = sum(info.compress_size for info in infos)
     return len(infos) <= _QUICK_FILES and lines_bytes <= _QUICK_CFG_BYTES and size <= _QUICK_BYTES
 
 
 def _check_number(archive: Path, limits: ImportLimits) -> None:
-    """Refuse a zip by the length of its list of files, before that is read."""
+    """Refuse a zip with too many files by the size of its central directory, without reading that."""
     if has_many_files(archive, limit=limits.max_files):
         raise InputError(
             f"the zip has more files than the limit of {limits.max_files}",
@@ -133,12 +132,12 @@ def _check_number(archive: Path, limits: ImportLimits) -> None:
 
 
 def read_title(archive: Path, *, most_files: int) -> str | None:
-    """Read how the map in a zip is called, before it is unpacked.
+    """Read the title of the map in a zip, before it is unpacked.
 
     Returns
     -------
     str or None
-        None where nothing says so, or where the zip is no map that can be read: its import says why.
+        None if there is no title, or the map cannot be read: the import then reports why.
 
     Raises
     ------
@@ -159,7 +158,7 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
 
 
 def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[list[_File], list[str]]:
-    """Choose the files to unpack, and refuse the zip as a whole where something is wrong with one."""
+    """Select the files to unpack; refuse the whole zip if any file is invalid."""
     if len(infos) > limits.max_files:
         raise InputError(
             f"the zip has {len(infos)} files, more than the limit of {limits.max_files}",
@@ -237,7 +236,7 @@ def _check_size(info: zipfile.ZipInfo, name: str, limits: ImportLimits) -> None:
 
 
 def _extract(opened: zipfile.ZipFile, file: _File, folder: Path) -> None:
-    """Write one file; it may not have more bytes than it claims."""
+    """Extract one file; its size must be the declared one."""
     target = folder / file.name
     target.parent.mkdir(parents=True, exist_ok=True)
     with opened.open(file.info) as source, target.open("xb") as sink:
@@ -255,7 +254,7 @@ def _extract(opened: zipfile.ZipFile, file: _File, folder: Path) -> None:
 
 @contextmanager
 def _zip_errors(name: str) -> Iterator[None]:
-    """Say in one way what the reader of zips finds wrong."""
+    """Convert exceptions of `zipfile` to `InputError` or `StorageError`."""
     try:
         yield
     except _BROKEN as error:

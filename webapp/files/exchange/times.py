@@ -1,4 +1,4 @@
-"""Times as files of tracks have them: ISO 8601, read and written."""
+"""Reads and writes times of track files: ISO 8601."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ISO = re.compile(
 
 
 def unix_time(text: str) -> float:
-    """Parse a date and time of ISO 8601, with or without separators; without a zone it is UTC.
+    """Parse an ISO 8601 date and time, with or without separators; UTC if there is no time zone.
 
     Returns
     -------
@@ -28,7 +28,7 @@ def unix_time(text: str) -> float:
     if found is None:
         return math.nan
     year, month, day, hour, minute, second = (int(part or 0) for part in found.groups()[:6])
-    # a second of 60 is a leap second: it counts as the first of the next minute
+    # second 60 is a leap second: it is taken as second 0 of the next minute
     try:
         moment = datetime(year, month, day, hour, minute, tzinfo=_zone(found[8])) - _EPOCH
     except (ValueError, OverflowError):
@@ -51,7 +51,7 @@ def utc(times_s: ArrayLike) -> list[str]:
 
 
 def utc_or_none(time_s: float | None) -> str | None:
-    """Write one time like `utc`; None stays."""
+    """Write one time like `utc`; None stays None."""
     return None if time_s is None else utc([time_s])[0]
 
 

@@ -1,9 +1,9 @@
-"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, separated by spaces, `#` for remarks.
+"""Trajectories in the TUM format: `timestamp tx ty tz qx qy qz qw`, separated by spaces, `#` for comments.
 
-Positions are in the unit and frame of whoever writes them; the rotation turns the body's x axis (forward)
-about z by `yaw_rad` from the frame's x axis towards its y axis. The format cannot leave a rotation out: an
-unknown one is written as the identity under a remark line `# heading unknown`, which the reader here
-understands and every other reader skips.
+Unit and frame of the positions are the caller's choice; the rotation turns the body's x axis (forward)
+about z by `yaw_rad` from the frame's x axis towards its y axis. The format requires a rotation: an unknown
+one is written as the identity after a comment line `# heading unknown`, which our reader understands and
+others skip.
 
 The format is from Sturm, Engelhard, Endres, Burgard, Cremers, "A benchmark for the evaluation of RGB-D SLAM
 systems", IROS 2012.
@@ -35,7 +35,7 @@ class PlanarPose:
     Attributes
     ----------
     timestamp : float
-        Seconds, or whatever counts the poses.
+        Seconds, or the number of the pose.
     yaw_rad : float or None
         From the frame's x axis towards its y axis; None where it is unknown.
     """
@@ -52,7 +52,7 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
     Parameters
     ----------
     remarks : iterable of str
-        Lines for the top of the file: the frame and its unit, say.
+        Comment lines for the top of the file, such as the frame and its unit.
 
     Raises
     ------
@@ -70,20 +70,20 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
 
 
 def read_rows(file: BinaryIO, *, columns: int = COLUMNS) -> Iterator[tuple[int, list[float] | None]]:
-    """Read the rows of a trajectory, or of another text of numbers with remarks, one at a time.
+    """Read a trajectory, or another text file of numbers and comments, row by row.
 
     Parameters
     ----------
     columns : int
-        Numbers in a row: 8, or 12 of KITTI's matrices.
+        Numbers per row: 8, or 12 for KITTI's matrices.
 
     Yields
     ------
     int
         Number of the line, from 1.
     list of float, or None
-        None for a line that does not hold `columns` finite numbers. Under the remark `# heading unknown` the
-        quaternion is zeros, of which `yaw_of` is NaN.
+        None for a line that does not hold `columns` finite numbers. After the comment `# heading unknown`
+        the quaternion is zero, for which `yaw_of` returns NaN.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def read_rows(file: BinaryIO, *, columns: int = COLUMNS) -> Iterator[tuple[int, 
 
 
 def parse_numbers(line: str) -> list[float] | None:
-    """Parse finite numbers separated by blanks; None where one is not."""
+    """Parse finite numbers separated by white space; None if any is invalid."""
     try:
         values = [float(word) for word in line.split()]
     except ValueError:
@@ -120,12 +120,12 @@ def yaw_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     Parameters
     ----------
     quaternion : (n, 4) float64
-        x, y, z, w, of any length.
+        x, y, z, w; need not be normalised.
 
     Returns
     -------
     (n,) float64
-        Radians from x towards y; NaN for a quaternion of zeros.
+        Radians from x towards y; NaN for a zero quaternion.
     """
     x, y, z, w = quaternion.T
     sin, cos = 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z

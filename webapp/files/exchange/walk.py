@@ -1,4 +1,4 @@
-"""A walk as GPX: numbered waypoints, and a route that leads from one to the next."""
+"""A walk as GPX: waypoints, and a route that connects them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""XML of tracks and maps: a streaming reader for untrusted files, and escaped pieces for writers that stream.
+"""XML of tracks and maps: a streaming reader for untrusted files, and escaping for streaming writers.
 
-The reader refuses document types, entities and deep nesting, and keeps nothing that it has passed.
+The reader refuses document types, entities and deep nesting, and releases elements once they are read.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def local_name(element: Element) -> str:
-    """Return an element's name without its namespace; empty for a comment or an instruction."""
+    """Return an element's name without its namespace; empty for a comment or a processing instruction."""
     return element.tag.rsplit("}", 1)[-1] if isinstance(element.tag, str) else ""
 
 
@@ -34,20 +34,20 @@ def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Eleme
     Parameters
     ----------
     whole : collection of str
-        Names, without namespaces, of the elements that are yielded complete with their children; all others
-        are yielded empty when they begin, and with their own text but without children when they end.
+        Names, without namespaces, of elements that are yielded only at their end, with their children. All
+        others are yielded empty at their start, and with their own text but without children at their end.
 
     Yields
     ------
     event : {"start", "end"}
-        Elements inside of one of `whole` have no events of their own.
+        There are no events for the children of an element in `whole`.
     element : Element
         Valid until the next event.
 
     Raises
     ------
     TrackError
-        It is damaged, too deep, or declares a document type or entities.
+        The XML is malformed, nested too deeply, or declares a document type or entities.
     """
     stack: list[Element] = []
     inside = 0
@@ -84,13 +84,13 @@ def number(text: str | None) -> float:
 
 
 def element(tag: str, text: object, **attributes: str) -> str:
-    """Write an element with a text; characters that XML cannot hold become question marks."""
+    """Write an element with text; characters that XML does not allow become question marks."""
     inner = "".join(f" {name}={quoted(value)}" for name, value in attributes.items())
     return f"<{tag}{inner}>{escape(_NOT_XML.sub('?', str(text)))}</{tag}>"
 
 
 def quoted(text: str) -> str:
-    """Write the value of an attribute, with its quotes."""
+    """Write an attribute's value, with quotes."""
     return quoteattr(_NOT_XML.sub("?", text))
 
 
@@ -101,5 +101,5 @@ def _events(file: BinaryIO) -> Iterator[tuple[str, Element]]:
         hint = "such a file can blow up a reader's memory: export the track again"
         raise TrackError("the XML declares a document type or entities", hint=hint) from error
     except (ParseError, ValueError, LookupError, RecursionError) as error:
-        # an unknown encoding is a LookupError, one of several bytes a character a ValueError
+        # an unknown encoding raises LookupError, a multi-byte encoding ValueError
         raise TrackError(f"the XML is damaged: {str(error)[:200]}", hint="export the track again") from error

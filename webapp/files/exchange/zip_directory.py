@@ -1,4 +1,4 @@
-"""How long a zip says its list of files is: `zipfile` reads all of it, some 700 bytes of memory a file."""
+"""The declared size of a zip's central directory: `zipfile` reads all of it, at some 700 bytes per file."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ _END64, _END64_BYTES, _LOCATOR, _LOCATOR_BYTES = b"PK\x06\x06", 56, b"PK\x06\x07
 _MAX_COMMENT = 65_535
 
 _BYTES_PER_FILE = 250
-"""Of the list, for a usual file; at least 46, and its name."""
+"""In the central directory, for a usual file; at least 46 plus its name."""
 
 
 def has_many_files(path: Path, *, limit: int) -> bool:
-    """Return whether the list of a zip's files is longer than so many files with usual names need.
+    """Return whether a zip's central directory is larger than `limit` files with usual names need.
 
-    Where it is, there are more files than that, or their names and notes are very long. What is no zip has
-    none.
+    If so, there are more files, or their names and comments are very long. False if it is not a zip.
     """
     return _directory_bytes(path) > limit * _BYTES_PER_FILE + _MAX_COMMENT
 
 
 def _directory_bytes(path: Path) -> int:
-    """Find what `zipfile` will take for the length of the list: the record at the end of the file."""
+    """Read the size that `zipfile` will assume, from the record at the end of the file."""
     with path.open("rb") as file:
         size = file.seek(0, 2)
         file.seek(max(0, size - _END_BYTES - _MAX_COMMENT - _LOCATOR_BYTES - _END64_BYTES))

@@ -1,4 +1,4 @@
-"""Writes a zip piece by piece, so that a map of any size goes out without being in the memory."""
+"""Writes a zip as a stream, so that a map of any size can be sent without holding it in memory."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class ZipMember:
     name : str
         In the zip, with forward slashes.
     content : bytes or Path, or iterable of bytes
-        A path is read when its turn comes; pieces are taken one after the other.
+        A path is read only when it is written; pieces are consumed one by one.
     large : bool
-        Whether pieces may come to more than 2 GB: readers of old do not understand what that takes.
+        Whether the pieces may exceed 2 GB: that needs ZIP64, which old readers do not support.
     """
 
     name: str
@@ -35,8 +35,7 @@ class ZipMember:
 def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
     """Yield a zip of some files, piece by piece.
 
-    Photos are stored as they are, they are compressed already; contents given as bytes or in pieces are
-    deflated.
+    Files given by path are stored, since photos are compressed already; bytes and pieces are deflated.
 
     Raises
     ------
@@ -69,7 +68,7 @@ def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
 
 
 class _Sink(io.RawIOBase):
-    """Keeps what was written until it is taken."""
+    """Buffers written data until it is taken."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
@@ -83,7 +82,7 @@ class _Sink(io.RawIOBase):
         return len(part)
 
     def take(self) -> bytes:
-        """Return all that came since the last time."""
+        """Return the data written since the last call."""
         taken = b"".join(self._parts)
         self._parts.clear()
         return taken

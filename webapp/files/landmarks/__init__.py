@@ -1,1 +1,1 @@
-"""Reconstructions on disk: matches and models as pycolmap has them, submodels, and clouds of landmarks."""
+"""Reconstructions on disk: pycolmap's matches and models, submodels, and clouds of landmarks."""

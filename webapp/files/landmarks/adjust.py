@@ -1,10 +1,10 @@
 """Joins the submodels of a map into one model by the known positions of their photos (pycolmap).
 
-Each submodel has been laid on the map by its placed photos, so that all cameras stand in one world. There the
-points are triangulated anew, also between photos of different submodels; cameras, points and lenses are
-adjusted with the known positions as priors; and photos that no submodel had are added: placed ones with the
-rotation that their neighbours give them, others by the points that they show. From round to round less may
-be off.
+The submodels were aligned with the map by their placed photos, so that all cameras share a world frame. In
+it, points are triangulated again, also between photos of different submodels; cameras, points and lenses are
+bundle-adjusted with the known positions as priors; and photos of no submodel are added: placed ones with a
+rotation from their matches with neighbours, others by resection from points. The error limits get narrower
+from round to round.
 """
 
 from __future__ import annotations
@@ -26,28 +26,29 @@ from webapp.files.landmarks.position_priors import PicturePositions, PositionPri
 Array = NDArray[np.float64]
 
 _LEAST_POINTS, _FEW_POINTS = 15, 10
-"""Points that a photo, or all views of a panorama, show to stay in the model in the end, and to be added."""
+"""Points that a photo, or a panorama in all its views, must show: to stay in the final model, and to be
+added."""
 
 _KEPT = 0.5
-"""Share of the observations of the submodels below which the positions contradict the photos, or the map is
-not to scale."""
+"""Least share of the submodels' observations that must remain; below it, the positions contradict the photos,
+or the map is not to scale."""
 
 _ROBUST_SIGMAS, _ROBUST_PX = 3.0, 1.0
-"""Deviation from a known position, and of a keypoint from where its point is projected, at which it begins to
-count less: it may be wrong."""
+"""Scales of the robust losses: of the position priors, in standard deviations, and of the reprojection
+errors."""
 
 _SIDE_PX = 1000
-"""Longer side of the photos whose keypoints are as exact as pixels; in larger ones they are less so."""
+"""Longer side of photos up to which keypoints are accurate to a pixel; above, the error grows with size."""
 
 _ITERATIONS = 30
 
 _AGREE_DEG = 8.0
-"""Rotations that neighbours give a photo are taken to be one within this angle."""
+"""Rotations that neighbours give a photo agree if they differ by less."""
 
 
 class _Round(NamedTuple):
-    """How far off a keypoint may be from its point, in pixels, and rays of one point, in degrees; and the
-    factor by which positions count as less exact than they are."""
+    """Limits of the reprojection error, in pixels, and of the angle between rays of one point, in degrees;
+    and the factor by which the standard deviations of known positions are multiplied."""
 
     error_px: float
     angle_deg: float
@@ -61,26 +62,25 @@ _LAST = _Round(4.0, 2.0, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustJob:
-    """Photos that stand on a map, and those whose positions are known.
+    """Photos with poses on a map, and known positions.
 
-    The world is that of the map: pixels, x to the right, y down the image, z into the ground.
+    The world frame is the map's: pixels, x to the right, y down the image, z into the ground.
 
     Attributes
     ----------
     database : Path
-        Of the matches.
+        Database of the matches.
     models : tuple of Path
-        Folders of the models of the submodels.
+        Folders of the submodels' models.
     out : Path
         Folder for the joined model.
     contents : tuple of str
-        The n photos that stand on the map.
+        The n photos whose poses on the map are known from submodels.
     centre : (n, 3) float64
     rotation : (n, 3, 3) float64
         Camera from world.
     positions : PicturePositions
-        What is known of where they are, of all that take part: the database also has what is not on the map
-        any more.
+        Of all pictures that take part: the database also has those of photos that are no longer on the map.
     """
 
     database: Path
@@ -93,7 +93,7 @@ class AdjustJob:
 
 
 def adjust(job: AdjustJob) -> Model | None:
-    """Join the photos, and write their model; None where they contradict the positions."""
+    """Join the submodels and write the model; None if the photos contradict the positions."""
     scene = _Scene(job)
     for round_ in _SUBMODELS:
         scene.refine(round_)
@@ -108,7 +108,7 @@ def adjust(job: AdjustJob) -> Model | None:
 
 
 class _Scene:
-    """What is joined so far."""
+    """The joined model while it is built."""
 
     def __init__(self, job: AdjustJob) -> None:
         self._job, self._colmap = job, pycolmap()
@@ -129,7 +129,7 @@ class _Scene:
             if not self._model.image(self._id[content]).has_pose:
                 self._pose(self._id[content], centre, rotation)
         self._triangulation = self._colmap.IncrementalTriangulatorOptions()
-        # Two photos of one point are enough where it is known where they were taken.
+        # Points seen by only two photos are kept, since positions of photos are known.
         self._triangulation.ignore_two_view_tracks = False
         self._triangulation.random_seed = 1
         self._options = self._colmap.IncrementalMapperOptions()
@@ -142,7 +142,7 @@ class _Scene:
         self._triangulate()
 
     def _read_models(self) -> int:
-        """Take over the lenses of the submodels; returns how many observations their photos have there."""
+        """Copy the lenses from the submodels; return how many observations their photos have there."""
         posed, lenses, seen = set(self._job.contents), set[int](), 0
         for folder in self._job.models:
             model = self._colmap.Reconstruction(folder)
@@ -161,13 +161,13 @@ class _Scene:
         self._model.register_frame(image.frame_id)
 
     def allow(self, round_: _Round) -> None:
-        """Say how far off points may be from now on."""
+        """Set the error limits from now on."""
         self._triangulation.create_max_angle_error = round_.angle_deg
         self._triangulation.continue_max_angle_error = round_.angle_deg
         self._options.filter_max_reproj_error = round_.error_px * self._pixel
 
     def refine(self, round_: _Round) -> None:
-        """Adjust cameras, points and lenses, then look again which keypoints show which point."""
+        """Adjust cameras, points and lenses, then filter the points and triangulate again."""
         self._adjust(round_.wider)
         self.allow(round_)
         self._mapper.filter_points(self._options)
@@ -194,8 +194,8 @@ class _Scene:
         self._priors.solve(model, options=options, prior_options=prior_options, wider=wider)
 
     def add_placed(self) -> None:
-        """Add photos whose positions are known, with the rotation that most matches with their neighbours
-        give them, the one with most matches first."""
+        """Add photos with known positions, those with most matches first; the rotation of each is the one on
+        which most matches with neighbours agree."""
         turns = self._relative_rotations()
         waiting = {id for id in turns if self._is_placed(id)}
         while True:
@@ -223,7 +223,7 @@ class _Scene:
             manager.deregister_frame(image.frame_id)
 
     def _given(self, turns: Sequence[tuple[int, Array, int]]) -> list[tuple[Array, int]]:
-        """List the rotations that neighbours that are in the model give a photo, with their matches."""
+        """List a photo's rotations by its neighbours in the model, with their numbers of matches."""
         return [
             (turn.T @ self._model.image(other).cam_from_world().rotation.matrix(), count)
             for other, turn, count in turns
@@ -231,8 +231,8 @@ class _Scene:
         ]
 
     def _relative_rotations(self) -> dict[int, list[tuple[int, Array, int]]]:
-        """Estimate rotations from photos that are not in the model to their neighbours: which, other from
-        this one (3, 3), and by how many matches."""
+        """Estimate the relative rotations of pairs of photos that are not both in the model: for each photo
+        the other's id, the rotation other-from-this (3, 3), and the number of matches."""
         turns: dict[int, list[tuple[int, Array, int]]] = {}
         keypoints: dict[int, Array] = {}
         for key in self._cache.correspondence_graph.image_pairs():
@@ -253,7 +253,7 @@ class _Scene:
         return turns
 
     def add_by_points(self) -> None:
-        """Add photos whose positions are unknown by the points that they show, as long as one is found."""
+        """Add photos with unknown positions by resection from points, until no more can be added."""
         while any(self._register(id) for id in self._mapper.find_next_images(self._options, False)):
             pass
 
@@ -270,16 +270,16 @@ class _Scene:
             self._mapper.triangulate_image(self._triangulation, other)
 
     def _images_of(self, frame_id: int) -> list[int]:
-        """List the photo of a frame, or the views of its panorama."""
+        """List the images of a frame: a photo, or the views of a panorama."""
         return [data.id for data in self._model.frame(frame_id).image_ids]
 
     def _points_of(self, frame_id: int) -> int:
         return sum(self._model.image(id).num_points3D for id in self._images_of(frame_id))
 
     def finish(self, out: Path) -> Model | None:
-        """Leave out photos that show too little, and write the model; None where too little has remained."""
+        """Drop photos with too few points, and write the model; None if too few observations remain."""
         seen = [self._model.image(self._id[content]).num_points3D for content in self._job.contents]
-        self._mapper.end_reconstruction(False)  # images without a pose are gone then
+        self._mapper.end_reconstruction(False)  # this removes images without a pose
         self._database.close()
         if sum(seen) < _KEPT * self._before:
             return None
@@ -293,7 +293,7 @@ class _Scene:
         return replace(model, covariance=self._covariance(model))
 
     def _covariance(self, model: Model) -> Array | None:
-        """Compute how exactly the photos of the model (n,) are known on the map, (n, 2, 2)."""
+        """Compute the position covariances (n, 2, 2) of the model's n photos on the map."""
         frames, frame = np.unique(model.frame, return_inverse=True)
         ids = [self._id[content] for content in model.contents]
         row = {id: number for number, id in enumerate(ids)}
@@ -319,7 +319,7 @@ class _Scene:
 
 
 def agreed_rotation(given: Sequence[tuple[Array, int]]) -> tuple[Array, int]:
-    """Average the rotations (3, 3) on which most matches agree; returns it and how many matches these are."""
+    """Average the rotations (3, 3) on which most matches agree; also return the number of these matches."""
     rotations = np.array([rotation for rotation, _ in given])
     count = np.array([count for _, count in given])
     cosine = (np.einsum("aij,bij->ab", rotations, rotations) - 1.0) / 2.0

@@ -1,4 +1,4 @@
-"""The cloud of a map's landmarks on disk, and how it is read out of pycolmap's models."""
+"""The cloud of a map's landmarks: extracted from pycolmap's models, and stored on disk."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Descriptors = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredCloud:
-    """A cloud, and `key` of the submodels that it belongs to."""
+    """A cloud, and the `cloud_key` of the submodels that it belongs to."""
 
     cloud: LandmarkCloud
     key: str
 
 
 class _Seen(NamedTuple):
-    """Observations of a part of a model: of which of its points, by which photos of the cloud, with which
-    keypoints; and the points."""
+    """Observations in a part of a model (the numbers of point, photo of the cloud, and keypoint), and its
+    points."""
 
     point: NDArray[np.int64]
     photo: NDArray[np.int64]
@@ -42,12 +42,12 @@ class _Seen(NamedTuple):
 def read_models(
     folders: Iterable[Path], stored: StoredSubmodels, *, described: Callable[[str], tuple[Any, Descriptors]]
 ) -> LandmarkCloud:
-    """Gather the points of models that belong to submodels, with the descriptors of their observations.
+    """Collect the submodels' points from their models, with the descriptors of the observations.
 
     Parameters
     ----------
     folders : iterable of Path
-        Of the models that the submodels were cut from; of several with a submodel the first is taken.
+        Of the models that contain the submodels; if several contain one, the first is used.
     described : callable
         Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
     """
@@ -58,7 +58,7 @@ def read_models(
     for folder in folders:
         reconstruction = pycolmap().Reconstruction(folder)
         model = as_model(reconstruction)
-        # A model that was joined by known positions is one submodel as it is.
+        # A model that was joined by known positions is one submodel as a whole.
         for part in [np.arange(len(model.contents)), *model.parts()]:
             photos = {
                 model.contents[i]: number[model.contents[i]] for i in part if model.contents[i] in number
@@ -70,7 +70,7 @@ def read_models(
 
 
 def _observations(reconstruction: Any, photos: Mapping[str, int], *, camera: NDArray[np.float64]) -> _Seen:
-    """Read what photos of a model see, and note their cameras."""
+    """Read the observations of some photos of a model; fill in their columns of `camera`."""
     photo_of = {}
     for id in reconstruction.reg_image_ids():
         image = reconstruction.image(id)
@@ -142,7 +142,7 @@ def _described(
 
 
 def write_cloud(path: Path, stored: StoredCloud) -> None:
-    """Replace the file, whole or not at all.
+    """Replace the file atomically.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def write_cloud(path: Path, stored: StoredCloud) -> None:
 
 
 def read_cloud(path: Path) -> StoredCloud | None:
-    """Read the file; None when there is none that this program can use, so that it is made again."""
+    """Read the file; None if it is missing or unusable, so that it is recomputed."""
     try:
         arrays, meta = read_arrays(path)
         if meta["format"] != _FORMAT:

@@ -1,7 +1,7 @@
-"""Photos of a map as pycolmap compares them: its database of matches, its models, and what comes of them.
+"""Reconstructions of a map by pycolmap (the extra `sfm`): models, their export, and submodels on disk.
 
-The database is SQLite and holds what is finished, so that whoever is killed goes on there; photos are called
-by their content in it. pycolmap is the extra `sfm`.
+The database of matches is SQLite and keeps finished pairs, so that a killed process can resume; in it and in
+the models, photos are named by their content.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from webapp.files.atomic import storage_error
 from webapp.files.localize.arrays import read_arrays, write_arrays
 
 SUBMODELS_FILE, RIGID_FILE = "pieces.arrays", "rigid.arrays"
-"""The submodels as they are used, and as they were before they were joined by known positions."""
+"""The submodels in use, and those before they were joined by known positions."""
 
 _FORMAT = 4
 
 _MOST_OF_SIGACTION = 512
-"""More bytes than the C library's `struct sigaction` has anywhere."""
+"""More bytes than the C library's `struct sigaction` has on any platform."""
 
 
 def pycolmap() -> ModuleType:
-    """Import pycolmap, without its log: that photos cannot be joined is a result.
+    """Import pycolmap and silence its log: a failure to join photos is a normal result.
 
     Raises
     ------
@@ -51,9 +51,9 @@ def pycolmap() -> ModuleType:
 
 @contextmanager
 def _termination_kept() -> Iterator[None]:
-    """Keep what the process does on SIGTERM: pycolmap's log would print a stack trace and end it at once.
+    """Keep the process's SIGTERM handler: that of pycolmap's log prints a stack trace and exits at once.
 
-    It is imported in threads, too, where Python's own `signal.signal` cannot be called.
+    pycolmap is also imported in threads, where Python's own `signal.signal` cannot be called.
     """
     if sys.platform == "win32" or "pycolmap" in sys.modules:
         yield
@@ -68,7 +68,7 @@ def _termination_kept() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model that the mapper made; n photos.
+    """A model made by the mapper; n photos.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class Model:
     rotation : (n, 3, 3) float64
         Camera from world.
     shared : (n, n) int32
-        Points of the model that two photos both see.
+        Numbers of points that two photos both see.
     frame : (n,) int64
-        The same number for the views of a panorama.
+        Ids of their frames; the views of a panorama share one.
     covariance : (n, 2, 2) float64 or None
-        Of the centres along the first two axes, of a model that was adjusted by known positions.
+        Of the centres along the first two axes, for a model that was adjusted to known positions.
     """
 
     contents: list[str]
@@ -93,12 +93,12 @@ class Model:
     covariance: NDArray[np.float64] | None = None
 
     def parts(self) -> list[NDArray[np.int64]]:
-        """Split its photos into parts that are held together; see `rigid_parts`."""
+        """Split its photos into rigid parts; see `rigid_parts`."""
         return rigid_parts(self.shared, frame=self.frame)
 
 
 def as_model(reconstruction: Any) -> Model:
-    """Read what is wanted of a pycolmap reconstruction."""
+    """Convert a pycolmap reconstruction to a `Model`."""
     images = sorted((reconstruction.image(i) for i in reconstruction.reg_image_ids()), key=lambda i: i.name)
     number = {image.image_id: row for row, image in enumerate(images)}
     shared = np.zeros((len(images), len(images)), np.int32)
@@ -123,13 +123,13 @@ def export_model(
     Parameters
     ----------
     source : Path
-        Folder of a model as the mapper wrote it, whose photos are called by their content.
+        Folder of a model written by the mapper, whose photos are named by their content.
     out : Path
-        Folder; is made when missing.
+        Folder; created if missing.
     names : mapping of str to str
-        What the photos are called instead.
+        Names for the photos in the export, by content.
     only_named : bool
-        Whether photos without such a name are left out, with what they alone show.
+        Whether to leave out photos without a name, and points that only they show.
 
     Returns
     -------
@@ -162,16 +162,16 @@ def export_model(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredSubmodels:
-    """Submodels of a reconstruction, whose photos are numbers in `contents`.
+    """Submodels of a reconstruction, whose photos are indices into `contents`.
 
     Attributes
     ----------
     key : str
-        Stands for the matches that they were made of.
+        Identifies the matches from which they were computed.
     adjusted : str
-        Stands for the known positions that they were to be joined by; empty where that was not tried.
+        Identifies the known positions by which joining was tried; empty where it was not.
     problem : str
-        Why they could not be joined; where they were, the first submodel is the joined one.
+        Why joining failed; empty where it succeeded: then the first submodel is the joined one.
     """
 
     submodels: tuple[Submodel, ...]
@@ -182,7 +182,7 @@ class StoredSubmodels:
 
     @property
     def cloud_key(self) -> str:
-        """Stands for their points."""
+        """Identifies their points."""
         return self.key + self.adjusted
 
 
@@ -214,7 +214,7 @@ def write_submodels(path: Path, stored: StoredSubmodels) -> None:
 
 
 def read_submodels(path: Path) -> StoredSubmodels | None:
-    """Read the file; None when there is none that this program can use, so that it is made again."""
+    """Read the file; None if it is missing or unusable, so that it is recomputed."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != _FORMAT:
@@ -239,5 +239,5 @@ def read_submodels(path: Path) -> StoredSubmodels | None:
 
 
 def _covariance(submodel: Submodel) -> NDArray[np.float64]:
-    """Give the covariances of a submodel; NaN where it has none."""
+    """Return the covariances of a submodel; NaN where it has none."""
     return np.full((len(submodel), 2, 2), np.nan) if submodel.covariance is None else submodel.covariance

@@ -1,4 +1,4 @@
-"""COLMAP's database: keypoints of photos, and which pairs have what in common (pycolmap)."""
+"""COLMAP's database (pycolmap): keypoints of photos, and the inlier matches of pairs."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from webapp.core.landmarks.submodels import turn_of_view
 from webapp.files.landmarks.colmap import pycolmap
 
 LEAST_INLIERS = 15
-"""Matches that agree with one relative pose, below which two photos are not taken to see the same."""
+"""Least number of inliers of a relative pose for two photos to count as showing the same thing."""
 
 _TRIALS = 2000
-"""Of the random sampling of a relative pose."""
+"""Maximum RANSAC iterations for a relative pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class StoredPhoto:
     Attributes
     ----------
     xy : (n, 2) float64
-        Its keypoints, pixels from the outer corner of the top-left one, as COLMAP counts them.
+        Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP.
     descriptors : (n, d) uint8
     """
 
@@ -48,11 +48,11 @@ class ViewFeatures:
     Attributes
     ----------
     content : str
-        What stands for the view, as the SHA-256 of a file does for a photo.
+        Identifies the view, as the SHA-256 of its file identifies a photo.
     turn_deg : int
-        By how much it is turned clockwise from the middle of the panorama.
+        Clockwise rotation from the middle of the panorama.
     fov_deg : float
-        Horizontal.
+        Horizontal field of view.
     """
 
     content: str
@@ -66,12 +66,12 @@ _Lens = tuple[int, int, float]
 
 
 class MatchDatabase:
-    """Keypoints of photos, and which pairs were compared, with what they have in common.
+    """Keypoints of photos, and the pairs that were compared, with their inlier matches.
 
     Parameters
     ----------
     path : Path
-        Is made where there is none. One that is damaged is made anew.
+        Created if missing; a damaged database is replaced by an empty one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -113,14 +113,14 @@ class MatchDatabase:
         self._database.close()
 
     def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:
-        """Add a photo, unless it is there; photos of one size and field of view have one camera.
+        """Add a photo unless it exists; photos of the same size and field of view share a camera.
 
         Parameters
         ----------
         fov_deg : float
-            Horizontal, of the upright photo.
+            Horizontal field of view of the upright photo.
         is_guessed : bool
-            Whether it is a guess; otherwise the reconstruction trusts it more.
+            Whether `fov_deg` is a guess; otherwise the reconstruction trusts it more.
         """
         lens = _lens(features, fov_deg)
         if lens not in self._cameras:
@@ -135,9 +135,9 @@ class MatchDatabase:
         return self._stored(content, features, camera)
 
     def add_panorama(self, views: Sequence[ViewFeatures]) -> list[StoredPhoto]:
-        """Add the level views of a panorama, unless they are there.
+        """Add the level views of a panorama unless they exist.
 
-        They are one frame of a rig, so that they have one centre and rotations that are known.
+        They are one frame of a rig, so that they share a centre and their relative rotations are known.
         """
         first = views[0]
         rig_id, cameras = self._rig(_lens(first.features, first.fov_deg), [v.turn_deg for v in views])
@@ -147,7 +147,7 @@ class MatchDatabase:
         return [self._stored(v.content, v.features, c) for v, c in zip(views, cameras, strict=True)]
 
     def _rig(self, lens: _Lens, turns_deg: Sequence[int]) -> tuple[int, list[Any]]:
-        """Find the rig of panoramas of a size, or write it; with its cameras, in the order of the views."""
+        """Return the id and cameras (in the order of the views) of a lens's rig, creating it if missing."""
         if lens not in self._rigs:
             cameras = [self._write_camera(lens, is_guessed=False) for _ in turns_deg]
             rig = self._colmap.Rig(rig_id=cameras[0].camera_id)
@@ -194,7 +194,7 @@ class MatchDatabase:
         return bool(self._database.exists_two_view_geometry(one.id, other.id))
 
     def keep(self, one: StoredPhoto, other: StoredPhoto, *, geometry: Any) -> None:
-        """Keep what two photos have in common, or that they have nothing in common."""
+        """Store the geometry of two photos; an empty one if they have too few inliers."""
         count = len(geometry.inlier_matches)
         found = geometry if count >= LEAST_INLIERS else self._colmap.TwoViewGeometry()
         self._database.write_two_view_geometry(one.id, other.id, found)
@@ -203,8 +203,8 @@ class MatchDatabase:
             self._inliers[tuple(sorted((one.id, other.id)))] = count
 
     def joined(self, contents: Iterable[str]) -> list[str]:
-        """List those of the photos that see the same as another one in the database; of a panorama all views
-        where one does, as the mapper takes the whole frame."""
+        """List those photos that have inliers with another one in the database; all views of a panorama if
+        one of them has, as the mapper takes the whole frame."""
         seen = {
             self._frame_of[id]
             for pair, count in self._inliers.items()
@@ -214,7 +214,7 @@ class MatchDatabase:
         return [content for content in contents if self._frame_of.get(self._ids.get(content, 0)) in seen]
 
     def signature(self, contents: Iterable[str]) -> str:
-        """Stand for these photos and what they have in common; 64 hexadecimal characters."""
+        """Hash these photos and the inlier counts of their pairs; 64 hexadecimal characters."""
         name_of = {id: name for name, id in self._ids.items()}
         chosen = set(contents)
         pairs = [
@@ -226,7 +226,7 @@ class MatchDatabase:
 
 
 def two_view_geometry(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[np.uint32]) -> Any:
-    """Find the relative pose that most matches agree with; safe in several threads at once."""
+    """Estimate the relative pose that most matches agree with; thread-safe."""
     colmap = pycolmap()
     if len(matches) < LEAST_INLIERS:
         return colmap.TwoViewGeometry()
@@ -239,7 +239,7 @@ def two_view_geometry(one: StoredPhoto, other: StoredPhoto, *, matches: NDArray[
 
 
 def stored_photo(id: int, camera: Any, *, features: Features) -> StoredPhoto:
-    """Give a photo as it is in the database."""
+    """Return a photo as the database has it: keypoints in COLMAP's pixel convention."""
     return StoredPhoto(id, camera, features.xy.astype(np.float64) + 0.5, features.descriptors)
 
 

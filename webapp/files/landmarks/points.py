@@ -1,4 +1,4 @@
-"""Points of landmarks on disk: their colours, where they are on the map, and PLY for other programs."""
+"""Points of landmarks on disk: their colours, their positions on the map, and PLY for other programs."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Colours = NDArray[np.uint8]
 
 
 def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
-    """Replace the file, whole or not at all.
+    """Replace the file atomically.
 
     Parameters
     ----------
     rgb : (k, 3) uint8
-        Of the points of a cloud.
+        Colours of the points of a cloud.
     key : str
-        Of that cloud.
+        Key of that cloud.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
 
 
 def read_colours(path: Path, *, key: str) -> Colours | None:
-    """Read the colours of the points of a cloud; None where there are none of it."""
+    """Read the colours of a cloud's points; None if the file is missing, unusable or of another cloud."""
     try:
         arrays, meta = read_arrays(path)
         return arrays["rgb"] if (meta["format"], meta["key"]) == (_FORMAT, key) else None
@@ -53,13 +53,13 @@ class MapPoints:
     Attributes
     ----------
     key : str
-        Stands for all that they were computed of.
+        Identifies the inputs from which they were computed.
     xyz : (k, 3) float32
     rgb : (k, 3) uint8
     times_seen : (k,) uint8
-        Photos that see each; 255 stands for more.
+        Number of photos that see each point; 255 means 255 or more.
     about : mapping
-        Plain values, kept with them.
+        JSON values that are stored with the points.
     """
 
     key: str
@@ -70,7 +70,7 @@ class MapPoints:
 
 
 def write_points(path: Path, points: MapPoints) -> None:
-    """Replace the file, whole or not at all.
+    """Replace the file atomically.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def write_points(path: Path, points: MapPoints) -> None:
 
 
 def read_points(path: Path) -> MapPoints | None:
-    """Read points; None where there are none that this program can use."""
+    """Read points; None if the file is missing or unusable."""
     try:
         arrays, meta = read_arrays(path)
         if meta["format"] != _FORMAT:

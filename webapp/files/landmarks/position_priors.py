@@ -1,4 +1,4 @@
-"""What is known of where cameras are, as pycolmap's bundle adjustment takes it."""
+"""Known positions of cameras as priors of pycolmap's bundle adjustment."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from webapp.core.landmarks.submodels import Submodel, of_photos, turn_of_view
 Array = NDArray[np.float64]
 
 _ABOVE = 1e5
-"""Height over a control point from which the map's image shows it, in standard deviations of its place."""
+"""Height of the virtual camera above a control point, in standard deviations of the point's position."""
 
 _ANYWHERE = 1e9
-"""Standard deviation of what is not known, map pixels."""
+"""Standard deviation of an unknown coordinate, map pixels."""
 
 _CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PicturePositions:
-    """What is known of where pictures are on a map; the world is that of the map, see `AdjustJob`.
+    """Known positions of pictures on a map; the world frame is the map's, see `AdjustJob`.
 
     Attributes
     ----------
@@ -40,16 +40,16 @@ class PicturePositions:
     photo : (p,) int64
         Numbers of their photos; the views of a panorama share one.
     turn_deg : (p,) int64
-        By how much each is turned clockwise from the middle of its panorama; 0 for a photo that is none.
+        Clockwise rotation of each from the middle of its panorama; 0 for an ordinary photo.
     known : tuple of str
-        The k of them whose positions are known.
+        The k pictures whose positions are known.
     at : (k, 2) float64
     sigma_px : (k,) float64
-        Standard deviation of each, along both axes.
+        Standard deviation along each axis.
     height_sigma_px : float
-        Standard deviation of the heights of the cameras, which no map says.
+        Standard deviation of the heights of the cameras, which maps do not give.
     points : tuple of KnownPoint
-        Control points that they show, by the numbers of the photos.
+        Control points that the photos show; they refer to the photos' numbers.
     """
 
     pictures: tuple[str, ...]
@@ -62,13 +62,13 @@ class PicturePositions:
     points: tuple[KnownPoint, ...] = ()
 
     def everything(self) -> Array:
-        """List all known places, (k + points, 2)."""
+        """List all known positions, of pictures and control points, (k + points, 2)."""
         points = np.array([[point.at.real, point.at.imag] for point in self.points])
         return np.concatenate([self.at, points.reshape(-1, 2)])
 
 
 class _Photos(NamedTuple):
-    """Of a model: as a submodel, and the images to which their frames refer by their numbers."""
+    """The photos of a model: as a submodel, and the reference images of their frames by photo number."""
 
     submodel: Submodel
     image: Mapping[int, Any]
@@ -77,15 +77,15 @@ class _Photos(NamedTuple):
 class PositionPriors:
     """Known positions for the adjustment of a model.
 
-    Placed photos have priors of pycolmap's. A control point becomes a point of the model that the map's image
-    shows, too: that is a camera far above it, which looks straight down and does not move.
+    Placed photos get pycolmap's position priors. A control point becomes a 3D point that the map's image also
+    observes, by a virtual camera: fixed, far above the point, looking straight down.
 
     Parameters
     ----------
     cache : pycolmap.DatabaseCache
-        To which beacons are added: four photos that see nothing, for the corners of a tetrahedron. Before it
-        adjusts, pycolmap fits a similarity to the known positions, and refuses those of cameras that are all
-        equally high. Beacons are off that plane, and as the model is where it should be they say so.
+        Gets four beacons: images without keypoints, for the corners of a tetrahedron. Before the adjustment,
+        pycolmap aligns the model with the priors by a similarity, and refuses priors that are all at the same
+        height. Beacons are off that plane; as their priors equal their poses, they keep the model in place.
     """
 
     def __init__(self, colmap: Any, *, cache: Any, positions: PicturePositions) -> None:
@@ -96,7 +96,7 @@ class PositionPriors:
         self._beacons = _add_beacons(colmap, cache)
 
     def solve(self, model: Any, *, options: Any, prior_options: Any, wider: float) -> None:
-        """Adjust a model, as if positions were less exact by a factor."""
+        """Adjust a model, with the standard deviations of known positions multiplied by `wider`."""
         photos = self._photos(model)
         sigma = self._sigma_by_points(photos)
         priors = [self._prior_of(image, shows=n in sigma, wider=wider) for n, image in photos.image.items()]
@@ -117,8 +117,8 @@ class PositionPriors:
             model.deregister_frame(id)
 
     def sigma_of_cameras(self, model: Any) -> dict[int, float]:
-        """Say how exactly images of a model are known, by their ids, one of each panorama: placed photos, and
-        those that show control points, which are known of them."""
+        """Compute the standard deviations of positions known from placements and control points, by image id;
+        one image per panorama."""
         photos = self._photos(model)
         by_points = self._sigma_by_points(photos)
         both = {
@@ -131,7 +131,7 @@ class PositionPriors:
         return self.placed[image.name][1] if image.name in self.placed else None
 
     def _sigma_by_points(self, photos: _Photos) -> dict[int, float]:
-        """Say how exactly control points say where photos are that show them, by their numbers."""
+        """Compute the standard deviations of positions that follow from control points, by photo number."""
         sigma = sigma_by_points(photos.submodel, self._positions.points)
         rows = np.flatnonzero(np.isfinite(sigma)).tolist()
         return {int(photos.submodel.photo[row]): float(sigma[row]) for row in rows}
@@ -147,7 +147,7 @@ class PositionPriors:
         return _Photos(submodel, dict(zip(photo.tolist(), images, strict=True)))
 
     def _prior_of(self, image: Any, *, shows: bool, wider: float) -> Any | None:
-        """Give the prior of a photo that is placed, or that shows a control point: then of its height."""
+        """Return the prior of a placed photo; for one that only shows control points, of its height alone."""
         height = self._positions.height_sigma_px
         if image.name in self.placed:
             at, sigma = self.placed[image.name]
@@ -157,8 +157,8 @@ class PositionPriors:
         return None
 
     def _show_points(self, model: Any, photos: _Photos, *, wider: float) -> Iterator[int]:
-        """Add the control points to a model; gives the ids of the images that show nothing else: for each
-        click one in the frame of its photo, and one from above."""
+        """Add the control points to a model; yield the ids of the images that are added to observe them: for
+        each click one in the frame of its photo, and one from above."""
         for point in self._positions.points:
             found = triangulate(point, photos.submodel)
             if isinstance(found, NotTriangulated):
@@ -172,7 +172,7 @@ class PositionPriors:
             yield from shown
 
     def _click(self, model: Any, reference: Any, ray: Array) -> int:
-        """Add an image to a photo's frame that looks along a click, a pixel for each standard deviation."""
+        """Add an image to a photo's frame that looks along a click's ray; a pixel is a standard deviation."""
         own, frame = _free_id(model), model.frame(reference.frame_id)
         params = [1.0 / CLICK_RAD, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
@@ -188,7 +188,7 @@ class PositionPriors:
         return own
 
     def _look_from_above(self, model: Any, point: KnownPoint, *, at: Array, sigma_px: float) -> int:
-        """Add an image that shows the place of a point, a pixel for each standard deviation."""
+        """Add an image that shows a point's known position; a pixel is a standard deviation."""
         own = _free_id(model)
         params = [_ABOVE, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
@@ -227,14 +227,14 @@ def _free_id(model: Any) -> int:
 
 
 def _looking_along(ray: Array) -> Array:
-    """Rotate (3, 3) a unit vector to the z axis."""
+    """Compute a rotation (3, 3) that takes a unit vector to the z axis."""
     right = np.cross(np.eye(3)[np.abs(ray).argmin()], ray)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(ray, right), ray])
 
 
 def _take_over(adjusted: Any, model: Any) -> None:
-    """Give a model the poses, lenses and points of another one that has more."""
+    """Copy poses, lenses and points to a model from its adjusted copy, which has additional ones."""
     for id, camera in model.cameras.items():
         camera.params = adjusted.camera(id).params
     for id in model.reg_frame_ids():

@@ -1,1 +1,1 @@
-"""The files of an index, of calibrations and of evaluations."""
+"""Files of indexes, calibrations and evaluations, and weights of networks."""

@@ -1,4 +1,4 @@
-"""Named arrays in one file that is read by memory map: the container of features and segments.
+"""Named arrays in one file that can be memory-mapped: the container of features and segments.
 
 Layout: 8 bytes magic, 8 bytes length of the header (little-endian), a JSON header with the arrays' names,
 types, shapes and offsets and the file's size, then the arrays, each starting at a multiple of 64 bytes.
@@ -24,18 +24,18 @@ from webapp.files import atomic
 from webapp.files.object_storage.storage import local, replaced, settle
 
 _GAP_BYTES = 16_384
-"""Rows that are nearer to each other in the file are read together."""
+"""Rows closer to each other in the file are read in one go."""
 
 
 class OpenFile:
-    """A file that several arrays are read from, by several threads.
+    """An open file from which several arrays are read, by several threads.
 
-    It stays readable when it is deleted; Windows does not delete it before it is closed.
+    It stays readable after its deletion; on Windows it cannot be deleted before it is closed.
 
     Parameters
     ----------
     repair : str
-        How to fix it when it is damaged.
+        How to fix a damaged file, for errors.
     """
 
     def __init__(self, file: FileIO, *, repair: str) -> None:
@@ -45,12 +45,12 @@ class OpenFile:
         weakref.finalize(self, file.close)
 
     def read(self, offset: int, into: NDArray[Any]) -> None:
-        """Fill an array with what is from `offset` on.
+        """Fill an array with the bytes from `offset` on.
 
         Raises
         ------
         IndexDamaged
-            The file ends before, or cannot be read.
+            The file is too short, or cannot be read.
         """
         left = into.reshape(-1).view(np.uint8).data
         with self._lock:
@@ -68,12 +68,12 @@ class OpenFile:
 
 
 class FileRows:
-    """An array in a file, of which slices and some rows can be taken as of one in memory.
+    """An array in a file, whose rows can be sliced and indexed like those of one in memory.
 
     Parameters
     ----------
     offset : int
-        Of the first row, bytes.
+        Position of the first row, bytes.
     """
 
     def __init__(self, file: OpenFile, offset: int, *, dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
@@ -89,7 +89,7 @@ class FileRows:
         return self.shape[0]
 
     def __getitem__(self, wanted: slice | NDArray[np.int64]) -> NDArray[Any]:
-        """Read rows: of a slice without steps, or by their numbers, (m,) int64, none negative."""
+        """Read rows: a slice without a step, or by their numbers, (m,) int64, none negative."""
         if isinstance(wanted, slice):
             first, stop, _ = wanted.indices(len(self))
             return self._read(first, max(first, stop))
@@ -117,14 +117,14 @@ REPAIR = "run expmap build with the same options to recompute what is damaged"
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> str:
-    """Write arrays and a JSON-able header to a file, whole or not at all.
+    """Write arrays and a JSON header to a file atomically.
 
     Parameters
     ----------
     path : Path
-        May hold `{hash}`, which becomes the first 16 characters of the content's SHA-256.
+        May contain `{hash}`, which becomes the first 16 characters of the content's SHA-256.
     meta : mapping
-        Kept in the header.
+        JSON values for the header.
 
     Returns
     -------
@@ -147,12 +147,12 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
 
 
 def write_settled(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> None:
-    """Write a file that is complete, as `write_arrays`; an object where the library has a storage.
+    """Write a file like `write_arrays`, then settle it: it becomes an object if the library has a storage.
 
     Raises
     ------
     StorageError
-        The disk or the storage refused; in the latter case the file is there.
+        The disk or the storage failed; in the latter case the file is on the disk.
     """
     write_arrays(path, arrays, meta=meta)
     settle(path)
@@ -161,22 +161,22 @@ def write_settled(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappi
 def read_arrays(
     path: Path, *, mapped: bool = True, in_file: Collection[str] = ()
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Open a file of `write_arrays`.
+    """Open a file written by `write_arrays`.
 
     Parameters
     ----------
     mapped : bool
-        Whether the arrays are read-only memory maps, which keep the file open; else they are in memory.
+        Whether the arrays are read-only memory maps, which keep the file open, or read into memory.
     in_file : collection of str
-        Arrays that are neither: a `FileRows` for each, which keeps the file open and nothing in memory. The
-        others are in memory then.
+        Arrays to leave in the file: each is a `FileRows`, which keeps the file open. If there are any, all
+        others are read into memory.
 
     Raises
     ------
     IndexDamaged
-        The file is missing, cut off, or not such a file.
+        The file is missing, truncated, or of another kind.
     StorageError
-        It is an object, and the storage or the disk of the cache refused.
+        The file is an object, and the storage or the disk of the cache failed.
     """
     path = present(path)
     try:
@@ -199,14 +199,14 @@ def read_arrays(
 
 
 def present(path: Path) -> Path:
-    """Return where a file of an index can be read now, fetched where it is an object.
+    """Return where a file of an index can be read; an object is fetched first.
 
     Raises
     ------
     IndexDamaged
-        The storage has lost it.
+        The storage has lost the object.
     StorageError
-        The storage or the disk of the cache refused.
+        The storage or the disk of the cache failed.
     """
     try:
         return local(path)
@@ -217,13 +217,13 @@ def present(path: Path) -> Path:
 def _read_some(
     path: Path, entries: list[dict[str, Any]], in_file: Collection[str]
 ) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a file into memory, and leave those of `in_file` where they are."""
+    """Read the arrays of a file into memory, except those of `in_file`."""
     file = OpenFile(path.open("rb", buffering=0), repair=REPAIR)
     arrays: dict[str, NDArray[Any]] = {}
     for entry in entries:
         offset, dtype, shape = _layout(entry)
         rows = FileRows(file, offset, dtype=dtype, shape=shape)
-        # It can do what is asked of these arrays.
+        # FileRows supports all operations that are used on these arrays.
         arrays[entry["name"]] = cast("NDArray[Any]", rows) if entry["name"] in in_file else rows[:]
     return arrays
 
@@ -247,9 +247,9 @@ def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
 
 
 def _parts(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> list[bytes | memoryview]:
-    """Lay out a file; the arrays themselves are not copied."""
+    """Return the parts of a file; contiguous arrays are not copied."""
     plain = {name: np.ascontiguousarray(a) for name, a in arrays.items()}
-    # Offsets depend on the header's length and the header on the offsets: reserve room for long numbers.
+    # Offsets depend on the header's length and the header on the offsets: reserve space for long numbers.
     room = _aligned(
         16 + len(json.dumps([meta, [(n, str(a.dtype), a.shape) for n, a in plain.items()]])) + 512
     )

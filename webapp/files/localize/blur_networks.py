@@ -1,4 +1,4 @@
-"""Networks that find what may have to be blurred: those that are installed, and which are not."""
+"""Networks that detect faces and number plates to be blurred: the installed ones, and which are missing."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from webapp.errors import MissingPart
 from webapp.files.localize.models import checked_weights, find_weights, installed
 
 NETWORKS: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": LpdYuNet}
-"""By the name of the model."""
+"""By model name."""
 
 
 @dataclass(frozen=True, slots=True)
 class BlurNetworks:
-    """Networks that are installed.
+    """Installed networks.
 
     Attributes
     ----------
     detectors : tuple of ObjectDetector
     key : str
-        Sets what they find apart from what others find.
+        Identifies the set of networks, and so their results.
     missing : tuple of str
         Models that are not installed.
     """
@@ -35,7 +35,7 @@ class BlurNetworks:
 
 
 def blur_networks(chosen: Path | None) -> BlurNetworks:
-    """Open the networks that find faces and number plates, each once in this process.
+    """Open the networks that detect faces and number plates, each once per process.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
     MissingPart
         None is installed, or a file is not the published one.
     StorageError
-        One cannot be read.
+        A file cannot be read.
     """
     missing = missing_networks(chosen)
     if len(missing) == len(NETWORKS):
@@ -63,7 +63,7 @@ def blur_networks(chosen: Path | None) -> BlurNetworks:
 
 
 def missing_networks(chosen: Path | None) -> tuple[str, ...]:
-    """Name the models of `NETWORKS` that are not installed."""
+    """List the models of `NETWORKS` that are not installed."""
     return tuple(model for model in NETWORKS if installed(model, chosen) is None)
 
 

@@ -1,4 +1,4 @@
-"""The calibration of a map's probabilities, next to its index, and the trials of one that is being made."""
+"""The calibration of a map's probabilities, stored next to its index, and the trials it is fitted to."""
 
 from __future__ import annotations
 
@@ -14,32 +14,31 @@ from webapp.errors import StorageError
 from webapp.files import atomic
 
 TrialRecord = dict[str, Any] | None
-"""Plain values; None for a photo that cannot be used."""
+"""JSON values; None for a photo that cannot be used."""
 
 FORMAT = 16
-"""Another one where the evidence that the slopes belong to means something else, or the radii do."""
+"""To be increased when the evidence of the slopes, or the radii, change their meaning."""
 
 TRIALS_FORMAT = 14
-"""Another one where trials record something else; a new `FORMAT` alone takes those that there are."""
+"""To be increased when trials record something else; a change of `FORMAT` alone keeps existing trials."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """A calibration and what it was made from.
+    """A calibration and its inputs.
 
     Attributes
     ----------
     map_fov_deg : float or None
         The option for photos without a known field of view.
     place_radius_px : float
-        What counted as right.
+        Distance within which a position counted as right.
     photos : frozenset of str
-        For each photo a word that changes with its content and, roughly, its place.
+        A key per photo that changes with its content and, roughly, its position.
     seconds : float
-        It took.
+        Time that the calibration took.
     second_look_s : float
-        Of two looks: what the second one takes for a photo once its features are extracted, on an idle
-        machine.
+        For two looks: time of the second one per photo, without feature extraction, on an idle machine.
     """
 
     calibration: Calibration
@@ -51,7 +50,7 @@ class StoredCalibration:
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
-    """Replace the file; its folder is made when missing.
+    """Replace the file; its folder is created if missing.
 
     Raises
     ------
@@ -66,12 +65,12 @@ def write(path: Path, stored: StoredCalibration) -> None:
 
 
 def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
-    """Read the file; None when there is none that this program can use, so that it is computed again.
+    """Read the file; None if it is missing or unusable, so that it is recomputed.
 
     Parameters
     ----------
     numbers : int
-        How many describe a place.
+        Number of evidence values of a place.
     """
     try:
         raw = json.loads(path.read_bytes())
@@ -94,14 +93,14 @@ def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
 def recorded_trials(
     path: Path, key: str
 ) -> Iterator[tuple[dict[int, TrialRecord], Callable[[int, TrialRecord], None]]]:
-    """Return what was written under the same key, and a function that writes another photo's trial.
+    """Yield the trials recorded under the same key, and a function that appends another photo's trial.
 
-    A process that is killed leaves what it had; the file stays, for a calibration of several looks together.
+    Trials survive if the process is killed; the file is kept, for a joint calibration of several looks.
 
     Parameters
     ----------
     key : str
-        Of all that the trials depend on.
+        Identifies all that the trials depend on.
 
     Raises
     ------
@@ -110,7 +109,7 @@ def recorded_trials(
     known = _read(path, key)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Rewritten, so that a last line that is not whole is gone.
+        # Rewritten to drop an incomplete last line.
         atomic.write_text(path, "".join(_line(row) for row in (key, *([n, t] for n, t in known.items()))))
         with path.open("a", encoding="utf-8") as file:
 
@@ -137,5 +136,5 @@ def _read(path: Path, key: str) -> dict[int, TrialRecord]:
             number, trial = json.loads(line)
             found[int(number)] = trial
     except (OSError, ValueError):
-        pass  # no file, or a killed writer's last line: what is before it counts
+        pass  # no file, or an incomplete last line of a killed writer: the lines before it are used
     return found

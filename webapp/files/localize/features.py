@@ -23,7 +23,7 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     Parameters
     ----------
     path : Path
-        May hold `{hash}`, see `write_arrays`.
+        May contain `{hash}`, see `write_arrays`.
     entries : sequence of PhotoEntry
         At least one.
 
@@ -46,10 +46,10 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
 
 
 def read_segment(path: Path, *, mapped: bool = True, in_file: bool = False) -> Segment:
-    """Open a segment file, by memory map or, when it is small and there are many, into memory.
+    """Open a segment file: memory-mapped, or in memory if there are many small ones.
 
-    With `in_file`, what there is of each keypoint stays in the file and is read when it is asked for: pages
-    of a memory map would stay in memory.
+    With `in_file`, the arrays of keypoints stay in the file and are read on demand: the pages of a memory map
+    would stay in memory.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _consistent(segment: Segment) -> bool:
 
 
 def write_codebook(path: Path, codebook: Codebook) -> str:
-    """Write a codebook, whole or not at all; `{hash}` in the name becomes its hash, which is returned."""
+    """Write a codebook atomically; `{hash}` in the name becomes its hash, which is returned."""
     return write_arrays(path, {"centres": codebook.centres, "mean": codebook.mean}, meta={})
 
 
@@ -103,12 +103,12 @@ def read_codebook(path: Path) -> Codebook:
 
 
 def write_signatures(path: Path, signatures: NDArray[np.uint8]) -> str:
-    """Write (p, b) signatures; returns the hash of what is in the file."""
+    """Write (p, b) signatures; return the hash of the file's content."""
     return write_arrays(path, {"signatures": signatures}, meta={})
 
 
 def read_signatures(path: Path, codebook: Codebook) -> NDArray[np.uint8]:
-    """Open (p, b) signatures by memory map.
+    """Open (p, b) signatures as a memory map.
 
     Raises
     ------

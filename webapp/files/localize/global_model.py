@@ -1,6 +1,6 @@
-"""The model of a global descriptor that the user supplies: `global.onnx`, and `global.json` next to it.
+"""The model of a global descriptor, supplied by the user: `global.onnx`, and `global.json` next to it.
 
-The JSON states what the model itself does not: `width`, `height`, `mean`, `std`.
+The JSON states what the model does not: `width`, `height`, `mean` and `std` of its input.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from webapp.files.atomic import read_bytes
 from webapp.files.localize.models import MODELS, models_folder
 
 _Seen = tuple[int, int] | None
-"""Time and size of a file; None where there is none."""
+"""Modification time and size of a file; None if it is missing."""
 
 
 def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
-    """Open the model, once in this process for as long as its files stay the same; None where there is none.
+    """Open the model, once per process while its files do not change; None if there is none.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
     Raises
     ------
     InputError
-        The file holds another network, or the JSON next to it is wrong.
+        The file holds another kind of network, or the JSON next to it is invalid.
     MissingPart
         onnxruntime is not installed.
     StorageError
@@ -49,7 +49,7 @@ def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
 
 
 def usable_global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
-    """Open the model; None where there is none, or none that can be used: `problem` says why."""
+    """Open the model; None if it is missing or unusable (`problem` returns why)."""
     try:
         return global_descriptor(chosen)
     except (InputError, MissingPart, StorageError):
@@ -57,7 +57,7 @@ def usable_global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
 
 
 def problem(chosen: Path | None) -> str:
-    """Try the model; returns in a sentence why it cannot be used, empty where it can or is not there."""
+    """Try the model; return a sentence why it is unusable, or an empty string (also if it is missing)."""
     try:
         network = global_descriptor(chosen)
         if network is not None:
@@ -69,14 +69,14 @@ def problem(chosen: Path | None) -> str:
 
 
 def model_paths(chosen: Path | None) -> tuple[Path, Path]:
-    """Name the files of the model and of its input's form."""
+    """Return the paths of the model and of the JSON about its input."""
     path = models_folder(chosen) / MODELS["global"][0].name
     return path, path.with_suffix(".json")
 
 
 @lru_cache(maxsize=2)
 def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpMapError:
-    """Open the files as they were seen; what is wrong with them is found out once, too."""
+    """Open the files in the state seen; errors are returned, so that they are cached, too."""
     try:
         data = read_bytes(model)
         form = _form(model.with_suffix(".json")) if form_seen is not None else InputForm()

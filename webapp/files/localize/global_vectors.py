@@ -1,6 +1,6 @@
-"""The global descriptors of a map's photos, next to its indexes: one file for each model.
+"""The global descriptors of a map's photos, stored next to its indexes: one file per model.
 
-They belong to photos by content, whatever the features of an index are, so that all indexes share them.
+They refer to photos by content and do not depend on the features of an index, so that all indexes share them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from webapp.files.localize.arrays import read_arrays, write_arrays
 from webapp.files.object_storage.storage import facts_of
 
 FORMAT = 1
-"""Another one where the vectors mean something else."""
+"""To be increased when the vectors change their meaning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class StoredVectors:
     vectors : (n, d) float16
         In the same order.
     weights : str
-        Of the model: `GlobalDescriptor.weights`.
+        `GlobalDescriptor.weights` of the model.
     """
 
     contents: list[str]
@@ -40,7 +40,7 @@ class StoredVectors:
 
 
 def file_name(weights: str) -> str:
-    """Name the file of a model's vectors."""
+    """Return the name of the file of a model's vectors."""
     return f"global-{weights}.arrays"
 
 
@@ -60,9 +60,9 @@ def write(path: Path, stored: StoredVectors) -> None:
 
 
 def read(path: Path, *, weights: str) -> StoredVectors | None:
-    """Read the file; None when there is none of this model that can be used, so that it is computed again.
+    """Read the file; None if it is missing, unusable or of another model, so that it is recomputed.
 
-    A file that has not changed is read once: the looks at a map share it.
+    An unchanged file is read once: the looks at a map share it.
     """
     seen = facts_of(path)
     return None if seen is None else _read(path, weights, seen)

@@ -4,11 +4,11 @@
 
     derived/map/sift-1a2b3c4d/
         manifest.json               replaced by rename; names everything below
-        <codebook>.codebook         trained, empty search index, or what signatures are made with
+        <codebook>.codebook         trained, empty search index, or the codebook of the signatures
         <segment>.features          keypoints and descriptors of some photos
         <segment>-<codebook>.ivf    the same descriptors as codes of the codebook; or, in large maps:
         <segment>-<codebook>.vlad   a signature of each photo
-        spool/<content>.features    photos finished by a build that has not ended yet
+        spool/<content>.features    photos that an unfinished build has finished
         lock                        one writer at a time
 
 The names are hashes of the contents, so that equal photos and settings give equal names.
@@ -37,27 +37,27 @@ from webapp.files.object_storage.pointer import SUFFIX, pointed_path
 from webapp.settings import ExtractSettings
 
 FORMAT = 2
-"""Raised when an older index can no longer be read, or photos are described otherwise than in it."""
+"""To be increased when older indexes can no longer be read, or their descriptors differ from new ones."""
 
 
 _BLOCKS = b"IwPf"
-"""How the file of an inverted file with 4-bit codes begins."""
+"""First bytes of Faiss's file of an inverted index (IVF) with 4-bit codes."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoRecord:
-    """A map photo as it was when it was indexed.
+    """A map photo at the time of its indexing.
 
     Attributes
     ----------
     photo : str
         Path as in the map.
     bytes, mtime_ns : int
-        Size and time of the file: while both stay, the content is taken to be the same.
+        Size and modification time of the file: the same values mean the same content.
     content : str
-        SHA-256 of the file; empty when it could not be read.
+        SHA-256 of the file; empty if it could not be read.
     error : str
-        Why it has no features; empty when it has.
+        Why it has no features; empty if it has.
     """
 
     photo: str
@@ -69,7 +69,7 @@ class PhotoRecord:
 
 @dataclass(frozen=True, slots=True)
 class SegmentRecord:
-    """A segment: the hash that names it, and how much it holds."""
+    """A segment: the hash that names it, and its size."""
 
     name: str
     photos: int
@@ -80,20 +80,20 @@ class SegmentRecord:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What an index consists of.
+    """The contents of an index.
 
     Attributes
     ----------
     codebook : str
-        Name of the codebook; empty while there is no descriptor at all.
+        Name of the codebook; empty as long as there are no descriptors.
     trained_for : int
-        Descriptors the index had when the codebook was trained.
+        Number of descriptors in the index when the codebook was trained.
     photos : dict of int to PhotoRecord
         By experience id.
     build_seconds : float
-        Of all builds that changed it.
+        Total time of all builds that changed it.
     engine : {"ivf", "vlad"}
-        What the codebook and the codes are of.
+        Kind of the codebook and the codes.
     """
 
     detector: str
@@ -107,7 +107,7 @@ class Manifest:
     engine: Engine = "ivf"
 
     def record_of(self, id: int, picture: str) -> PhotoRecord | None:
-        """Return the record of an experience, if it is about the picture of that name."""
+        """Return the record of an experience if it refers to the picture of that name."""
         record = self.photos.get(id)
         return record if record is not None and record.photo == picture else None
 
@@ -124,23 +124,23 @@ class IndexFolder:
         self.manifest_path = folder / "manifest.json"
 
     def segment_path(self, name: str) -> Path:
-        """File of a segment's features."""
+        """Return the path of a segment's features."""
         return self.folder / f"{name}.features"
 
     def codes_path(self, name: str, *, codebook: str, engine: Engine) -> Path:
-        """File of a segment's codes."""
+        """Return the path of a segment's codes."""
         return self.folder / f"{name}-{codebook}.{engine}"
 
     def codebook_path(self, name: str) -> Path:
-        """File of a codebook."""
+        """Return the path of a codebook."""
         return self.folder / f"{name}.codebook"
 
     def spool_path(self, content: str) -> Path:
-        """File of one finished photo."""
+        """Return the path of one finished photo."""
         return self.spool / f"{content}.features"
 
     def make_spool(self) -> None:
-        """Make the folder for finished photos; that of the index is there.
+        """Create the folder for finished photos; that of the index must exist.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class IndexFolder:
             ) from error
 
     def read_manifest(self) -> Manifest | None:
-        """Read the manifest; None when there is no index yet.
+        """Read the manifest; None if there is no index yet.
 
         Raises
         ------
@@ -208,7 +208,7 @@ class IndexFolder:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
                 named = pointed_path(path) if path.suffix == SUFFIX else path
                 if named.suffix in _OURS and named not in keep:
-                    with suppress(PermissionError):  # Windows keeps what a reader has open: next time then
+                    with suppress(PermissionError):  # open in a reader, on Windows: left for the next time
                         path.unlink(missing_ok=True)
         except OSError as error:
             raise StorageError(
@@ -224,7 +224,7 @@ class IndexFolder:
         return named
 
     def publish(self, manifest: Manifest) -> None:
-        """Make objects of the files that a manifest names, before it names them; see `storage.settle`.
+        """Turn the files that a manifest names into objects, before it is written; see `storage.settle`.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class IndexFolder:
             storage.settle(path)
 
     def fetch(self, manifest: Manifest) -> None:
-        """Fetch segments and codes that are objects together, as an index is read one file after the other.
+        """Fetch segments and codes that are objects in parallel; reading would fetch them one by one.
 
         Raises
         ------
@@ -243,7 +243,7 @@ class IndexFolder:
         storage.fetch_together(sorted(self._named(manifest) - {self.codebook_path(manifest.codebook)}))
 
     def bytes_on_disk(self) -> int:
-        """Sum the sizes of all files of the index; what a build removes meanwhile does not count."""
+        """Sum the sizes of all files of the index, skipping those that a build removes meanwhile."""
         total = 0
         for path in self.folder.rglob("*"):
             with suppress(FileNotFoundError):
@@ -253,7 +253,7 @@ class IndexFolder:
 
 
 def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
-    """Name the folder of the index with these features and settings."""
+    """Return the folder name of the index with these features and settings."""
     own = [choice.weights] if choice.weights else []
     parts = json.dumps([FORMAT, choice.detector, choice.extractor, asdict(extract), *own], sort_keys=True)
     name = choice.name.replace("+", "-")
@@ -261,18 +261,18 @@ def index_key(choice: FeatureChoice, extract: ExtractSettings) -> str:
 
 
 def remove_outdated(base: Path) -> None:
-    """Delete the indexes below a folder that an older program made and this one does not read."""
+    """Delete indexes below a folder whose older format can no longer be read."""
     for path in base.glob("*/manifest.json"):
         try:
             form = json.loads(path.read_bytes())["format"]
         except (ValueError, KeyError, TypeError, FileNotFoundError):
-            continue  # what is damaged may be of this program, which mends it when it builds its features
+            continue  # damaged, but maybe of the current format: the next build with its features repairs it
         if isinstance(form, int) and form < FORMAT:
-            shutil.rmtree(path.parent, ignore_errors=True)  # what stays goes with the next build
+            shutil.rmtree(path.parent, ignore_errors=True)  # leftovers are deleted by the next build
 
 
 def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
-    """Write a Faiss index, whole or not at all; `{hash}` in the name becomes its hash, which is returned."""
+    """Write a Faiss index atomically; `{hash}` in the name becomes its hash, which is returned."""
     data = (
         faiss.serialize_index_binary(index) if kind == "binary" else faiss.serialize_index(index)
     ).tobytes()
@@ -284,13 +284,13 @@ def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
 
 
 def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
-    """Open a Faiss index, by memory map unless it is to be changed.
+    """Open a Faiss index; memory-mapped (`mapped`) unless it will be modified.
 
     Raises
     ------
     IndexDamaged
     StorageError
-        It is an object, and the storage or the disk of the cache refused.
+        The file is an object, and the storage or the disk of the cache failed.
     """
     path = present(path)
     try:
@@ -305,9 +305,9 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
 
 
 def _is_copied(path: Path) -> bool:
-    """Return whether Faiss copies the codes in any case: then a memory map would only hold them twice."""
+    """Return whether Faiss copies the codes anyway, so that a memory map would hold them twice."""
     try:
         with path.open("rb") as file:
             return file.read(len(_BLOCKS)) == _BLOCKS
     except OSError:
-        return False  # Faiss says better what is wrong with the file
+        return False  # Faiss reports the error in more detail

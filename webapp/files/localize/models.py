@@ -1,7 +1,7 @@
-"""Weights of networks: their files, where they are kept, and their hashes.
+"""Weights of networks: their files, folder and hashes.
 
-Published files are known by their hash. Others the user supplies: of those only the name is known, and their
-hash becomes part of what an index is named by.
+Published files are identified by their hash. Others are supplied by the user: only their name is fixed, and
+their hash becomes part of an index's name.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ class ModelFile:
     Attributes
     ----------
     name : str
-        Of the file.
+        File name.
     bytes : int
-        0 for a file that the user supplies.
+        Size; 0 for a file that the user supplies.
     sha256 : str
-        Empty for a file that the user supplies: any file of this name is taken.
+        Empty for a file that the user supplies: any file of this name is accepted.
     source : str
-        Who made it, in words.
+        Origin, in words.
     address : str
-        Where it is fetched from; empty for a file that is only taken from a folder.
+        URL to fetch it from; empty for a file that can only be copied from a folder.
     """
 
     name: str
@@ -61,7 +61,7 @@ class ModelFile:
 
     @property
     def published(self) -> bool:
-        """Whether it is one certain file; else the user supplies it."""
+        """Whether it is a specific file; otherwise the user supplies it."""
         return bool(self.sha256)
 
 
@@ -130,23 +130,23 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
     "aliked-lightglue": (_own("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
     "global": (_own("global.onnx", "a global descriptor, such as MegaLoc, SALAD or EigenPlaces"),),
 }
-"""Of each model, files with the same weights: any one of them is enough. The first is the one to fetch."""
+"""By model: files with the same weights, any one of which is enough. The first is the one to fetch."""
 
 
 def models_folder(chosen: Path | None) -> Path:
-    """Return the folder of the weights: the chosen one, else one in the user's cache."""
+    """Return the folder of the weights: the chosen one, or else one in the user's cache."""
     return chosen or user_cache_path("experience-map") / "models"
 
 
 def matches_hash(data: bytes, file: ModelFile) -> bool:
-    """Check whether bytes are those of a published file; a file that the user supplies may be any."""
+    """Check whether bytes are those of a published file; True for any file that the user supplies."""
     if not file.published:
         return True
     return len(data) == file.bytes and hashlib.sha256(data).hexdigest() == file.sha256
 
 
 def install_hint(file: ModelFile) -> str:
-    """Return the instruction to get a file; without the folder, which is private on a server."""
+    """Return the instruction to get a file, without naming the folder, which is private on a server."""
     if file.address:
         return _FETCH
     if file.published:
@@ -168,14 +168,14 @@ def installed(model: str, chosen: Path | None) -> ModelFile | None:
 
 
 def is_usable(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> bool:
-    """Check whether all models are installed that a method needs with these features."""
+    """Check whether all models that a method needs with these features are installed."""
     models = [choice.model, PAIR_MATCHERS[choice.name] if method == "thorough" else None]
     needed = [model for model in models if model]
     return not needed or (is_installed("learned") and all(installed(model, chosen) for model in needed))
 
 
 def usable_features(chosen: Path | None, *, method: Method = "verified") -> list[str]:
-    """List the bundles of features that fit a method and can be used here."""
+    """List the bundles of features that suit a method and whose models are installed."""
     fitting: Iterable[str] = BUNDLES
     if method == "thorough":
         fitting = PAIR_MATCHERS
@@ -185,9 +185,9 @@ def usable_features(chosen: Path | None, *, method: Method = "verified") -> list
 
 
 def second_look_features(chosen: Path | None) -> str | None:
-    """Choose the features of the second look of method `auto`; None where no model for one is here.
+    """Choose the features of the second look of method `auto`; None if no model for it is installed.
 
-    Those come first whose pairs a network that is here matches, too.
+    Features whose matching network is installed, too, are preferred.
     """
     here = [name for name in PAIR_MATCHERS if name in usable_features(chosen)]
     matched = usable_features(chosen, method="thorough")
@@ -195,12 +195,12 @@ def second_look_features(chosen: Path | None) -> str | None:
 
 
 def usable_methods(chosen: Path | None) -> list[Method]:
-    """List the methods that can be used here with their default features."""
+    """List the methods whose models for the default features are installed."""
     return [method for method in METHODS if is_usable(choose(method), chosen, method=method)]
 
 
 def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
-    """Open the models that a method needs, and record the hash of one that the user supplied.
+    """Open the models that a method needs, and record the hash of a file that the user supplied.
 
     Parameters
     ----------
@@ -211,11 +211,11 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
     Raises
     ------
     MissingPart
-        One is not there, or not what it should be.
+        A file is not installed, or is not the expected one.
     InputError
-        The user's file is of another kind.
+        The user's file holds another kind of network.
     StorageError
-        One cannot be read.
+        A file cannot be read.
     """
     if method == "thorough":
         pair_matcher(choice.name, chosen)
@@ -229,16 +229,16 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
 
 
 def network(model: str | None, chosen: Path | None, *, weights: str = "") -> FeatureNetwork | None:
-    """Open a model of features, once in this process.
+    """Open a feature network, once per process.
 
     Parameters
     ----------
     model : str or None
-        `FeatureChoice.model`; None needs none.
+        `FeatureChoice.model`; None if the features need none.
     chosen : Path or None
         Folder with the weights, instead of the user's cache.
     weights : str
-        `FeatureChoice.weights`: which file it has to be, where the user supplied it.
+        `FeatureChoice.weights`: the hash that a file supplied by the user must have.
 
     Returns
     -------
@@ -248,9 +248,9 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
     Raises
     ------
     MissingPart
-        The weights are not there, or are not what they should be.
+        The weights are not installed, or are not the expected ones.
     InputError
-        The user's file is of another kind.
+        The user's file holds another kind of network.
     StorageError
         They cannot be read.
     """
@@ -261,7 +261,7 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
 
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
-    """Open the network that matches features of two photos, once in this process.
+    """Open the network that matches features of two photos, once per process.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     Raises
     ------
     UsageError
-        There is none for these features.
+        There is no network for these features.
     MissingPart, InputError, StorageError
         As for `network`.
     """
@@ -288,7 +288,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
 
 
 def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher | None:
-    """Open the network that matches features of two photos, where there is one for them and it is here."""
+    """Open the network that matches features of two photos; None if there is none or it is not installed."""
     model = PAIR_MATCHERS.get(features)
     if model is None or not is_installed("learned") or installed(model, chosen) is None:
         return None
@@ -301,7 +301,7 @@ def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     Raises
     ------
     MissingPart
-        It is not there.
+        There is none.
     """
     file = installed(model, chosen)
     if file is None:
@@ -329,12 +329,12 @@ def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
 
 
 def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
-    """Read a file of a model, which has to have this hash.
+    """Read a file of a model, and check its hash.
 
     Raises
     ------
     MissingPart
-        It has another one.
+        The file has another hash.
     StorageError
     """
     data = read_bytes(path)

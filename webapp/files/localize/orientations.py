@@ -1,4 +1,4 @@
-"""The orientations of a map's photos, their keypoints' depths, and the pairs behind them; in the index."""
+"""Files of an index: orientations of a map's photos, depths of keypoints, and the pairs behind them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from webapp.errors import IndexDamaged, StorageError
 from webapp.files.localize.arrays import read_arrays, write_arrays, write_settled
 
 FORMAT = 4
-"""Another one where the arrays mean something else."""
+"""To be increased when the arrays change their meaning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,13 +24,13 @@ class StoredPairs:
     Attributes
     ----------
     pairs : Pairs
-        Their photos are numbers in `contents`.
+        Their photos are indices into `contents`.
     contents : list of str
         SHA-256 of the photo files.
     done : int
-        Number of photos, the first ones, whose partners have been looked for.
+        The first `done` photos have been paired; a search for partners resumes after them.
     key : str
-        Of all else that the pairs depend on.
+        Identifies all else that the pairs depend on.
     """
 
     pairs: PhotoPairs
@@ -46,9 +46,9 @@ class StoredOrientations:
     Attributes
     ----------
     position : (p, 2) float64
-        Where they were, map pixels.
+        Positions of the photos at the time, map pixels.
     key : str
-        Of all that they depend on.
+        Identifies all that the orientations depend on.
     """
 
     orientations: MapExtrinsics
@@ -89,7 +89,7 @@ def write_pairs(path: Path, stored: StoredPairs) -> None:
 
 
 def read_pairs(path: Path) -> StoredPairs | None:
-    """Read the file; None when there is none that this program can use, so that it is computed again."""
+    """Read the file; None if it is missing or unusable, so that it is recomputed."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:
@@ -121,7 +121,7 @@ def write(path: Path, stored: StoredOrientations) -> None:
 
 
 def read(path: Path) -> StoredOrientations | None:
-    """Read the file; None when there is none that this program can use, so that it is computed again."""
+    """Read the file; None if it is missing or unusable, so that it is recomputed."""
     try:
         arrays, meta = read_arrays(path, mapped=False)
         if meta["format"] != FORMAT:

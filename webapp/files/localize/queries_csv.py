@@ -1,4 +1,4 @@
-"""The list of query photos with their true positions: `path;x;y`, one photo a line, under that header."""
+"""The list of query photos with true positions: the header `path;x;y`, then one line per photo."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A photo and where it was really taken.
+    """A photo and its true position.
 
     Attributes
     ----------
     name : str
-        Its path as the list states it.
+        Its path as written in the list.
     path : Path
-        The same, seen from here.
+        The same, joined with the folder of the list.
     truth : MapPixel
         May lie outside the map's image, for a photo that was not taken on the map.
     """
@@ -41,7 +41,7 @@ def read(path: Path) -> list[Query]:
     """Read a list of queries.
 
     A byte order mark, CRLF line ends and blank lines at the end are accepted, no other deviation.
-    Paths are relative to the folder of the list and may leave it; the photos themselves are not looked at.
+    Paths are relative to the folder of the list and may leave it; the photos are not opened.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def select(items: Sequence[T], limit: int | None) -> list[T]:
     Parameters
     ----------
     limit : int or None
-        None, or no less than there are items, takes all.
+        None, or at least the number of items, takes all.
 
     Raises
     ------

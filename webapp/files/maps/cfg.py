@@ -1,4 +1,4 @@
-"""The map file: a satellite image with its size, then a photo and its place a line (`maps/FORMAT.md`)."""
+"""The map file: a line for the satellite image, then one per photo with its position (`maps/FORMAT.md`)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from webapp.errors import CfgError, MapError
 from webapp.files.maps.cfg_scan import BOM, Scan, scan
 
 MAX_BYTES = 100_000_000
-"""A larger file is not read: it is a mistake, not a map (a million photos need half of it)."""
+"""Larger files are refused: they are not maps (a million photos need half of it)."""
 
 
 @dataclass(frozen=True, slots=True)
 class CfgDocument:
-    """A `.cfg` as it was read: the map, and how it was written down.
+    """A parsed `.cfg`: the map, and its exact text.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class CfgDocument:
     bom : bool
         Whether it begins with a byte order mark.
     lines, ends : tuple of str
-        Text of each line, first the image's and then one a photo, and what ends it.
+        Text of each line, first the image's and then one per photo, and its line end.
     tail : str
         Blank lines at the end.
     """
@@ -40,7 +40,7 @@ class CfgDocument:
 
 
 def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
-    """Read a `.cfg` strictly.
+    """Parse a `.cfg` strictly.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
     Raises
     ------
     CfgError
-        The first thing that breaks the format, with line, column and how to fix it.
+        The first fault, with line, column and a fix.
     """
     raw = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
     result = scan(raw)
@@ -70,7 +70,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     MapError
-        There is none, it may not be read, or it is too large to be a map.
+        The file is missing, unreadable, or too large to be a map.
     """
     try:
         with path.open("rb") as file:
@@ -95,9 +95,9 @@ def read_cfg(path: Path) -> CfgDocument:
     Raises
     ------
     CfgError
-        What `parse_cfg` raises.
+        Raised by `parse_cfg`.
     MapError
-        What `read_bytes` raises.
+        Raised by `read_bytes`.
     """
     return parse_cfg(read_bytes(path), where=str(path))
 
@@ -110,9 +110,9 @@ def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
     map_ : Map
         Positions are rounded half up to whole pixels.
     like : CfgDocument, optional
-        Lines that say the same as there, the byte order mark, line ends and blank last lines are kept as
-        they are there: an unchanged document gives identical bytes. Without it the form is canonical: no
-        byte order mark, LF after every line, no spaces around columns.
+        Its lines whose values have not changed, its byte order mark, line ends and trailing blank lines are
+        kept: an unchanged document gives identical bytes. Without it the form is canonical: no byte order
+        mark, LF after every line, no spaces around columns.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
     Raises
     ------
     MapError
-        A name or number that a `.cfg` cannot hold, a position outside the image, an id used twice.
+        A name or number that a `.cfg` cannot hold, a position outside the image, or a duplicate id.
     """
     _check_writable(map_)
     lines = [_line(*values) for values in _values(map_)]
@@ -162,7 +162,7 @@ def _line(*values: str | int) -> str:
 
 
 def _check_writable(map_: Map) -> None:
-    """Refuse what the strict reader would not read back."""
+    """Refuse a map that the strict reader would reject."""
     image = map_.satellite
     for name in (image.path, *(e.photo for e in map_.experiences)):
         problem = name_problem(name)

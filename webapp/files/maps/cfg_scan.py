@@ -1,7 +1,7 @@
-"""Takes a `.cfg` apart line by line and keeps every fault.
+"""Parses a `.cfg` line by line and collects all faults.
 
-The strict reader (`cfg`) rejects the file at the first fault, the linter (`tasks.maps.check_map`) lists
-them all: one grammar for both.
+The strict reader (`cfg`) raises the first fault, the linter (`tasks.maps.check_map`) lists all: both share
+this grammar.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class CfgFieldError(Exception):
     Parameters
     ----------
     better : str, optional
-        The text that should stand there instead, where it is clear.
+        The corrected text, if it is clear.
     """
 
     def __init__(self, code: Code, message: str, *, better: str | None = None) -> None:
@@ -44,7 +44,7 @@ def parse_name(text: str) -> str:
     Raises
     ------
     CfgFieldError
-        Empty, or not a path that stays below the map's folder.
+        The path is empty, invalid, or leaves the map's folder.
     """
     problem = name_problem(text)
     if problem:
@@ -78,7 +78,7 @@ def parse_size(text: str, what: str) -> int:
 
 
 def parse_coordinate(text: str, what: str) -> int:
-    """Read x or y in whole pixels; whether it is on the image is checked where the image is known.
+    """Read x or y in whole pixels; `check_lines` checks whether it is inside the image.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _whole(text: str, what: str) -> str:
 
 
 def _limited(text: str, what: str, *, smallest: int) -> int:
-    """Turn digits into a number, long ones first refused by their length."""
+    """Convert digits to a number within limits; too many digits are refused before the conversion."""
     sign, digits = ("-", text[1:]) if text.startswith("-") else ("", text)
     digits = digits.lstrip("0") or "0"
     value = int(sign + digits) if len(digits) <= 10 else None
@@ -117,15 +117,15 @@ def _limited(text: str, what: str, *, smallest: int) -> int:
 T = TypeVar("T")
 
 _WIDEST = 4
-"""Columns of a line that are looked at one by one; a line of a million more makes no cells of them."""
+"""Columns into which a line is split; all others stay one cell, even if there are a million."""
 
 _LONGEST_LINE = 10_000
-"""Characters; the longest name that a disk takes has 1000."""
+"""Characters; file systems allow names of at most 1000."""
 
 BOM = b"\xef\xbb\xbf"
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f-\x9f]")
 _IMAGE_STARTS = ("\udcff\udcd8\udcff", "\udc89PNG")
-"""Of JPEG and PNG, decoded with bytes escaped."""
+"""First bytes of JPEG and PNG files, decoded with `surrogateescape`."""
 
 _ESCAPED_BYTE = re.compile(r"[\udc80-\udcff]")
 _TWO_NUMBERS = re.compile(r"[0-9]+ *, *[0-9]+")
@@ -138,18 +138,18 @@ _LEADING_ID = re.compile(rb"^ *([0-9]{1,9}) *;", re.MULTILINE)
 
 @dataclass(slots=True)
 class Scan:
-    """A `.cfg` in pieces; joining BOM, lines with their ends, and tail gives the file again.
+    """A parsed `.cfg`; BOM, lines with their ends, and tail add up to the file.
 
     Attributes
     ----------
     bom : bool
         Whether it begins with a byte order mark.
     lines, ends : list of str
-        Text of each line up to the last one that is not blank, and what ends it: LF, CRLF or nothing.
+        Text of each line up to the last non-blank one, and its end: LF, CRLF or nothing.
     tail : str
-        The blank lines at the end.
+        Trailing blank lines.
     unread : list of str
-        Lines that gave no `PhotoLine`.
+        Lines that could be read neither as a photo's nor as the image's.
     faults : list of Finding
         In the order of the file.
     """
@@ -166,7 +166,7 @@ class Scan:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One line and its cells, spaces around them left out; the fifth is all that follows the fourth."""
+    """One line and its cells, without surrounding spaces; a fifth cell holds all that follows the fourth."""
 
     number: int
     text: str
@@ -177,12 +177,12 @@ class _Row:
         return Finding(code, self.number, column, message, fix)
 
     def corrected(self, cell: int, text: str) -> str:
-        """Write the line with another text in one cell."""
+        """Return the line with another text in one cell."""
         return ";".join([*self.cells[:cell], text, *self.cells[cell + 1 :]])
 
 
 def scan(data: bytes) -> Scan:
-    """Take a `.cfg` apart; never raises for what is in it."""
+    """Parse a `.cfg`; faults are collected, never raised."""
     result = Scan(bom=data.startswith(BOM))
     starts = _split(data, result)
     if not result.lines:
@@ -270,7 +270,7 @@ def _character_fault(row: _Row, start: int) -> Finding | None:
 
 
 def _is_photo(row: _Row) -> bool:
-    """Return whether a line can be read as a photo's; so can a first line that is none of the image."""
+    """Return whether a line can be read as a photo's, even if it is the first, where the image's belongs."""
     return len(row.cells) == 4 and (row.number > 1 or row.cells[0].isdecimal())
 
 
@@ -328,7 +328,7 @@ def _field(
     faults: list[Finding],
     instead: Callable[[], str] | None = None,
 ) -> T | None:
-    """Parse one cell, or report why it cannot be and what to write."""
+    """Parse one cell, or add its fault and the fix to `faults`."""
     try:
         return parse(row.cells[cell])
     except CfgFieldError as error:

@@ -1,4 +1,4 @@
-"""Control points as a table (CSV): a row for each click, with what is known of the point."""
+"""Control points as a table (CSV): a row for each click, with the data of its point."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
 
 @dataclass(frozen=True, slots=True)
 class PointRow:
-    """A row of the table; None is what it does not say.
+    """A row of the table; empty cells are None.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class PointRow:
     photo : str or None
         Path or file name.
     click_px : (float, float) or None
-        From the top left corner of the upright photo.
+        Pixels from the top-left corner of the upright photo.
     """
 
     name: str
@@ -65,7 +65,7 @@ def read_rows(path: Path) -> list[PointRow]:
     Raises
     ------
     TableError
-        With the line.
+        Names the file and line.
     """
     data = read_bytes(path, error=TableError)
     lines = [(f"{path}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
@@ -125,7 +125,7 @@ def _number(text: str, where: str) -> float | None:
 
 
 def format_rows(rows: Iterable[PointRow], latlon: Mapping[str, LatLon]) -> str:
-    """Write a table; `latlon` are the positions of points on the Earth, by name."""
+    """Write a table; `latlon` has the latitudes and longitudes of points, by name."""
     out = io.StringIO()
     writer = csv.writer(out, delimiter=";", lineterminator="\n")
     writer.writerow(COLUMNS)

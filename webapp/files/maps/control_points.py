@@ -1,4 +1,4 @@
-"""Control points as `map.json` has them."""
+"""Control points in `map.json`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos")
 
 
 def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
-    """Read a list of control points, by name.
+    """Read a list of control points, sorted by name.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
 
 
 def point_fields(point: GroundControlPoint) -> dict[str, Any]:
-    """Return a control point as `map.json` has it, without its name; what is unknown is left out."""
+    """Return the fields of a control point in `map.json`, without its name and unknown values."""
     at = point.position
     known = {
         "x_px": None if at is None else at.x,
@@ -51,7 +51,7 @@ def point_fields(point: GroundControlPoint) -> dict[str, Any]:
 
 
 def control_point_fields(points: Iterable[GroundControlPoint]) -> list[dict[str, Any]]:
-    """Return control points as `map.json` has them."""
+    """Return the list of control points for `map.json`."""
     return [{"name": point.name, **point_fields(point)} for point in points]
 
 

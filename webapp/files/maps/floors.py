@@ -1,4 +1,4 @@
-"""Floors as `map.json` has them."""
+"""Floors in `map.json`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from webapp.files.json_fields import JsonField, by_id, finite
 
 
 def parse_floors(field: JsonField) -> tuple[Floor, ...]:
-    """Read a list of floors, by id.
+    """Read a list of floors, sorted by id.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def parse_floors(field: JsonField) -> tuple[Floor, ...]:
 def check_floors_of(
     field: JsonField, floor_of: Mapping[int, int], *, what: str, floors: Iterable[Floor]
 ) -> None:
-    """Refuse photos or notes, by id, on floors that the map does not have.
+    """Refuse photos or notes (by id) on floors that the map does not have.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def check_floors_of(
 
 
 def floor_fields(floor: Floor) -> dict[str, Any]:
-    """Return a floor as `map.json` has it, without its id; what is unknown is left out."""
+    """Return the fields of a floor in `map.json`, without its id and unknown values."""
     image = floor.image
     return {
         "name": floor.name,
@@ -66,7 +66,7 @@ def floor_fields(floor: Floor) -> dict[str, Any]:
 
 
 def floors_fields(floors: Iterable[Floor]) -> list[dict[str, Any]]:
-    """Return floors as `map.json` has them."""
+    """Return the list of floors for `map.json`."""
     return [{"id": floor.id, **floor_fields(floor)} for floor in floors]
 
 

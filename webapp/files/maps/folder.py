@@ -1,4 +1,4 @@
-"""A map and its files: the `.cfg`, the JSON next to it, further placements, the photos below its folder."""
+"""A map and its files: the `.cfg`, the JSON next to it, further placements, and photos in its folder."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from webapp.files.object_storage.storage import hash_of, local
 
 
 def json_path(cfg_path: Path) -> Path:
-    """Name the JSON file of a `.cfg`: `map.json` of `map.cfg`, `NAME.map.json` of any other `NAME.cfg`."""
+    """Return the JSON path of a `.cfg`: `map.json` for `map.cfg`, `NAME.map.json` for any `NAME.cfg`."""
     return cfg_path.with_name("map.json" if cfg_path.stem == "map" else f"{cfg_path.stem}.map.json")
 
 
 def placement_path(cfg_path: Path, name: str) -> Path:
-    """Name the `.cfg` of a further placement, next to the map's own."""
+    """Return the path of the `.cfg` of a further placement, next to the map's own."""
     return cfg_path.with_name(f"{name}.cfg")
 
 
 class MapFolder:
-    """Finds the files that a map names, below its folder and nowhere else; folders are resolved once.
+    """Finds the files that a map names, only below its folder; each folder is resolved once.
 
     Parameters
     ----------
@@ -40,34 +40,34 @@ class MapFolder:
         self._stays: dict[Path, bool] = {}
 
     def path(self, name: str) -> Path:
-        """Find a photo or the satellite image of the map, whether or not it exists; an object is fetched.
+        """Return the path of a photo or the satellite image, which need not exist; an object is fetched.
 
         Parameters
         ----------
         name : str
-            As it stands in the `.cfg`.
+            As in the `.cfg`.
 
         Raises
         ------
         MapError
-            As `place`.
+            Raised by `place`.
         StorageError
-            It is an object, and the storage or the disk of the cache refused.
+            The file is an object, and the storage or the disk of the cache failed.
         """
         return local(self.place(name))
 
     def place(self, name: str) -> Path:
-        """Name the path of a photo or of the satellite image in the map's folder, whether or not it exists.
+        """Return the path of a photo or the satellite image in the map's folder; it need not exist.
 
         Parameters
         ----------
         name : str
-            As it stands in the `.cfg`.
+            As in the `.cfg`.
 
         Raises
         ------
         MapError
-            The name, or a link on the way, leads out of the folder.
+            The name, or a symbolic link in its path, leads out of the folder.
         """
         problem = name_problem(name)
         if problem:
@@ -77,7 +77,7 @@ class MapFolder:
             if path.parent not in self._stays:
                 self._stays[path.parent] = self._is_inside(path.parent)
             stays = self._stays[path.parent] and (not path.is_symlink() or self._is_inside(path))
-        except (OSError, RuntimeError) as error:  # links in a circle
+        except (OSError, RuntimeError) as error:  # a loop of links
             raise self._error(f"{name!r} is a broken link: {error}", hint="replace the link") from error
         if not stays:
             message = f"{name!r} is a link that points outside the map's folder"
@@ -92,17 +92,17 @@ class MapFolder:
 
 
 def photo_path(cfg_path: Path, name: str) -> Path:
-    """Find a photo or the satellite image of a map, whether or not it exists; see `MapFolder.path`."""
+    """Return the path of a photo or the satellite image of a map; see `MapFolder.path`."""
     return MapFolder(cfg_path).path(name)
 
 
 def photo_hash(cfg_path: Path, name: str) -> str:
-    """Return the SHA-256 of a photo of a map; an object is not fetched for it.
+    """Return the SHA-256 of a photo of a map, without fetching it if it is an object.
 
     Raises
     ------
     MapError
-        As `MapFolder.place`.
+        Raised by `MapFolder.place`.
     OSError
         The file is missing, or cannot be read.
     """
@@ -110,14 +110,14 @@ def photo_hash(cfg_path: Path, name: str) -> str:
 
 
 def read_map_json(cfg_path: Path) -> MapJson:
-    """Read the JSON next to a `.cfg`; where there is none, everything in it is unknown.
+    """Read the JSON next to a `.cfg`; if there is none, return an empty `MapJson`.
 
     Raises
     ------
     MapJsonError
-        It breaks its schema.
+        The JSON violates its schema.
     MapError
-        It cannot be read.
+        The file cannot be read.
     """
     path = json_path(cfg_path)
     return parse_map_json(read_bytes(path), where=str(path)) if path.exists() else MapJson()
@@ -126,14 +126,14 @@ def read_map_json(cfg_path: Path) -> MapJson:
 def read_map(cfg_path: Path) -> Map:
     """Read a map: the `.cfg`, and the files next to it.
 
-    The `.cfg` is the truth. What `map.json` says about an id that is gone, about an id that now has another
-    photo, or a sub-pixel position that does not round to the `.cfg`'s, does not count (an edit from outside;
+    The `.cfg` is authoritative. Data in `map.json` on an id that is gone or now has another photo, and
+    sub-pixel positions that do not round to the `.cfg`'s, are ignored (the `.cfg` was edited by other means;
     the linter reports it).
 
     Raises
     ------
     MapError
-        `CfgError` and `MapJsonError` with the place in the file; a placement that is missing or has other
+        `CfgError` and `MapJsonError` with the location in the file; or a placement is missing or has other
         photos.
     """
     base = read_cfg(cfg_path).map
@@ -158,25 +158,25 @@ def read_map(cfg_path: Path) -> Map:
 
 
 def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> None:
-    """Write a map: placements, then the JSON, then the `.cfg`, each whole or not at all.
+    """Write a map: placements, then the JSON, then the `.cfg`, each file atomically.
 
-    Stopped in between, the old `.cfg` stays the truth for ids, photos and whole pixels. A map that a lone
-    `.cfg` can hold gets no JSON, unless there is one already.
+    After an interruption, the old `.cfg` stays authoritative for ids, photos and whole pixels. A map that
+    a `.cfg` alone can hold gets no JSON, unless there is one already.
 
     Parameters
     ----------
     cfg_path : Path
         Its folder must exist.
     from_gps : collection of int
-        Ids of photos that move from where their GPS has them. Stopped in between, they count as placed by
-        GPS, wherever they are by then: neither position passes for a more exact one.
+        Ids of photos that are moved away from their GPS positions. After an interruption, they count as
+        placed by GPS wherever the `.cfg` has them, so that no position is taken for a more exact one.
 
     Raises
     ------
     MapError
-        Something in the map that the files cannot hold; nothing was written.
+        The files cannot hold something in the map; nothing was written.
     StorageError
-        The disk refused.
+        Writing failed.
     """
     cfg, extras = format_cfg(map_), format_map_json(map_)
     placed = [(placement_path(cfg_path, p.name), format_cfg(placed_map(map_, p))) for p in map_.placements]
@@ -194,12 +194,12 @@ def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> N
 
 
 def placed_map(map_: Map, placement: Placement) -> Map:
-    """Return the map of a placement's own `.cfg`.
+    """Return the map that a placement's own `.cfg` holds.
 
     Raises
     ------
     MapError
-        The placement has an id that the map has not.
+        The placement has an id that the map does not have.
     """
     at = placement.positions
     unknown = sorted(set(at) - {e.id for e in map_.experiences})
@@ -239,7 +239,7 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
 
 
 def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
-    """List the photos in the tray, without ids and photos that the `.cfg` has."""
+    """List the photos in the tray, except ids and photos that are in the `.cfg`."""
     ids, photos = {e.id for e in base.experiences}, {e.photo for e in base.experiences}
     return tuple(
         UnplacedPhoto(
@@ -261,7 +261,7 @@ def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
 
 
 def _exact(whole: MapPixel, exact: MapPixel | None, map_: Map) -> MapPixel:
-    """Take the sub-pixel position where it rounds to the `.cfg`'s and is on the image."""
+    """Return the sub-pixel position if it rounds to the `.cfg`'s and is inside the image, else the latter."""
     image = map_.satellite
     fits = exact is not None and inside(exact, width=image.width, height=image.height)
     return exact if exact is not None and fits and whole_pixel(exact) == whole else whole

@@ -1,4 +1,4 @@
-"""What a `.cfg` cannot hold, in JSON next to it: `maps/FORMAT.md` has the schema."""
+"""The data of a map that a `.cfg` cannot hold, in JSON next to it; `maps/FORMAT.md` has the schema."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _FACTS = (
 
 @dataclass(frozen=True, slots=True)
 class MapJsonPhoto:
-    """What `map.json` says about one photo; None is unknown, and no position means the `.cfg`'s."""
+    """The data of one photo in `map.json`; None is unknown, or for the position, the `.cfg`'s."""
 
     photo: str
     position: MapPixel | None = None
@@ -67,19 +67,19 @@ class MapJson:
     Attributes
     ----------
     placements : mapping of str to mapping of int to MapPixel
-        Sub-pixel positions by id in each further placement, by its name.
+        Of each further placement by name, its sub-pixel positions by id.
     experiences : mapping of int to MapJsonPhoto
         By id.
     title : str or None
-        Of the map, for people.
+        Title of the map.
     unplaced : mapping of int to MapJsonPhoto
         Photos in the tray, by id; none has a position.
     control_points : tuple of GroundControlPoint
-        By name.
+        Sorted by name.
     notes : tuple of MapNote
-        By id.
+        Sorted by id.
     floors : tuple of Floor
-        By id.
+        Sorted by id.
     """
 
     revision: int = 0
@@ -95,7 +95,7 @@ class MapJson:
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
-    """Read `map.json` strictly: no field missing that must be there, none that is unknown.
+    """Parse `map.json` strictly: missing required fields and unknown fields are errors.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     Raises
     ------
     MapJsonError
-        With the JSON path of the field, or line and column where it is no JSON at all.
+        With the JSON path of the field, or line and column of a syntax error.
     """
     top = parse_json(data, where=where).record(
         required=("format", "version"),
@@ -145,12 +145,12 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
 
 
 def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> bytes:
-    """Write what a `.cfg` cannot hold of a map; the same map always gives the same bytes.
+    """Write the data of a map that a `.cfg` cannot hold; the same map always gives the same bytes.
 
     Parameters
     ----------
     by_gps_anywhere : collection of int
-        Ids of photos that count as placed by their GPS wherever the `.cfg` has them.
+        Ids of photos to mark as placed by GPS wherever the `.cfg` has them.
 
     Returns
     -------
@@ -188,14 +188,14 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
 
 
 def parse_georeference(value: object, *, where: str = "georeference") -> Georeference | None:
-    """Read a georeference as `map.json` has it.
+    """Parse a georeference in the form of `map.json`.
 
     Parameters
     ----------
     value : object
         Parsed JSON; None means no georeference.
     where : str
-        Where it comes from, for errors.
+        Origin of the value, for errors.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def parse_georeference(value: object, *, where: str = "georeference") -> Georefe
 
 
 def georeference_fields(georeference: Georeference | None) -> dict[str, object] | None:
-    """Return a georeference as `map.json` has it; None stays None."""
+    """Return a georeference in the form of `map.json`; None stays None."""
     if georeference is None:
         return None
     m = georeference.plane_from_pixel
@@ -220,7 +220,7 @@ def check_placement_name(name: str) -> str:
     Raises
     ------
     MapError
-        It is not made of letters, digits, `_` and `-`, with 1 to 60 of them.
+        The name does not consist of 1 to 60 letters, digits, `_` and `-`.
     """
     plain = name.replace("-", "").replace("_", "")
     if not (plain.isalnum() and len(name) <= 60):
@@ -259,7 +259,7 @@ def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     position = None if x.missing else MapPixel(x.pixels(), y.pixels())
     facts, stated, radius = _facts(fields, position), fields["by_gps"], fields["radius_px"]
     radius_px = None if radius.missing else radius.number("0 or more", valid=lambda v: finite(v) and v >= 0)
-    # files of 0.7 do not say it
+    # files of version 0.7 lack by_gps
     guessed = facts.gps_accuracy_m is not None and radius_px is None
     by_gps = guessed if stated.missing else stated.boolean()
     floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
@@ -308,12 +308,12 @@ def _panorama(item: JsonField) -> Panorama:
 
 
 def panorama_fields(panorama: Panorama | None) -> dict[str, list[dict[str, float]]] | None:
-    """Return what is said of a panorama as `map.json` has it; None stays None."""
+    """Return the data of a panorama in the form of `map.json`; None stays None."""
     return None if panorama is None else {"masked": [box._asdict() for box in panorama.masked]}
 
 
 def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None:
-    """Read what is said of a panorama as `map.json` has it; None stays None.
+    """Parse the data of a panorama in the form of `map.json`; None stays None.
 
     Raises
     ------
@@ -375,7 +375,7 @@ def _photo_fields(photo: Experience | UnplacedPhoto, *, by_gps_anywhere: bool = 
         return {"id": photo.id, "photo": photo.photo, **present, "by_gps": True}
     position = _position_fields(photo.position)
     if photo.by_gps or photo.radius_px is not None:
-        # also in whole pixels: another one in the `.cfg` is somebody's
+        # also for whole pixels: a different one in the `.cfg` then shows a manual edit
         position = {"x_px": photo.position.x, "y_px": photo.position.y}
     if photo.radius_px is not None:
         present |= {"radius_px": photo.radius_px}

@@ -1,4 +1,4 @@
-"""Notes as `map.json` has them."""
+"""Notes in `map.json`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.files.json_fields import JsonField, by_id
 
 
 def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
-    """Read a list of notes, by id.
+    """Read a list of notes, sorted by id.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
 
 
 def parse_text(field: JsonField) -> str | None:
-    """Read the note of a photo; None where it has none.
+    """Read the note of a photo; None if it has none.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def parse_text(field: JsonField) -> str | None:
 
 
 def note_fields(note: MapNote) -> dict[str, Any]:
-    """Return a note as `map.json` has it, without its id; what is unknown is left out."""
+    """Return the fields of a note in `map.json`, without its id and empty values."""
     at = note.position
     return {
         "title": note.title,
@@ -51,7 +51,7 @@ def note_fields(note: MapNote) -> dict[str, Any]:
 
 
 def notes_fields(notes: Iterable[MapNote]) -> list[dict[str, Any]]:
-    """Return notes as `map.json` has them."""
+    """Return the list of notes for `map.json`."""
     return [{"id": note.id, **note_fields(note)} for note in notes]
 
 

@@ -1,7 +1,7 @@
 """Positions of photos by file name: a `.cfg`, a table, GeoJSON, KML, or the waypoints of a GPX file.
 
-A table has any delimiter and columns of names and positions, in degrees or in pixels of the satellite image,
-perhaps one of headings; its header says which is which, or the caller does (`webapp.core.columns`).
+A table has any delimiter, and columns of names, of positions in degrees or in pixels of the satellite image,
+and optionally of headings; they are named by its header or by the caller (`webapp.core.columns`).
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ _ANGLE = re.compile(
     (?:([0-9]+(?:\.[0-9]*)?)\s*['′’]?\s*)?(?:([0-9]+(?:\.[0-9]*)?)\s*(?:"|″|'')?\s*)?([NSEW]?)""",
     re.IGNORECASE | re.VERBOSE,
 )
-"""Degrees, perhaps with minutes and seconds, and a letter on one side."""
+"""Degrees, optionally with minutes, seconds, and a letter on one side."""
 
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Positions of photos, by the name that the list gives them.
+    """Positions of photos, by their names in the list.
 
     Attributes
     ----------
     by_name : mapping of str to LatLon or MapPixel
         Paths with forward slashes; all values of one kind.
     image_size : tuple of int or None
-        Of the image that pixels are on (from a `.cfg`); None for degrees and where it is unknown.
+        Size of the image to which pixels refer (from a `.cfg`); None for degrees and if unknown.
     headings_deg : mapping of str to float
         Degrees clockwise from north, where the list has them.
     repeated : tuple of str
-        Names that several points of a GeoJSON, KML or GPX have; they have no position.
+        Names shared by several points of a GeoJSON, KML or GPX, which are left out of `by_name`.
     """
 
     by_name: Mapping[str, LatLon | MapPixel]
@@ -63,7 +63,7 @@ class Positions:
         return any(isinstance(position, MapPixel) for position in self.by_name.values())
 
     def find(self, name: str) -> LatLon | MapPixel | None:
-        """Find a photo by its path, or else by its file name where only one entry has that.
+        """Find the position of a photo by its path, or else by its file name if that is unique in the list.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Positions:
         return None if entry is None else self.by_name[entry]
 
     def heading_of(self, name: str) -> float | None:
-        """Find where a photo looks, as `find` does; None where the list does not say."""
+        """Return the heading of a photo, looked up like `find`; None if the list has none."""
         return self.headings_deg.get(self._entry(name) or "")
 
     def _entry(self, name: str) -> str | None:
@@ -87,7 +87,7 @@ class Positions:
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """One photo of a list; `where` says where in the list it stands."""
+    """One photo of a list; `where` is its location in the list, for errors."""
 
     name: str
     position: LatLon | MapPixel
@@ -96,20 +96,20 @@ class _Entry:
 
 
 def read_positions(path: Path, *, columns: str | None = None) -> Positions:
-    """Read a list of positions; all but a `.cfg` is recognised by its content.
+    """Read a list of positions; formats other than `.cfg` are recognised by content.
 
     Parameters
     ----------
     columns : str or None
-        Which column of a table holds what, as `name=File, lat=Latitude, lon=Longitude`; None to guess from
+        Meaning of a table's columns, as `name=File, lat=Latitude, lon=Longitude`; None to guess it from
         the header.
 
     Raises
     ------
     TableError, TrackError
-        It breaks its format, with the line, or holds no position; or a table lists a photo twice.
+        The list is malformed (with the line) or has no position; or a table lists a photo twice.
     MapError
-        The `.cfg` breaks its format.
+        The `.cfg` is malformed.
     UsageError
         `columns` does not fit the table.
     """
@@ -150,7 +150,7 @@ def _positions(entries: Sequence[_Entry], repeated: tuple[str, ...] = ()) -> Pos
 
 
 def _table(data: bytes, columns: str | None, *, where: str) -> Iterator[_Entry]:
-    """Read a table; rows without a position, such as exiftool's of photos without GPS, are left out."""
+    """Read a table; rows without a position, as exiftool writes for photos without GPS, are skipped."""
     lines = [(f"{where}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]
     if not lines:
         raise TableError("the file is empty", where=where, hint=f"use {FORMATS}")
@@ -194,7 +194,7 @@ class _Row:
         return _Entry(name, position, heading, where)
 
     def is_data(self, fields: Sequence[str]) -> bool:
-        """Return whether the first line is a row already."""
+        """Return whether the first line is a row rather than a header."""
         try:
             return self.entry(fields, "") is not None
         except TableError:
@@ -215,7 +215,7 @@ class _Row:
 
 
 def _angle(text: str) -> float | None:
-    """Read a number, or degrees with minutes and seconds such as `50 deg 5' 12.3" N`; None for neither."""
+    """Parse a number, or degrees with minutes and seconds such as `50 deg 5' 12.3" N`; None if invalid."""
     found = _ANGLE.fullmatch(text.strip())
     if found is None or (found[1] and found[5]):
         return None
@@ -226,7 +226,7 @@ def _angle(text: str) -> float | None:
 
 
 def _geojson(data: bytes, *, where: str) -> Iterator[_Entry]:
-    """Read the points of a GeoJSON; all else in it is left out."""
+    """Read the points of a GeoJSON; other features are skipped."""
     try:
         top = parse_json(data, where=where)
         listed = top.value.get("features") if isinstance(top.value, dict) else None
@@ -297,7 +297,7 @@ def _kml(data: bytes, *, where: str) -> Iterator[_Entry]:
 
 
 def _placemark_name(mark: Element) -> str:
-    """Return what names the photo of a placemark: its data of that kind, or else its own name."""
+    """Return the photo's name in a placemark: from its extended data, or else the placemark's own name."""
     facts = {
         str(part.get("name", "")).lower(): child_text(part, "value")
         for part in mark.iter()

@@ -1,4 +1,4 @@
-"""Whom photos are from that somebody else has taken, as `map.json` has it."""
+"""Sources of third-party photos in `map.json`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from webapp.files.json_fields import JsonField
 
 
 def parse_source(item: JsonField) -> PhotoSource:
-    """Read whom a photo is from; its address becomes a link in pages, so that it has to be a web address.
+    """Read the source of a photo; its URL must be http or https, because pages link to it.
 
     Raises
     ------
@@ -23,5 +23,5 @@ def parse_source(item: JsonField) -> PhotoSource:
 
 
 def source_fields(source: PhotoSource | None) -> dict[str, str] | None:
-    """Return whom a photo is from as `map.json` has it; None stays None."""
+    """Return the fields of a photo's source in `map.json`; None stays None."""
     return None if source is None else {name: text for name, text in asdict(source).items() if text}

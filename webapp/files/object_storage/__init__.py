@@ -1,1 +1,1 @@
-"""Files of a library that are objects in S3: a pointer in the folder, the content there, and a cache here."""
+"""Files of a library as objects in S3, with a pointer in the library's folder and a local cache."""

@@ -1,4 +1,4 @@
-"""A bucket of an S3 server, by boto3, whose errors it raises as those of the program."""
+"""A bucket of an S3 server, accessed by boto3, whose errors are converted to those of the program."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from webapp.files.object_storage.watch import Operation, asking
 _log = logging.getLogger(__name__)
 
 _PIECE = 8 << 20
-"""Bytes of a piece: larger files come and go in several at once."""
+"""Bytes of a part: larger files are transferred in several parts in parallel."""
 
 _AT_ONCE = 8
 
 _BLOCK = 1 << 20
 
 TIMEOUT_S = 10.0
-"""Seconds for which the server may be silent; after a second try it counts as away."""
+"""Seconds without data until a request fails; after a second attempt the server counts as unreachable."""
 
 PROBE_TIMEOUT_S = 2.0
-"""The same for whoever only wants to know whether it is there, and does not try again."""
+"""The same for a probe of the server, which makes a single attempt."""
 
 _WAIT_S = 5
 
@@ -57,12 +57,12 @@ _DAMAGED = "BadDigest"
 
 @dataclass(frozen=True, slots=True)
 class StoredObject:
-    """An object in a list.
+    """An object in a listing.
 
     Attributes
     ----------
     key : str
-        Below the prefix.
+        Without the prefix.
     """
 
     key: str
@@ -76,10 +76,10 @@ class Bucket:
     Parameters
     ----------
     url : str
-        `s3://bucket/prefix`; server and credentials are those of boto3: `AWS_ENDPOINT_URL`,
+        `s3://bucket/prefix`; server and credentials are configured as usual for boto3: `AWS_ENDPOINT_URL`,
         `AWS_ACCESS_KEY_ID` and so on.
     timeout_s : float
-        For which a connection may be silent.
+        Seconds without data until a request fails.
 
     Raises
     ------
@@ -106,18 +106,18 @@ class Bucket:
         self._probe = _connect(min(timeout_s, PROBE_TIMEOUT_S), attempts=1)[0]
 
     def put(self, key: str, file: Path) -> None:
-        """Store a file; when this returns, the server has all of it, and has compared it with its MD5.
+        """Store a file; on return, the server has received all of it and checked its MD5.
 
         Raises
         ------
         StorageUnavailable, DiskFull, StorageError
-            Nothing of it can be read.
+            No part of the object becomes visible.
         """
         with self._asking("put", key), file.open("rb") as source:
             self._client.upload_fileobj(source, self._bucket, self._prefix + key, Config=self._transfer)
 
     def get(self, key: str, target: Path) -> None:
-        """Write an object to a new file, of which something may be left after an error.
+        """Download an object to a new file, which may remain, incomplete, after an error.
 
         Raises
         ------
@@ -127,18 +127,18 @@ class Bucket:
             self._client.download_file(self._bucket, self._prefix + key, str(target), Config=self._transfer)
 
     def probe(self) -> None:
-        """Ask for nearly nothing, to see whether the server answers.
+        """Send a minimal request to check that the server responds.
 
         Raises
         ------
         StorageUnavailable, StorageError
-            It does not within `PROBE_TIMEOUT_S`, or refuses.
+            It does not respond within `PROBE_TIMEOUT_S`, or refuses.
         """
         with self._asking("probe", self.url):
             self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
 
     def delete(self, key: str) -> None:
-        """Delete an object, if it is there."""
+        """Delete an object if it exists."""
         with self._asking("delete", key):
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
 
@@ -155,7 +155,7 @@ class Bucket:
                 yield StoredObject(key, one["Size"], one["LastModified"])
 
     def drop_unfinished(self, *, begun_before: datetime) -> int:
-        """Delete the pieces of uploads that were interrupted; returns of how many.
+        """Abort unfinished multipart uploads that began before a time; return their number.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class Bucket:
         return dropped
 
     def _pages(self, operation: str) -> Iterator[dict[str, Any]]:
-        """Yield the pages of a list below the prefix."""
+        """Yield the pages of a listing below the prefix."""
         pages = iter(self._client.get_paginator(operation).paginate(Bucket=self._bucket, Prefix=self._prefix))
         is_more = True
         while is_more:
@@ -184,18 +184,18 @@ class Bucket:
 
     @contextmanager
     def _asking(self, operation: Operation, key: str) -> Iterator[None]:
-        """Count a request, and raise its errors as those of the program, which are in the log, too."""
+        """Count a request; convert its errors to those of the program, and log them."""
         try:
             with asking(operation), self._translated(key):
                 yield
         except ObjectLost:
-            raise  # whether that is an error, the caller knows
+            raise  # not logged: whether that is an error is up to the caller
         except StorageError as error:
             self._log_seldom(error.message)
             raise
 
     def _log_seldom(self, message: str) -> None:
-        """Log a sentence, but not for each of the requests that meet the same."""
+        """Log a message, but the same one at most every `_LOG_EVERY_S` seconds."""
         with self._logging:
             now = time.monotonic()
             if now < self._logged.get(message, -math.inf) + _LOG_EVERY_S:
@@ -226,7 +226,7 @@ class Bucket:
 
 
 def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
-    """Make a client of boto3, which threads may share, and how it moves files."""
+    """Create a boto3 client, which threads may share, and its configuration of file transfers."""
     with extra("cluster"):
         import boto3
         from boto3.s3.transfer import TransferConfig
@@ -237,7 +237,7 @@ def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
         read_timeout=timeout_s,
         retries={"total_max_attempts": attempts, "mode": "standard"},
         max_pool_connections=4 * _AT_ONCE,
-        request_checksum_calculation="when_required",  # which other servers than Amazon's do not all know
+        request_checksum_calculation="when_required",  # not all S3-compatible servers support newer ones
         response_checksum_validation="when_required",
     )
     try:
@@ -260,7 +260,7 @@ def _connect(timeout_s: float, *, attempts: int = 2) -> tuple[Any, Any]:
 
 
 def _add_md5(params: dict[str, Any], **_: Any) -> None:
-    """Send the MD5 of a file or piece with it, so that the server refuses what was damaged on the way."""
+    """Add the MD5 of a file or part to its request, so that the server refuses data damaged in transit."""
     body, digest = params["Body"], hashlib.md5(usedforsecurity=False)
     start = body.tell()
     while block := body.read(_BLOCK):
@@ -270,7 +270,7 @@ def _add_md5(params: dict[str, Any], **_: Any) -> None:
 
 
 def _away(error: Exception) -> StorageUnavailable:
-    """Say in our words how the connection failed; of several tries, the last."""
+    """Convert a connection error (of several attempts, the last one) to an error of the program."""
     with extra("cluster"):
         from botocore import exceptions
 
@@ -294,7 +294,7 @@ def _away(error: Exception) -> StorageUnavailable:
 
 
 def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
-    """Say in our words why the server refuses."""
+    """Convert an error response of the server to an error of the program."""
     code = str(response.get("Error", {}).get("Code", ""))
     status = response.get("ResponseMetadata", {}).get("HTTPStatusCode", 0)
     if code == _NO_BUCKET:

@@ -1,12 +1,12 @@
-"""Copies of objects on the disk of this machine, up to a size.
+"""A cache of objects on the disk of this machine, up to a size limit.
 
 ::
 
     CACHE/ab/abcd...-0123...-IMG_1.jpg    an object: its key, and the name of its file
 
-A file that was asked for lately stays: whoever has its path has time to open it, and what is open, or mapped,
-can be read to its end also when it is deleted. When that was is the time of its last access. What a process
-has mapped stays, too: it is in use, and to delete it would free nothing.
+Recently requested files are not evicted, so that callers have time to open the path they got; files that are
+open or mapped stay readable after deletion. The access time (atime) of a file is that of the last request.
+Files that a process has mapped are not evicted, either: deleting them would free no space.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from webapp.files.object_storage.watch import report_look
 from webapp.files.part_file import sha256_of
 
 STAYS_S = 300.0
-"""Seconds for which a file stays after it was asked for."""
+"""Seconds after a request during which a file is not evicted."""
 
 _FILL_TO = 0.9
-"""Share of the size that is left when something had to go."""
+"""Share of the limit down to which files are evicted."""
 
 _LOOK_EVERY = 0.02
-"""Share of the size that a process adds before it looks how much there is: others add, too."""
+"""Share of the limit that a process adds before it measures the cache again: other processes add, too."""
 
 _UNFINISHED_S = 3600.0
 _COUNT_EVERY_S = 60.0
@@ -44,18 +44,18 @@ _LOCKS = 64
 _NAME_BYTES = 120
 _PROCESSES = Path("/proc")
 _MAPS_COLUMNS = 5
-"""Of a line of `/proc/*/maps` before the path, which may have blanks."""
+"""Columns of a line of `/proc/*/maps` before the path, which may contain blanks."""
 
 
 class ObjectCache:
-    """A folder of copies that several processes share.
+    """A folder of cached objects that several processes share.
 
     Parameters
     ----------
     limit : int
-        Bytes; exceeded where more was asked for within `stays_s`.
+        Bytes; exceeded if more is requested within `stays_s`.
     stays_s : float
-        Seconds for which a file stays after it was asked for.
+        Seconds after a request during which a file is not evicted.
 
     Attributes
     ----------
@@ -67,39 +67,39 @@ class ObjectCache:
         self.folder = folder
         self.limit = limit
         self._stays_s = stays_s
-        self._added = limit  # looks at once
+        self._added = limit  # so that the cache is measured on the first addition
         self._counting = threading.Lock()
         self._counted = -math.inf, 0
         self._locks = [threading.Lock() for _ in range(_LOCKS)]
 
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
-        """Return the local copy of an object; fetch it where it is missing.
+        """Return the local copy of an object; fetch it if it is missing.
 
         Parameters
         ----------
         name : str
-            Of the file.
+            Name of the file.
         fetch : callable
             Writes the object to a new file.
 
         Returns
         -------
         Path
-            Readable for `stays_s` at least.
+            Readable for at least `stays_s`.
 
         Raises
         ------
         StorageError
-            The disk refused. What `fetch` raises, too.
+            The disk failed, or `fetch` did.
         ObjectLost
-            What was fetched is not what was stored.
+            The content fetched differs from that stored.
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
             report_look(found=True)
             return place
         with self._locks[hash(pointer.key) % _LOCKS]:
-            found = self._touch(place, pointer)  # by a thread that came before
+            found = self._touch(place, pointer)  # another thread may have fetched it meanwhile
             report_look(found=found)
             if not found:
                 self._keep(place, pointer, make=fetch)
@@ -107,10 +107,10 @@ class ObjectCache:
 
     @contextmanager
     def read_once(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Iterator[Path]:
-        """Give an object for the block: the copy that is here, or one that is deleted after it.
+        """Yield the path of an object: its cached copy, or a temporary one that is deleted after the block.
 
-        Whoever reads everything once takes no room from what others ask for again and again. Parameters and
-        errors are those of `path`.
+        Reading many objects once thus evicts nothing that others request repeatedly. Parameters and errors
+        are those of `path`.
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
@@ -127,13 +127,13 @@ class ObjectCache:
             temporary.unlink(missing_ok=True)
 
     def adopt(self, file: Path, pointer: Pointer, *, name: str) -> None:
-        """Copy a file that was stored just now; where the disk refuses, it is fetched when it is needed."""
+        """Copy a file that was just stored into the cache; if that fails, it is fetched on demand later."""
         place = self._place(pointer, name)
         with suppress(StorageError, OSError):
             self._keep(place, pointer, make=lambda target: _copy(file, target))
 
     def rename(self, pointer: Pointer, *, before: str, name: str) -> None:
-        """Give the copy of an object the name of its file; where there is none, it is fetched when needed."""
+        """Rename the copy of an object after its file; a missing one is fetched on demand later."""
         with suppress(OSError):
             self._place(pointer, before).rename(self._place(pointer, name))
 
@@ -142,7 +142,7 @@ class ObjectCache:
         return sum(size for _, size, _ in self._files())
 
     def recent_size(self) -> int:
-        """Return `size` as it was within the last minute: looking at all copies takes a while."""
+        """Return `size`, at most a minute old: measuring all copies takes a while."""
         with self._counting:
             counted_at, size = self._counted
         if time.monotonic() >= counted_at + _COUNT_EVERY_S:
@@ -157,7 +157,7 @@ class ObjectCache:
         return self.folder / flat[:2] / f"{flat}-{shown}"
 
     def _touch(self, place: Path, pointer: Pointer) -> bool:
-        """Note that a copy is asked for; False where there is none of the right size."""
+        """Record the request of a copy in its atime; False if there is none of the right size."""
         try:
             if place.stat().st_size != pointer.bytes:
                 return False
@@ -181,7 +181,7 @@ class ObjectCache:
             raise storage_error(error, where=str(self.folder)) from error
 
     def _make_room(self, size: int) -> None:
-        """Delete what was not asked for the longest time, where there is too much; one process at a time."""
+        """Evict the least recently requested files if the limit is exceeded; in one process at a time."""
         with self._counting:
             self._added += size
             if self._added < self.limit * _LOOK_EVERY:
@@ -192,7 +192,7 @@ class ObjectCache:
             with FileLock(self.folder / "room.lock", timeout=0):
                 self._evict(size)
         except Timeout:
-            return  # another process is at it
+            return  # another process is evicting
         except OSError as error:
             raise storage_error(error, where=str(self.folder)) from error
 
@@ -212,7 +212,7 @@ class ObjectCache:
             total -= bytes_
 
     def _files(self) -> Iterator[tuple[int, int, Path]]:
-        """List when each copy was asked for, its bytes and its path; deletes what killed writers left."""
+        """List time of the last request, bytes and path of all copies; delete leftovers of killed writers."""
         for path in self.folder.glob("*/*"):
             try:
                 found = path.stat()
@@ -226,7 +226,7 @@ class ObjectCache:
 
 
 def _make(file: Path, pointer: Pointer, *, name: str, make: Callable[[Path], None]) -> None:
-    """Write an object to a file, and refuse what is not what was stored."""
+    """Write an object to a file, and check that its content is what was stored."""
     file.parent.mkdir(parents=True, exist_ok=True)
     make(file)
     if file.stat().st_size != pointer.bytes or sha256_of(file) != pointer.sha256:
@@ -239,7 +239,7 @@ def _make(file: Path, pointer: Pointer, *, name: str, make: Callable[[Path], Non
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a file: a link would share its times with the original."""
+    """Copy a file; a hard link would share its times with the original."""
     shutil.copyfile(source, target)
 
 
@@ -249,11 +249,11 @@ def mapped_names(folder: Path) -> set[str]:
     Returns
     -------
     set of str
-        Without folders; empty where the system has no `/proc`, or shows nothing there.
+        Without folders; empty if the system has no `/proc`, or it shows nothing.
     """
     inside, found = os.fsencode(f"{folder.resolve()}/"), set()
     for maps in _PROCESSES.glob("[0-9]*/maps"):
-        with suppress(OSError):  # ended meanwhile, or somebody else's
+        with suppress(OSError):  # the process has ended, or is another user's
             for line in maps.read_bytes().splitlines():
                 path = line.split(maxsplit=_MAPS_COLUMNS)[_MAPS_COLUMNS:]
                 if path and path[0].startswith(inside):

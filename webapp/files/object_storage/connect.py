@@ -1,4 +1,4 @@
-"""Opens the object storage that the settings name, once a process."""
+"""Opens the object storage of the settings, once per process."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _LOCK = threading.Lock()
 
 
 def connect(settings: Settings) -> ObjectStorage | None:
-    """Use the object storage of the settings in this process from now on; None where they name none.
+    """Use the object storage of the settings in this process from now on; None if there is none.
 
     Raises
     ------
     UsageError
-        The address is none, or the records are in SQLite: photos that several machines share need records
-        that they share.
+        The address is invalid, or the database is SQLite: machines that share photos must share the database,
+        too.
     MissingPart
         The extra `cluster` is not installed.
     """
@@ -48,6 +48,6 @@ def connect(settings: Settings) -> ObjectStorage | None:
 
 
 def cache_folder(settings: Settings) -> Path:
-    """Return the folder for the copies on this machine."""
+    """Return the folder of this machine's cache."""
     name = hashlib.sha256((settings.storage or "").encode()).hexdigest()[:16]
     return settings.cache_folder or user_cache_path("experience-map") / "objects" / name

@@ -1,4 +1,4 @@
-"""The file of a library that says in which object storage its photos are; found from the path of a map."""
+"""The file of a library that names the object storage of its photos; found from the path of a map."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from webapp.errors import StorageError
 from webapp.settings import Settings
 
 MARKER = "object-storage"
-"""File in `.library`: the address of the storage, and the name by which the storage knows the library."""
+"""File in `.library`: the address of the storage, and the library's name in the storage."""
 
-_INNER = ".library"  # as `webapp.store.library` has it, which map commands do not load
+_INNER = ".library"  # as in `webapp.store.library`, which map commands do not load
 
 
 def read_marker(inner: Path) -> tuple[str | None, str | None]:
-    """Read the address of a library's storage, and the name by which the storage knows the library.
+    """Read the address of a library's storage, and the library's name in it; None where missing.
 
     Parameters
     ----------
     inner : Path
-        The library's folder of everything that is not a map.
+        The library's folder for all that is not a map.
     """
     marker = inner / MARKER
     lines = marker.read_text("utf-8").split() if marker.is_file() else []
@@ -29,12 +29,12 @@ def read_marker(inner: Path) -> tuple[str | None, str | None]:
 
 
 def check_marker(inner: Path, settings: Settings) -> bool:
-    """Return whether a library has a storage, which has to be that of the settings.
+    """Return whether a library has a storage, and check that it is the one of the settings.
 
     Raises
     ------
     StorageError
-        It has another one, or the settings name none.
+        It is another one, or the settings name none.
     """
     address = read_marker(inner)[0]
     if address is not None and address != settings.storage:
@@ -47,17 +47,17 @@ def check_marker(inner: Path, settings: Settings) -> bool:
 
 
 def is_kept_in_objects(path: Path) -> bool:
-    """Return whether a path lies in a library with a storage, where alone objects are named and swept."""
+    """Return whether a path is in a library with a storage; elsewhere, no objects are named or swept."""
     return _inner(path) is not None
 
 
 def settings_at(path: Path, settings: Settings) -> Settings:
-    """Choose the storage for a map: that of the library it lies in, or none.
+    """Return the settings for a map, whose storage is that of its library, or none.
 
     Raises
     ------
     StorageError
-        The library has another one than the settings name.
+        The library has a storage other than the settings'.
     """
     inner = _inner(path)
     if inner is None:

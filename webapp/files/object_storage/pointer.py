@@ -1,4 +1,4 @@
-"""The small file that stands in the library's folder for a file whose content is an object."""
+"""Pointers: small files in the library's folder that replace files whose content is an object."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ SUFFIX = ".object"
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """What a file was when it was stored.
+    """A stored file: its object, and its properties when it was stored.
 
     Attributes
     ----------
     key : str
-        Of the object, below the prefix of the storage. No two uploads have the same.
+        Of the object, below the prefix of the storage; unique for each upload.
     sha256 : str
         Of the content.
     bytes, mtime_ns : int
-        Size and time of the file.
+        Size and modification time of the file.
     """
 
     key: str
@@ -34,22 +34,22 @@ class Pointer:
 
 
 def pointer_path(path: Path) -> Path:
-    """Name the pointer of a file: next to it, hidden, so that it moves with the folder of its map."""
+    """Return the path of a file's pointer: hidden, next to it, so that it moves with the map's folder."""
     return path.with_name(f".{path.name}{SUFFIX}")
 
 
 def pointed_path(pointer: Path) -> Path:
-    """Name the file that a pointer stands for."""
+    """Return the path of the file that a pointer replaces."""
     return pointer.with_name(pointer.name[1 : -len(SUFFIX)])
 
 
 def read_pointer(path: Path) -> Pointer | None:
-    """Read the pointer of a file; None where there is none.
+    """Read the pointer of a file; None if it has none.
 
     Raises
     ------
     StorageError
-        It is damaged, or cannot be read.
+        The pointer is damaged, or cannot be read.
     """
     place = pointer_path(path)
     try:
@@ -58,7 +58,7 @@ def read_pointer(path: Path) -> Pointer | None:
         return None
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
-            return None  # the file system could not have held a pointer of that name
+            return None  # no pointer of that name can exist in this file system
         raise StorageError(f"the file cannot be read: {error.strerror}", where=str(place)) from error
     except (ValueError, TypeError) as error:
         raise StorageError(
@@ -67,7 +67,7 @@ def read_pointer(path: Path) -> Pointer | None:
 
 
 def write_pointer(path: Path, pointer: Pointer) -> None:
-    """Write or replace the pointer of a file, whole or not at all.
+    """Write or replace the pointer of a file atomically.
 
     Raises
     ------

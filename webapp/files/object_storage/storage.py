@@ -1,7 +1,7 @@
-"""Where the content of a library's files is: in its folder, or in S3 with a pointer in the folder.
+"""The content of a library's files: in its folder, or in S3 with a pointer in the folder.
 
-Without a storage (`use` was not called) the path of a file is where it is, and every function here does what
-was done before there were objects.
+Without a storage (`use` was not called), all files are in the folder, and the functions here work on them
+directly.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ _log = logging.getLogger(__name__)
 _LOOK_S = 5.0
 
 _TOGETHER = 4
-"""Objects that are fetched at the same time, each of them in pieces; as many connections are kept open."""
+"""Objects that are fetched in parallel, each in several parts; the connection pool allows for that."""
 
 
 class ObjectStorage:
-    """Objects in a bucket, and copies of some in a cache."""
+    """Objects in a bucket, and a local cache of them."""
 
     def __init__(self, bucket: Bucket, cache: ObjectCache) -> None:
         self.bucket = bucket
@@ -51,18 +51,18 @@ class ObjectStorage:
         self._answers, self._looked_at, self._looking = True, -math.inf, threading.Lock()
 
     def store(self, file: Path) -> Pointer:
-        """Store the content of a file under a key of its own, which nothing names yet.
+        """Store the content of a file under a new, unique key, to which nothing refers yet.
 
         Raises
         ------
         StorageUnavailable, DiskFull
         StorageError
-            The disk refused, or the file was changed meanwhile: nothing names what was stored of it.
+            The disk failed, or the file changed meanwhile; nothing refers to an object stored anyway.
         """
         facts = file.stat()
         sha256 = sha256_of(file)
         pointer = Pointer(
-            # Not the hash alone: what is swept as an orphan is never what comes again at the same moment.
+            # Not the hash alone: the sweep of an orphan must not delete a new upload of the same content.
             f"{sha256[:2]}/{sha256}-{secrets.token_hex(8)}",
             sha256,
             facts.st_size,
@@ -71,25 +71,25 @@ class ObjectStorage:
         try:
             self.bucket.put(pointer.key, file)
         except StorageUnavailable:
-            _check_unchanged(file, facts)  # its checksum may be that of the file before
+            _check_unchanged(file, facts)  # a change explains a mismatch of the checksum
             raise
         _check_unchanged(file, facts)
         return pointer
 
     def reachable(self) -> bool:
-        """Return whether the server answers and lets us in; asks it once in `_LOOK_S` seconds at most."""
+        """Return whether the server responds and grants access; probe it at most every `_LOOK_S` seconds."""
         with self._looking:
             if time.monotonic() >= self._looked_at + _LOOK_S:
                 try:
                     self.bucket.probe()
                     self._answers = True
-                except StorageError:  # which is in the log
+                except StorageError:  # already logged
                     self._answers = False
                 self._looked_at = time.monotonic()
             return self._answers
 
     def fetch(self, path: Path, pointer: Pointer) -> Path:
-        """Give a readable copy of an object; errors as `ObjectCache.path` and `Bucket.get`."""
+        """Return a local copy of an object; errors are those of `ObjectCache.path` and `Bucket.get`."""
         try:
             return self.cache.path(
                 pointer, name=path.name, fetch=lambda target: self.bucket.get(pointer.key, target)
@@ -104,19 +104,19 @@ _used: list[ObjectStorage] = []
 
 
 def use(storage: ObjectStorage | None) -> None:
-    """Take the content of files from a storage from now on; None: from where their paths lead."""
+    """Use a storage in this process from now on; None: read files from their paths."""
     _used[:] = [] if storage is None else [storage]
 
 
 def in_use() -> ObjectStorage | None:
-    """Return the storage of this process; None where files are where their paths lead."""
+    """Return the storage of this process; None if files are read from their paths."""
     return _used[0] if _used else None
 
 
 def reachable() -> bool:
-    """Return whether the storage of this process answers, for a check of health; True where it has none.
+    """Return whether the storage of this process responds, for a health check; True if there is none.
 
-    The server has `PROBE_TIMEOUT_S` to answer, and the log says why it counts as away.
+    The server has `PROBE_TIMEOUT_S` to respond; a failure is logged.
     """
     storage = in_use()
     return storage is None or storage.reachable()
@@ -134,12 +134,12 @@ def using(storage: ObjectStorage | None) -> Iterator[None]:
 
 
 def local(path: Path) -> Path:
-    """Return where the content of a file can be read now; the same path, where it is no object.
+    """Return a local path of a file's content, fetching it if it is an object; else the same path.
 
     Raises
     ------
     StorageError
-        The storage cannot be reached, or the disk of the cache refused.
+        The storage cannot be reached, or the disk of the cache failed.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None
@@ -147,12 +147,12 @@ def local(path: Path) -> Path:
 
 
 def fetch_together(paths: Sequence[Path]) -> None:
-    """Fetch several files that are about to be read, some at a time; one that is lost is left to its reader.
+    """Fetch several files that are about to be read, in parallel; lost objects are ignored until read.
 
     Raises
     ------
     StorageError
-        As `local`.
+        Raised by `local`.
     """
     if in_use() is not None:
         with ContextThreads(_TOGETHER) as pool:
@@ -167,14 +167,14 @@ def _fetch(path: Path) -> None:
 
 @contextmanager
 def read_once(path: Path) -> Iterator[Path]:
-    """Give what `local` gives, for the block only: what was not in the cache is not kept in it.
+    """Yield a path like `local`, valid in the block only; an object that is not cached is not added.
 
-    A file that somebody has put there since it was stored is given instead of its object.
+    If a new file has been put at the path since it was stored, that is used instead of the object.
 
     Raises
     ------
     StorageError
-        As `local`.
+        Raised by `local`.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None
@@ -188,7 +188,7 @@ def read_once(path: Path) -> Iterator[Path]:
 
 
 def is_replaced(path: Path, pointer: Pointer) -> bool:
-    """Return whether a file stands beside its pointer, and is another one than was stored."""
+    """Return whether a file exists next to its pointer, and differs from the stored one in size or time."""
     try:
         found = path.stat()
     except OSError:
@@ -197,12 +197,12 @@ def is_replaced(path: Path, pointer: Pointer) -> bool:
 
 
 def pointer_of(path: Path) -> Pointer | None:
-    """Return what is known of a file that is an object; None of any other."""
+    """Return the pointer of a file that is an object; None for any other."""
     return read_pointer(path) if in_use() else None
 
 
 def named_by(path: Path) -> Path | None:
-    """Return which file a file in a folder is, or stands for; None for hidden files that are no pointers."""
+    """Return the path itself, or if it is a pointer, that of its file; None for other hidden files."""
     if not path.name.startswith("."):
         return path
     return pointed_path(path) if path.suffix == SUFFIX and in_use() is not None else None
@@ -214,7 +214,7 @@ def is_there(path: Path) -> bool:
 
 
 def facts_of(path: Path) -> tuple[int, int] | None:
-    """Return when a file was changed, in nanoseconds, and its bytes, without fetching it; None: no file."""
+    """Return a file's modification time (ns) and size in bytes, without fetching it; None if missing."""
     pointer = pointer_of(path)
     if pointer is not None:
         return pointer.mtime_ns, pointer.bytes
@@ -232,7 +232,7 @@ def hash_of(path: Path) -> str:
 
 
 def store(file: Path) -> Pointer | None:
-    """Store a file's content before something names it, and keep a copy; None where there is no storage.
+    """Store a file's content, before anything refers to it, and cache it; None if there is no storage.
 
     Raises
     ------
@@ -247,14 +247,14 @@ def store(file: Path) -> Pointer | None:
 
 
 def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
-    """Let a pointer stand for a file whose content was stored by `store`, and delete that one.
+    """Write the pointer of a file whose content was stored by `store`, and delete the file.
 
-    Nothing is copied here, as it may be done while others wait for their changes.
+    This is fast, as nothing is copied: other writers may be waiting meanwhile.
 
     Raises
     ------
     StorageError
-        The disk refused: the file is still there.
+        Writing failed; the file has been kept.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     write_pointer(target, pointer)
@@ -265,12 +265,12 @@ def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
 
 
 def publish(path: Path) -> None:
-    """Make an object of a file in the folder, if there is a storage and this is still to be done.
+    """Turn a file into an object, if there is a storage and the file exists.
 
     Raises
     ------
     StorageUnavailable, DiskFull, StorageError
-        The file is still there.
+        The file has been kept.
     """
     pointer = store(path) if path.is_file() else None
     if pointer is not None:
@@ -278,32 +278,32 @@ def publish(path: Path) -> None:
 
 
 def settle(path: Path) -> None:
-    """Make an object of a computed file that is complete, where the library that it lies in has a storage.
+    """Turn a complete, computed file into an object, if it is in a library with a storage.
 
-    Elsewhere it stays a file: nobody knows there which objects are needed.
+    Elsewhere it stays a file, as objects in use could not be distinguished from orphans.
 
     Raises
     ------
     StorageUnavailable, DiskFull, StorageError
-        The file is still there.
+        The file has been kept.
     """
     if in_use() is not None and is_kept_in_objects(path):
         publish(path)
 
 
 def bring_back(path: Path) -> None:
-    """Make a file of an object again, and forget the object; a file that somebody has put there stays.
+    """Turn an object into a file again, and delete its pointer; a new file at the path is kept.
 
     Raises
     ------
     StorageUnavailable, ObjectLost, DiskFull, StorageError
-        The pointer is still there.
+        The pointer has been kept.
     """
     pointer = read_pointer(path)
     if pointer is None:
         return
     if not path.is_file() or _is_same(path, pointer):
-        # the same each time, so that one that was killed leaves nothing for good
+        # the same name each time, so that a killed process leaves no permanent leftovers
         part = path.with_name(f".{hashlib.sha256(path.name.encode()).hexdigest()[:16]}.part")
         with read_once(path) as copy:
             try:
@@ -321,7 +321,7 @@ def bring_back(path: Path) -> None:
 
 
 def _check_unchanged(file: Path, before: os.stat_result) -> None:
-    """Refuse a file that is not what it was.
+    """Refuse a file that has changed.
 
     Raises
     ------
@@ -337,19 +337,19 @@ def _check_unchanged(file: Path, before: os.stat_result) -> None:
 
 
 def _is_same(path: Path, pointer: Pointer) -> bool:
-    """Return whether a file next to its pointer is what was stored, by size and time."""
+    """Return whether a file next to its pointer is the stored one, by size and time."""
     facts = path.stat()
     return (facts.st_size, facts.st_mtime_ns) == (pointer.bytes, pointer.mtime_ns)
 
 
 def replaced(path: Path) -> None:
-    """Let a file that was written just now count, and no longer the object that stood for it."""
+    """Delete the pointer of a file that was just written, so that its former object is no longer used."""
     if in_use() is not None:
         discard(pointer_path(path))
 
 
 def remove(path: Path) -> None:
-    """Delete a file and its pointer; the object is swept when nothing has named it for long."""
+    """Delete a file and its pointer; the object is swept later, when nothing has referred to it for long."""
     discard(path)
     if in_use() is not None:
         discard(pointer_path(path))

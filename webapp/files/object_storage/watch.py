@@ -1,4 +1,4 @@
-"""Reports requests to the object storage, and looks into its cache, to who counts them."""
+"""Reports requests to the object storage, and look-ups in its cache, to a watcher that counts them."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ Operation = Literal["get", "put", "delete", "list", "probe"]
 
 
 class StorageWatcher(Protocol):
-    """Counts requests and looks; called by any thread."""
+    """Counts requests and look-ups; called by any thread."""
 
     def asked(self, operation: Operation, seconds: float, *, failed: bool) -> None:
-        """Take note of a request: of an object, which may go in pieces, or of a page of a list."""
+        """Record a request: for an object, possibly in several parts, or for a page of a listing."""
 
     def looked(self, *, found: bool) -> None:
-        """Take note of a look for an object in the cache, and whether it was there."""
+        """Record a look-up of an object in the cache, and whether it was found."""
 
 
 _watchers: list[StorageWatcher] = []
-"""Of this process; one at most."""
+"""The watcher of this process, if any."""
 
 
 def watch(watcher: StorageWatcher | None) -> None:
-    """Report to this watcher from now on; None: to none."""
+    """Report to this watcher from now on; None stops reporting."""
     _watchers[:] = [] if watcher is None else [watcher]
 
 
@@ -42,6 +42,6 @@ def asking(operation: Operation) -> Iterator[None]:
 
 
 def report_look(*, found: bool) -> None:
-    """Report a look into the cache."""
+    """Report a look-up in the cache."""
     for watcher in _watchers:
         watcher.looked(found=found)

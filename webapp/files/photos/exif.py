@@ -1,4 +1,4 @@
-"""The EXIF tags of a photo as plain tables, whatever state they are in: time, field of view, orientation."""
+"""The EXIF tags of a photo as plain tables, even if they are damaged: time, field of view, orientation."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _DIAGONAL_35MM = math.hypot(36.0, 24.0)
 _PLAUSIBLE_DEG = (1.0, 175.0)
 _CROPPED = 1.03
-"""A shape that differs by more than this factor from the camera's was cropped."""
+"""A photo whose aspect ratio differs by more than this factor from the camera's was cropped."""
 
 FovSource = Literal["FocalLengthIn35mmFilm", "FocalPlaneResolution"]
 
 
 @dataclass(frozen=True, slots=True)
 class Exif:
-    """Tag number -> value of the three tables that matter; empty where there is none.
+    """Three tables of tag numbers and values; empty if missing.
 
     Attributes
     ----------
     image, camera, gps : mapping of int to object
         IFD 0, the Exif IFD and the GPS IFD. Values may be of any type.
     notes : tuple of str
-        What was damaged, in sentences.
+        Sentences about damaged parts.
     """
 
     image: Mapping[int, object] = field(default_factory=dict)
@@ -60,17 +60,17 @@ class Exif:
 
 
 def read_exif(image: Image.Image) -> Exif:
-    """Read the EXIF of an opened photo; a damaged part is empty and noted, never a failure.
+    """Read the EXIF of an opened photo; damaged parts are left empty and noted, without an error.
 
-    Pillow finds the block in whatever format the photo has, piexif parses it where it is well-formed. A block
-    that is not, and one that is not a separate block (TIFF, texts of PNG), is read by Pillow, tag by tag.
+    Pillow finds the block in any format of photo, piexif parses it if it is well-formed. EXIF that is
+    malformed or not a separate block (in TIFF, or in texts of PNG) is read by Pillow, tag by tag.
     """
     raw = image.info.get("exif")
     tables = parse_block(raw) if isinstance(raw, bytes) else None
     if tables is None:
         return _read_tolerantly(image)
     if _ORIENTATION not in tables["0th"]:
-        turned = _read_tolerantly(image).image.get(_ORIENTATION)  # Pillow takes it from XMP then
+        turned = _read_tolerantly(image).image.get(_ORIENTATION)  # which Pillow may find in the XMP
         if turned is not None:
             tables["0th"][_ORIENTATION] = turned
     first, camera, gps = (
@@ -80,18 +80,18 @@ def read_exif(image: Image.Image) -> Exif:
 
 
 def parse_block(raw: bytes) -> dict[str, Any] | None:
-    """Parse a well-formed EXIF block by piexif.
+    """Parse a well-formed EXIF block with piexif.
 
     Parameters
     ----------
     raw : bytes
-        With `Exif\\0\\0` before its TIFF header, or without.
+        With or without `Exif\\0\\0` before its TIFF header.
 
     Returns
     -------
     dict of str to dict, or None
-        As `piexif.load` returns it; None for a block that is damaged, not safe to parse (piexif believes any
-        length) or that piexif would misread, and for an empty one.
+        As returned by `piexif.load`; None for a block that is empty, damaged, unsafe to parse (piexif trusts
+        any length) or that piexif would misread.
     """
     tiff = raw.removeprefix(b"Exif\0\0")
     try:
@@ -104,7 +104,7 @@ def parse_block(raw: bytes) -> dict[str, Any] | None:
 
 
 def _well_formed(tiff: bytes) -> bool:
-    """Check that each value of each table is of a known type, inside the block, and each text has its end."""
+    """Check that all values of all tables have known types, are inside the block, and texts end with NUL."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(tiff[:4])
     if order is None:
         return False
@@ -132,7 +132,7 @@ def _well_formed(tiff: bytes) -> bool:
 
 
 def _plain(ifd: str, tag: int, value: object) -> object:
-    """Turn piexif's value into a number, a text or a tuple: rationals are floats, 0/0 is NaN."""
+    """Convert a value of piexif to a number, a text or a tuple: rationals become floats, 0/0 NaN."""
     kind = piexif.TAGS["Image" if ifd == "0th" else ifd][tag]["type"]
     if kind == piexif.TYPES.Ascii and isinstance(value, bytes):
         return value.decode("latin-1")
@@ -151,7 +151,7 @@ def _read_tolerantly(image: Image.Image) -> Exif:
     notes: list[str] = []
     tables: list[Mapping[int, object]] = []
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of each odd tag
+        warnings.simplefilter("ignore")  # Pillow warns about each odd tag
         try:
             exif = image.getexif()
             tables.append(dict(exif))
@@ -169,14 +169,14 @@ def _read_tolerantly(image: Image.Image) -> Exif:
 
 
 def orientation(exif: Exif) -> tuple[int, str | None]:
-    """How the stored pixels must be turned to be upright.
+    """Return the EXIF orientation: how the stored pixels must be turned to be upright.
 
     Returns
     -------
     value : int
-        1 to 8 as in EXIF; 1 (as stored) when absent or invalid.
+        1 to 8 as in EXIF; 1 (as stored) if missing or invalid.
     note : str or None
-        That it was invalid.
+        A sentence if it is invalid.
     """
     value = exif.image.get(_ORIENTATION)
     if value is None:
@@ -198,7 +198,7 @@ def number(value: object) -> float | None:
 
 
 def text(value: object) -> str:
-    """Return a text without what cameras pad it with; empty for anything else."""
+    """Return a text without the padding that cameras add; empty for anything else."""
     if isinstance(value, bytes):
         value = value.decode("ascii", "replace")
     return value.strip("\0 \t\r\n") if isinstance(value, str) else ""
@@ -206,7 +206,7 @@ def text(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Fov:
-    """Horizontal field of view of the upright photo, degrees, and the EXIF tag it comes from."""
+    """Horizontal field of view of the upright photo, degrees, and its EXIF tag."""
 
     deg: float
     source: FovSource
@@ -218,8 +218,8 @@ def read_time(exif: Exif) -> str | None:
     Returns
     -------
     str or None
-        ISO 8601: the camera's clock, with fraction and offset where the camera wrote them; without an offset
-        it is local time. Where only the GPS has a time, that, with the offset +00:00.
+        ISO 8601: the camera's clock, with fraction and offset if the camera wrote them; without an offset
+        it is local time. If only the GPS has a time, that, with the offset +00:00.
     """
     for when, fraction, offset in _TIMES:
         moment = _moment(text(exif.camera.get(when)), text(exif.camera.get(fraction)))
@@ -239,11 +239,11 @@ def read_fov(exif: Exif, *, width: int, height: int) -> Fov | None:
     Returns
     -------
     Fov or None
-        None when EXIF does not say, says 0 or the impossible, or the photo was cropped since.
+        None if EXIF lacks it, has 0 or an implausible value, or the photo has been cropped.
 
     Notes
     -----
-    The focal length "in 35 mm film" is taken over the diagonal (43.27 mm), as CIPA DCG-001 defines it.
+    The focal length "in 35 mm film" refers to the diagonal (43.27 mm), as CIPA DCG-001 defines it.
     """
     camera_size = (number(exif.camera.get(_WIDTH)), number(exif.camera.get(_HEIGHT)))
     if _was_cropped(camera_size, (width, height)):
@@ -269,7 +269,7 @@ def _from_35mm(camera: Mapping[int, object], diagonal_px: float) -> float | None
 def _from_plane(
     camera: Mapping[int, object], camera_size: tuple[float | None, float | None], long_side: float
 ) -> float | None:
-    """Focal length in pixels of this photo, from that in millimetres and the sensor's pixels per length."""
+    """Compute the focal length in pixels from that in millimetres and the sensor's pixel density."""
     focal = number(camera.get(_FOCAL_MM))
     density = number(camera.get(_PLANE_X)) or number(camera.get(_PLANE_Y))
     unit = camera.get(_PLANE_UNIT, 2)
@@ -281,7 +281,7 @@ def _from_plane(
 
 
 def _was_cropped(camera_size: tuple[float | None, float | None], size: tuple[int, int]) -> bool:
-    """Compare shapes, not turned: software that turns a photo often leaves the camera's size in EXIF."""
+    """Compare aspect ratios regardless of rotation: software that turns photos often keeps the old size."""
     width, height = camera_size
     if not width or not height or min(width, height) < 0:
         return False

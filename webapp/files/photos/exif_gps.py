@@ -1,4 +1,4 @@
-"""Where a photo says it was taken, or why it does not."""
+"""The GPS position and heading in a photo's EXIF, or why it has no position."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Gps:
     lat, lon : float
         Degrees north and east, WGS 84.
     accuracy_m : float or None
-        68 % radius: what the device states (GPSHPositioningError), else `dop` * `METRES_PER_DOP`.
+        68 % radius: GPSHPositioningError as stated by the device, or else `dop` * `METRES_PER_DOP`.
     dop : float or None
         Dilution of precision.
     altitude_m : float or None
-        Above the sea (below: negative), as the device says.
+        Above sea level (below: negative), according to the device.
     """
 
     lat: float
@@ -47,17 +47,17 @@ class NoGps:
     reason: str
 
     def __bool__(self) -> bool:
-        """Say that there is no position."""
+        """Return False: there is no position."""
         return False
 
 
 ABSENT = NoGps("it has no GPS position")
-"""There is nothing about a position."""
+"""EXIF has no tag of a position."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Where the camera looked: degrees clockwise from true (`T`) or magnetic (`M`) north; None: unknown."""
+    """Viewing direction, degrees clockwise from true (`T`) or magnetic (`M`) north (None: unknown which)."""
 
     deg: float
     reference: Literal["T", "M"] | None
@@ -91,7 +91,7 @@ def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
 
 
 def read_heading(tags: Mapping[int, object]) -> Heading | None:
-    """Read the direction of the image (GPSImgDirection); None when absent or no angle from 0 to 360."""
+    """Read the direction of the image (GPSImgDirection); None if missing or not from 0 to 360."""
     value = number(tags.get(_DIRECTION))
     if value is None or not 0.0 <= value <= 360.0:
         return None

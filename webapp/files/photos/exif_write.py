@@ -28,21 +28,21 @@ _OF_A_FIX = {
     piexif.GPSIFD.GPSHPositioningError,
 }
 _MANUAL = b"ASCII\0\0\0MANUAL"
-"""The method of EXIF 2.3 for positions that a person set."""
+"""The processing method of EXIF 2.3 for positions set by a person."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraTags:
-    """What is written; None is left out.
+    """Tags to write; those that are None are left out.
 
     Attributes
     ----------
     taken_at : datetime or None
-        The camera's clock, with its offset to UTC where that is known.
+        The camera's clock, with its UTC offset if known.
     focal_35mm : int or None
-        Focal length in 35 mm film, mm, over the diagonal; a panorama has none.
+        Focal length in 35 mm film, mm, by the diagonal; a panorama has none.
     heading_deg : float or None
-        Where the camera looked, degrees clockwise from true north.
+        Viewing direction, degrees clockwise from true north.
     accuracy_m : float or None
         68 % radius of the position.
     unique_id : str or None
@@ -58,7 +58,7 @@ class CameraTags:
 
 
 def exif_bytes(tags: CameraTags) -> bytes:
-    """Write an EXIF block as a JPEG holds it; positions to 0.1 mm, directions to 0.0001 degree."""
+    """Write an EXIF block for a JPEG; positions to 0.1 mm, directions to 0.0001 degree."""
     gps = _gps_tags(tags.position, tags.heading_deg)
     if tags.accuracy_m is not None:
         gps[piexif.GPSIFD.GPSHPositioningError] = (round(tags.accuracy_m * 1000), 1000)
@@ -82,29 +82,29 @@ def _time_tags(moment: datetime) -> dict[int, object]:
 
 
 def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[bytes, str | None]:
-    """Write a position from a map into the EXIF of a photo; its pixels stay as they are, bit by bit.
+    """Write a position from a map into the EXIF of a photo, without re-encoding the pixels.
 
-    Where it replaces that of the GPS, tags that describe the old one (accuracy, satellites ...) are removed.
-    Altitude, time and all other tags that piexif knows stay.
+    If it is not by GPS, tags that describe a GPS fix (accuracy, satellites ...) are removed. Altitude, time
+    and all other tags that piexif knows are kept.
 
     Parameters
     ----------
     photo : bytes
         A JPEG or WebP file.
     tag : Geotag
-        Without a heading, that of the photo stays.
+        If it has no heading, that of the photo is kept.
 
     Returns
     -------
     bytes
         The file with the new block.
     str or None
-        What could not be kept, in a sentence.
+        A sentence about EXIF that could not be kept.
 
     Raises
     ------
     PhotoError
-        It is not a photo, of another format, or holds tags that leave no room for the position.
+        It is not a photo, has another format, or its EXIF cannot be extended by the position.
     """
     with open_image(photo, limits=limits) as image:
         if image.format not in WRITABLE:
@@ -129,7 +129,7 @@ def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[by
 
 
 def _with_fix(gps: dict[int, object], tag: Geotag) -> dict[int, object]:
-    """Keep what describes the position: of the device's own all of it, else what does not depend on it."""
+    """Return the tags to keep: all if the position is the device's, else those that do not describe a fix."""
     if not tag.by_gps:
         kept = {key: value for key, value in gps.items() if key not in _OF_A_FIX}
         return kept | {piexif.GPSIFD.GPSProcessingMethod: _MANUAL}
@@ -157,7 +157,7 @@ def _gps_tags(position: LatLon | None, heading_deg: float | None) -> dict[int, o
 
 
 def _degrees(value: float) -> tuple[tuple[int, int], ...]:
-    """Degrees, minutes and seconds, as whole numbers over whole numbers."""
+    """Convert to degrees, minutes and seconds as rationals."""
     scale = 400_000  # of a second: 0.08 mm on the ground
     total = round(abs(value) * 3600 * scale)
     minutes, rest = divmod(total, 60 * scale)

@@ -1,4 +1,4 @@
-"""Positions of photos for other programs: XMP sidecars, and the table that exiftool reads."""
+"""Positions of photos for other programs: XMP sidecars, and a table for exiftool."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Geotag:
-    """Where a photo was taken.
+    """The position of a photo.
 
     Attributes
     ----------
     position : LatLon
         WGS 84.
     heading_deg : float or None
-        Clockwise from true north; None where nobody knows.
+        Clockwise from true north; None if unknown.
     by_gps : bool
-        Whether the photo's own GPS says so; else a person, or a track, set the position.
+        Whether the position is that of the photo's GPS; otherwise a person or a track set it.
     accuracy_m : float or None
         68 % radius of a position by GPS.
     """
@@ -77,13 +77,13 @@ def format_exiftool_csv(rows: Iterable[tuple[str, Geotag]]) -> Iterator[bytes]:
     Parameters
     ----------
     rows : iterable of (str, Geotag)
-        File names, and where the photos were taken. Names that a spreadsheet would take for a formula are
-        written as they are: exiftool compares them with those of the files.
+        File names and positions of the photos. Names that a spreadsheet would take for a formula are not
+        escaped: exiftool compares them with those of the files.
 
     Yields
     ------
     bytes
-        UTF-8, a piece a photo.
+        UTF-8, one piece per photo.
     """
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
@@ -104,7 +104,7 @@ def _cells(tag: Geotag) -> Iterator[str]:
 
 
 def _degrees(value: float, letters: str) -> str:
-    """Degrees and minutes as XMP writes them, to a tenth of a millimetre."""
+    """Write degrees and minutes as in XMP, to a tenth of a millimetre."""
     total = round(abs(value) * 60 * 10**7)
     degrees, rest = divmod(total, 60 * 10**7)
     return f"{degrees},{rest / 10**7:.7f}{letters[0] if value >= 0 else letters[1]}"

@@ -1,4 +1,4 @@
-"""Panoramas: what their XMP says (Google's Photo Sphere), and the views that are cut out of them."""
+"""Panoramas: their XMP (Google's Photo Sphere), and the views that are cut out of them."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ _XMP = """http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x="adobe:ns:meta/">
 </rdf:RDF></x:xmpmeta>"""
 
 MOST_MASKED = 300
-"""Boxes of a mask; those of a hundred panoramas are one edit."""
+"""Maximum number of boxes of a mask; those of a hundred panoramas are one edit."""
 
 GREY = 128
-"""What is masked has no texture, and so no keypoints."""
+"""Fills masked parts, which thus have no texture and no keypoints."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanoramaTags:
-    """What a photo says of itself as a panorama.
+    """The properties of a photo as a panorama.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class PanoramaTags:
     is_whole : bool
         It is twice as wide as high, and was not cropped.
     heading_deg : float or None
-        Where its middle looks.
+        Heading of its middle.
     """
 
     is_marked: bool
@@ -62,7 +62,7 @@ class PanoramaTags:
 
 
 def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
-    """Read what a photo says of itself as a panorama.
+    """Read a photo's properties as a panorama.
 
     Parameters
     ----------
@@ -81,29 +81,29 @@ def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
 
 
 def is_whole_sphere(width: int, height: int) -> bool:
-    """Check whether a photo has the shape of an equirectangular panorama of the whole sphere."""
+    """Check whether a photo has the aspect ratio of an equirectangular panorama of the whole sphere."""
     return height > 0 and abs(width / height - _ASPECT) <= _TOLERANCE * _ASPECT
 
 
 def find_panorama(
     source: Path | bytes, facts: PhotoFacts, *, limits: PhotoLimits, assume: bool = False
 ) -> PanoramaTags | None:
-    """Look whether a photo shows the whole sphere, and read what it says of that.
+    """Read a photo's properties as a panorama; None if it does not show the whole sphere.
 
     Parameters
     ----------
     source : Path or bytes
         A file, or its content.
     assume : bool
-        Also take a photo that is twice as wide as high and does not say that it is a panorama.
+        Whether to also accept a photo that is twice as wide as high but not marked as a panorama.
 
     Raises
     ------
     PhotoError
-        It cannot be read.
+        The photo cannot be read.
     """
     size = facts.width, facts.height
-    if not is_whole_sphere(*size):  # most photos need not be read for this
+    if not is_whole_sphere(*size):  # saves reading most photos
         return None
     content = source if isinstance(source, bytes) else read_file(source, limits=limits)
     found = read_panorama(content, size)
@@ -112,7 +112,7 @@ def find_panorama(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutView:
-    """A level view, grey, its horizontal field of view, and which of its pixels are not masked."""
+    """A level view in grey, its horizontal field of view, and a mask of the pixels that are used."""
 
     photo: GrayPhoto
     fov_deg: float
@@ -122,14 +122,14 @@ class CutView:
 def read_level_view(
     source: bytes, view: LevelView, *, limits: PhotoLimits, max_side: int | None = None
 ) -> CutView:
-    """Cut a level view out of a panorama; what is masked is grey.
+    """Cut a level view out of a panorama's file, in grey.
 
     Parameters
     ----------
     source : bytes
-        Of the panorama's file.
+        Content of the panorama's file.
     max_side : int, optional
-        As for `read_gray`, of the view.
+        As for `read_gray`, for the view.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def read_level_view(
     full = view_size(wide, FOCAL_35MM)
     scale = 1.0 if max_side is None else min(1.0, max_side / full.width)
     size = ViewSize(round(full.width * scale), round(full.height * scale), FOCAL_35MM)
-    # Nothing aliases where the panorama is scaled down first, to an even width: half of that is its height.
+    # Scaling the panorama down first avoids aliasing; its width must be even, as its height is half of it.
     cut, used = cut_level_view(scaled_gray(pixels, 2 * round(wide * scale / 2)).pixels, view, size=size)
     return CutView(GrayPhoto(cut, scale, (full.width, full.height)), full.camera.fov_deg, used)
 
@@ -155,14 +155,14 @@ def cut_level_view(
     pixels : (H, W) or (H, W, 3) uint8
         The whole sphere.
     size : ViewSize, optional
-        That with as many pixels a degree, unless it is given.
+        By default, the one with as many pixels per degree.
 
     Returns
     -------
     view : (h, w) or (h, w, 3) uint8
-        What is masked is grey.
+        Masked pixels are grey.
     used : (h, w) bool
-        What is not.
+        Pixels that are not masked.
     """
     high, wide = pixels.shape[:2]
     size = size or view_size(wide, FOCAL_35MM)
@@ -187,12 +187,12 @@ def _number(text: str | None) -> float | None:
 
 
 def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
-    """Read a mask of panoramas: an image twice as wide as high, black where nothing is to be recognised.
+    """Read a mask of panoramas: an image twice as wide as high, with masked parts black.
 
     Raises
     ------
     PhotoError
-        It is no image, of another shape, or too ragged.
+        It is not an image, has another aspect ratio, or would take too many boxes.
     """
     pixels = read_gray(source, limits=limits).pixels
     if not is_whole_sphere(pixels.shape[1], pixels.shape[0]):
@@ -208,7 +208,7 @@ def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
 
 
 def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
-    """Write a panorama of the whole sphere as a JPEG that says that it is one.
+    """Write a panorama of the whole sphere as a JPEG, marked as such in its XMP.
 
     Raises
     ------

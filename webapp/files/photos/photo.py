@@ -1,4 +1,4 @@
-"""A photo: what it says about itself, and its pixels, upright."""
+"""A photo: its metadata, and its upright pixels."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from webapp.threads import permit
 
 _MAKER, _MODEL = 0x010F, 0x0110
 _DECODING = BoundedSemaphore(2)
-"""A photo of the largest size takes several hundred MB while it is decoded."""
+"""Limit of parallel decoding: a photo of the largest size takes several hundred MB."""
 
 _MOST_CAMERA = 100
-"""Characters of the name of a camera."""
+"""Maximum characters of the name of a camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoFacts:
-    """What is known of a photo without decoding it.
+    """Facts about a photo that are known without decoding it.
 
     Attributes
     ----------
     width, height : int
         Of the upright photo, pixels.
     orientation : int
-        1 to 8: how the stored pixels are turned (EXIF). 1 where the decoder itself turns them (HEIC).
+        1 to 8: how the stored pixels are turned (EXIF). 1 if the decoder itself turns them (HEIC).
     heading : Heading or None
         With its reference, true or magnetic north.
     taken_at : str or None
-        ISO 8601; local time where it has no offset.
+        ISO 8601; local time if it has no offset.
     fov : Fov or None
-        Horizontal field of view of the upright photo, and where it comes from.
+        Horizontal field of view of the upright photo, and its source.
     notes : tuple of str
-        What was odd, in sentences.
+        Sentences about oddities.
     format : str
         By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ...
     maker : str or None
-        Who made the camera; empty when EXIF does not say, None when there is no EXIF.
+        Manufacturer of the camera; empty if EXIF lacks it, None if there is no EXIF.
     camera : str or None
-        Maker and model of the camera, where EXIF says it.
+        Maker and model of the camera, if EXIF has them.
     """
 
     width: int
@@ -78,13 +78,13 @@ class PhotoFacts:
 
 @dataclass(frozen=True, slots=True)
 class GrayPhoto:
-    """An upright grey photo, perhaps scaled down.
+    """An upright grey photo, possibly scaled down.
 
     Attributes
     ----------
     pixels : (h, w) uint8
     scale : float
-        At most 1; a length in the full-size upright photo is one in `pixels` divided by this.
+        At most 1; lengths in `pixels` divided by this are lengths in the full-size upright photo.
     full_size : tuple of int
         Width and height of the full-size upright photo, pixels.
     """
@@ -94,7 +94,7 @@ class GrayPhoto:
     full_size: tuple[int, int]
 
     def turned(self, quarters: int) -> GrayPhoto:
-        """Turn it clockwise by quarter turns."""
+        """Return it rotated clockwise by quarter turns."""
         width, height = self.full_size
         size = (height, width) if quarters % 2 else (width, height)
         return GrayPhoto(np.ascontiguousarray(np.rot90(self.pixels, -quarters)), self.scale, size)
@@ -106,7 +106,7 @@ def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
     Raises
     ------
     PhotoError
-        It is missing, no file, empty, cannot be read, or is larger than the limit.
+        The file is missing, not a file, empty, unreadable, or exceeds the limit.
     """
     try:
         check_bytes(path, limits)
@@ -118,9 +118,9 @@ def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
 
 
 def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
-    """Read what a photo says about itself, from its header.
+    """Read the metadata of a photo from its header.
 
-    Damaged or odd EXIF is left out and noted. A file cut off behind its header is not noticed.
+    Damaged or odd EXIF is left out and noted. Truncation after the header is not detected.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
     Raises
     ------
     PhotoError
-        Missing, no image of a known format, a damaged header, or larger than the limits.
+        The file is missing, not an image of a known format, exceeds the limits, or its header is damaged.
     """
     with open_image(source, limits=limits) as image:
         exif = read_exif(image)
@@ -153,7 +153,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
 
 
 def _camera(maker: str, model: str) -> str | None:
-    """Name a camera; many models begin with their maker already."""
+    """Return the name of a camera; the names of many models already begin with the maker."""
     first = maker.casefold().split()[:1]
     known = first and model.casefold().split()[:1] == first
     return tidy_name(model if known else f"{maker} {model}", most=_MOST_CAMERA)
@@ -165,9 +165,9 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     Parameters
     ----------
     source : Path or bytes
-        A file, or its content; of several frames or pages the first.
+        A file, or its content; of several frames or pages, the first is read.
     max_side : int, optional
-        Scale down until the longer side has this many pixels; never up.
+        Scale down to this many pixels on the longer side; never up.
 
     Returns
     -------
@@ -177,14 +177,14 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     Raises
     ------
     PhotoError
-        As `read_facts`, or the pixels are damaged or cut off.
+        As for `read_facts`, or the pixels are damaged or truncated.
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:
-    """Read a photo as `read_upright` does, once few enough others are being decoded in this process.
+    """Read a photo like `read_upright`, with a limit of parallel decoding in this process.
 
     Raises
     ------
@@ -195,31 +195,31 @@ def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:
 
 
 def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> GrayPhoto:
-    """Read a photo in grey, upright; of a colour JPEG it is the stored luma.
+    """Read a photo in grey, upright; for a colour JPEG, this is the stored luma.
 
     Parameters
     ----------
     source : Path or bytes
-        A file, or its content; of several frames or pages the first.
+        A file, or its content; of several frames or pages, the first is read.
     max_side : int, optional
-        Scale down until the longer side has this many pixels; never up.
+        Scale down to this many pixels on the longer side; never up.
 
     Raises
     ------
     PhotoError
-        As `read_facts`, or the pixels are damaged or cut off.
+        As for `read_facts`, or the pixels are damaged or truncated.
     """
     return scaled_gray(_read(source, "L", limits=limits), max_side)
 
 
 def scaled_gray(full: Pixels, max_side: int | None) -> GrayPhoto:
-    """Scale a grey photo down until its longer side has that many pixels; never up."""
+    """Scale a grey photo down to `max_side` pixels on the longer side; never up."""
     pixels, scale = _scaled(full, max_side)
     return GrayPhoto(pixels, scale, (full.shape[1], full.shape[0]))
 
 
 def turn_upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Turn and mirror stored pixels as an EXIF orientation of 1 to 8 says.
+    """Rotate and mirror stored pixels according to an EXIF orientation of 1 to 8.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _read(source: Path | bytes, mode: Literal["L", "RGB"], *, limits: PhotoLimit
 
 
 def _turned_by_decoder(image: Image.Image) -> bool:
-    """Return whether Pillow turns this format itself, as it does TIFF; HEIC comes without an orientation."""
+    """Return whether Pillow applies the orientation itself, as for TIFF; HEIC comes without one."""
     return image.format == "TIFF"
 
 

@@ -1,4 +1,4 @@
-"""Small upright pictures of a photo for pages: without EXIF, so that they give nothing away."""
+"""Small upright pictures of a photo for web pages; they have no EXIF, for privacy."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from webapp.settings import PhotoLimits
 Kind = Literal["thumb", "preview"]
 
 SIDES: Mapping[Kind, int] = {"preview": 1600, "thumb": 256}
-"""Pixels of the longer side, the larger first; a smaller photo stays as it is."""
+"""Pixels of the longer side, the larger first; a smaller photo is not scaled up."""
 
 _SUFFIX: Mapping[Kind, str] = {"preview": ".jpg", "thumb": ".webp"}
-"""WebP saves a third of the bytes; on a large picture it spends 0.1 s, thirty times as much as JPEG."""
+"""WebP saves a third of the bytes; but a large picture takes 0.1 s, thirty times as long as JPEG."""
 _ENCODING: Mapping[Kind, tuple[int, int]] = {
     "preview": (cv2.IMWRITE_JPEG_QUALITY, 85),
     "thumb": (cv2.IMWRITE_WEBP_QUALITY, 65),
@@ -35,19 +35,19 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
     Parameters
     ----------
     blurred : sequence of BlurBox
-        Parts of the upright photo that are made unrecognisable.
+        Parts of the upright photo to blur.
 
     Returns
     -------
     dict of str to bytes
-        A file of JPEG for the preview, of WebP for the thumb.
+        A JPEG file for the preview, a WebP file for the thumb.
 
     Raises
     ------
     PhotoError
-        It is not a photo, damaged, cut off, or larger than the limits.
+        It is not a photo, is damaged or truncated, or exceeds the limits.
     Busy
-        Others are being decoded.
+        Too many others are being decoded.
     """
     found: dict[Kind, bytes] = {}
     pixels = blur(read_in_turn(source, limits=limits, max_side=max(SIDES.values())), blurred)
@@ -64,21 +64,21 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
 
 
 def look_of(blurred: Sequence[BlurBox]) -> str | None:
-    """Return a key of what is blurred; None where nothing is."""
+    """Return a key of the blurred boxes; None if there are none."""
     return hashlib.sha256(repr(list(blurred)).encode()).hexdigest()[:12] if blurred else None
 
 
 def preview_name(stem: str, kind: Kind) -> str:
-    """Name the file of a preview."""
+    """Return the file name of a preview."""
     return f"{stem}-{SIDES[kind]}{_SUFFIX[kind]}"
 
 
 def preview_path(
     map_folder: Path, photo_id: int | str, *, kind: Kind, blurred: Sequence[BlurBox] = ()
 ) -> Path:
-    """Name the file of a preview, by the id of the photo and by what is blurred in it.
+    """Return the path of a preview, which depends on the photo's id and its blurred boxes.
 
-    One made before a photo was blurred, and written afterwards, is thus never shown as the blurred one.
+    A preview made before the photo was blurred, but written afterwards, is thus not taken for a blurred one.
     """
     look = look_of(blurred)
     stem = f"{photo_id}-{look}" if look else f"{photo_id}"
@@ -92,21 +92,21 @@ def write_previews(
     previews: Mapping[Kind, bytes],
     blurred: Sequence[BlurBox] = (),
 ) -> None:
-    """Keep the previews of a photo.
+    """Write the previews of a photo.
 
     Parameters
     ----------
     blurred : sequence of BlurBox
-        As they were made with.
+        Those with which the previews were made.
 
     Raises
     ------
     StorageError
-        The disk refused; they can be made again from the photo.
+        Writing failed; they can be made again from the photo.
     """
     for kind, data in previews.items():
         path = preview_path(map_folder, photo_id, kind=kind, blurred=blurred)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, data)
         if path.suffix != ".jpg":
-            discard(path.with_suffix(".jpg"))  # as 0.7.0 named it
+            discard(path.with_suffix(".jpg"))  # its name in version 0.7.0

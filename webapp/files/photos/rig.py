@@ -1,4 +1,4 @@
-"""Reads how the cameras of a rig are mounted, and finds the photos that they took at one instant."""
+"""Reads the geometry of a camera rig, and groups the photos that its cameras took at one instant."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from webapp.files.json_fields import JsonField, finite, parse_json
 from webapp.files.listing import natural_key
 
 _MOST = 64
-"""Cameras of a rig."""
+"""Maximum number of cameras of a rig."""
 
 
 @dataclass(frozen=True, slots=True)
 class MountedCamera:
-    """A camera, and which photos are its own.
+    """A camera of a rig, and the pattern of its photos' names.
 
     Attributes
     ----------
     photos : str
-        Their names, with one `*` for what says the instant: `left/*.jpg`, `frame_*_left.png`.
+        Pattern with one `*` for the instant: `left/*.jpg`, `frame_*_left.png`.
     yaw_deg, pitch_deg, roll_deg : float
         See `RigCamera`.
     fov_deg : float or None
-        None for what the EXIF of each photo says.
+        None to use the EXIF of each photo.
     """
 
     photos: str
@@ -36,11 +36,11 @@ class MountedCamera:
     fov_deg: float | None
 
     def with_fov(self, fov_deg: float) -> RigCamera:
-        """Return how it is mounted and what it sees."""
+        """Return its mounting with a field of view."""
         return RigCamera(self.yaw_deg, self.pitch_deg, self.roll_deg, fov_deg)
 
     def instant(self, name: str) -> str | None:
-        """Return what of the name of a photo says the instant; None where it is not of this camera."""
+        """Return the part of a photo's name that identifies the instant; None if it is not this camera's."""
         before, after = self.photos.split("*")
         if not name.startswith(before) or not name.endswith(after) or len(name) <= len(before + after):
             return None
@@ -54,9 +54,9 @@ def read_rig(path: Path) -> tuple[MountedCamera, ...]:
     Raises
     ------
     InputError
-        It cannot be read.
+        The file cannot be read.
     MapJsonError
-        What is wrong in it.
+        Its content is invalid.
     """
     try:
         data = path.read_bytes()
@@ -95,7 +95,7 @@ def _camera(item: JsonField) -> MountedCamera:
 def photos_by_instant(
     cameras: Sequence[MountedCamera], names: Sequence[str]
 ) -> Mapping[str, tuple[str | None, ...]]:
-    """Group photos by the instant that their names say, in natural order; one name or None a camera."""
+    """Group photos by the instant in their names, in natural order; one name or None per camera."""
     found: dict[str, list[str | None]] = {}
     for number, camera in enumerate(cameras):
         for name in names:

@@ -1,8 +1,8 @@
-"""Files that state where an image is on the Earth, each read into a georeference.
+"""Reads files with the georeference of an image.
 
 - corners: JSON with the positions of the image's corners
 - control points: a table `x;y;lat;lon` of known points
-- world file: six numbers next to the image, and perhaps a `.prj` with the coordinate system
+- world file: six numbers in a file next to the image, optionally a `.prj` with the coordinate system
 - GeoTIFF: the image's own transform or ground control points
 """
 
@@ -35,27 +35,27 @@ _EXAMPLE = '{"top_left": {"lat": 60.4055, "lon": 22.4676}, "bottom_right": {"lat
 HEADER = "x;y;lat;lon"
 _HINT = "a world file has six lines: x size, rotation, rotation, -y size, x and y of the first pixel's centre"
 _CENTRE_FROM_CORNER = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
-"""World files count from the centre of the first pixel, maps from its outer corner."""
+"""The origin of world files is the centre of the first pixel, that of maps its outer corner."""
 
 _ALONE = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "GDAL_PAM_ENABLED": "NO", "PROJ_NETWORK": "OFF"}
-"""Only the file itself is read: no side file, nothing from the network."""
+"""GDAL options to read only the file itself: no sidecar files, nothing from the network."""
 
 
 def read_corners(path: Path) -> Corners:
     """Read a corners file.
 
-    Besides the corners it may hold a `note`; nothing else.
+    Besides the corners it may only hold a `note`.
 
     Raises
     ------
     GeoreferenceError
-        With the JSON path of the field, or line and column where it is no JSON at all.
+        With the JSON path of the field, or line and column of a syntax error.
     """
     return parse_corners(read_bytes(path, error=GeoreferenceError), where=str(path))
 
 
 def parse_corners(data: bytes, *, where: str = "corners") -> Corners:
-    """Read the content of a corners file; see `read_corners`."""
+    """Parse the content of a corners file; see `read_corners`."""
     try:
         fields = parse_json(data, where=where).record(
             required=("top_left", "bottom_right"), optional=("top_right", "bottom_left", "note")
@@ -77,7 +77,7 @@ def _optional(field: JsonField) -> LatLon | None:
 
 def _position(field: JsonField) -> LatLon:
     fields = field.record(required=("lat", "lon"))
-    # the range is checked with the rest of the geometry, where a swap can be suspected
+    # the range is checked later, with the rest of the geometry, which can reveal swapped values
     return LatLon(
         *(fields[name].number("a finite number of degrees", valid=finite) for name in ("lat", "lon"))
     )
@@ -100,7 +100,7 @@ def read_control_points(path: Path) -> list[ControlPoint]:
     Raises
     ------
     TableError
-        The file cannot be read or breaks the format, with the line.
+        The file cannot be read or is malformed, with the line.
     """
     _, rows = read_table(path, headers=[HEADER])
     if not rows:
@@ -119,7 +119,7 @@ def _point(row: TextRow) -> ControlPoint:
 
 
 def find_worldfile(image: Path) -> Path:
-    """Find the world file of an image: `.pgw`, `.pngw` or `.wld` for a `.png`, and so on, in any letter case.
+    """Find the world file of an image: `.pgw`, `.pngw` or `.wld` for a `.png`, and so on, ignoring case.
 
     Raises
     ------
@@ -146,10 +146,10 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     Parameters
     ----------
     width, height : int
-        Of the image, pixels.
+        Size of the image, pixels.
     crs : str, optional
         Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326 (degrees
-        of longitude and latitude), if the numbers can be that.
+        of longitude and latitude), if the numbers are in its range.
 
     Returns
     -------
@@ -159,8 +159,8 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
     Raises
     ------
     GeoreferenceError
-        It cannot be read, does not hold six numbers, has no plausible coordinate system, or shows the Earth
-        mirrored.
+        The file cannot be read, does not hold six numbers, has no plausible coordinate system, or mirrors
+        the Earth.
     """
     text = read_text(path, error=GeoreferenceError)
     return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _sibling_prj(path))
@@ -169,16 +169,16 @@ def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = Non
 def parse_worldfile(
     text: str, *, where: str, width: int, height: int, crs: str | None = None
 ) -> GeoreferenceFit:
-    """Read the content of a world file; see `read_worldfile`.
+    """Parse the content of a world file; see `read_worldfile`.
 
     Parameters
     ----------
     where : str
         Name of the file, for errors.
     width, height : int
-        Of the image, pixels.
+        Size of the image, pixels.
     crs : str, optional
-        Default: EPSG:4326, if the numbers can be that.
+        Default: EPSG:4326, if the numbers are in its range.
     """
     a, d, b, e, c, f = _six_numbers(text, where)
     centres = np.array([[a, b, c], [d, e, f], [0.0, 0.0, 1.0]])
@@ -198,7 +198,7 @@ def parse_worldfile(
 def _six_numbers(text: str, where: str) -> list[float]:
     lines = text.split()
     try:
-        # some programs of some countries write decimal commas here
+        # some programs write decimal commas, depending on the locale
         numbers = [float(line.replace(",", ".")) for line in lines]
     except ValueError as error:
         raise GeoreferenceError("a line is not a number", where=where, hint=_HINT) from error
@@ -235,18 +235,18 @@ def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
     Parameters
     ----------
     crs : str, optional
-        Instead of the coordinate system that the file states.
+        Overrides the coordinate system of the file.
 
     Returns
     -------
     GeoreferenceFit
-        Of the transform, exactly (no residuals); where there is none, of the ground control points, by least
-        squares.
+        The exact transform (without residuals), or if there is none, a least-squares fit to the ground
+        control points.
 
     Raises
     ------
     GeoreferenceError
-        No TIFF, no georeference in it, no coordinate system, or one that describes no image seen from above.
+        It is not a TIFF, has no georeference or coordinate system, or does not show the Earth from above.
     MissingPart
         rasterio is not installed.
     """

@@ -19,12 +19,12 @@ def laid_on_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], sid
     size : (int, int)
         Width and height of the map, map pixels.
     side : int
-        Pixels of the longer side, at most; there are no more than the image is worth.
+        Maximum pixels of the longer side; fewer if the image has a lower resolution.
 
     Returns
     -------
     (h, w, 4) uint8
-        Red, green, blue, opacity: nothing where the image does not reach.
+        Red, green, blue, opacity; transparent outside the image.
     """
     pixels = reduced(raster, side)
     a, b, c, d, e, f = image.map_from_image
@@ -34,7 +34,7 @@ def laid_on_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], sid
     scale = min(side / max(size), finest)
     width, height = (max(1, round(length * scale)) for length in size)
     matrix = np.diag([width / size[0], height / size[1]]) @ map_from_pixel
-    # OpenCV counts from the centres of pixels, a map from the corner of the first one
+    # the origin of OpenCV is the centre of the first pixel, that of a map its outer corner
     matrix[:, 2] += matrix[:, :2] @ (0.5, 0.5) - 0.5
     opaque = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
     return np.asarray(cv2.warpAffine(opaque, matrix, (width, height), flags=cv2.INTER_LINEAR), np.uint8)

@@ -1,8 +1,8 @@
-"""Tiles of a large image for display, at every zoom, made in one pass from top to bottom.
+"""Tiles of a large image for display, at all zoom levels, made in one pass from top to bottom.
 
-At the largest zoom a tile shows 256 x 256 pixels of the image; at each smaller one, twice as many a side; at
-zoom 0 one tile shows everything. Pixel i of a tile's row at zoom z covers exactly 2^(largest - z) pixels of
-the image, also where its size is odd.
+At the largest zoom a tile shows 256 x 256 pixels of the image; at each smaller zoom twice as many per side;
+at zoom 0 one tile shows everything. A pixel at zoom z is exactly 2^(largest - z) pixels of the image wide and
+high, even if the size of the image is odd.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ _WEBP_QUALITY = 85
 
 
 def max_zoom(*, width: int, height: int) -> int:
-    """Return the zoom at which a tile's pixel is one of the image."""
+    """Return the zoom at which a pixel of a tile is one pixel of the image."""
     return max(0, math.ceil(math.log2(max(width, height) / TILE_PX)))
 
 
 def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
-    """Write the tiles of an image as `folder/z/x_y.jpg`, those over its edge as `.webp`, transparent there.
+    """Write the tiles of an image as `folder/z/x_y.jpg`, those beyond its edge as partly transparent `.webp`.
 
     Parameters
     ----------
     folder : Path
-        Appears when it is complete; what an interrupted run left is made again.
+        Appears once it is complete; an interrupted run starts again. If it exists, nothing is done.
     progress : Progress
-        A step is a strip of the image.
+        One step per strip of the image.
 
     Raises
     ------
     DiskFull, StorageError
-        The disk refused.
+        Writing failed.
     PhotoError
         The image is damaged.
     Cancelled
@@ -65,7 +65,7 @@ def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
 
 
 class _Level:
-    """One zoom: takes rows, writes a row of tiles when it has enough, passes on half of the size."""
+    """One zoom level: collects rows, writes them as a row of tiles, and passes them on at half the size."""
 
     def __init__(self, folder: Path, zoom: int) -> None:
         self._folder = folder / f"{zoom}"
@@ -75,13 +75,13 @@ class _Level:
         self._y = 0
 
     def take(self, rows: Pixels) -> None:
-        """Take the next rows; all but the last ones are an even number, at most a tile's."""
+        """Take the next rows: an even number, except the last ones, and at most the height of a tile."""
         self._rows.append(rows)
         if sum(len(part) for part in self._rows) >= TILE_PX:
             self._write()
 
     def finish(self) -> None:
-        """Write what is left."""
+        """Write the remaining rows."""
         if self._rows:
             self._write()
         if self._smaller:
@@ -110,7 +110,7 @@ def _encode(tile: Pixels) -> tuple[str, bytes]:
     if tile.shape[:2] == (TILE_PX, TILE_PX):
         bgr = cv2.cvtColor(tile, cv2.COLOR_RGB2BGR)
         return ".jpg", cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
-    # over the edge of the image: browsers draw every tile as a full square
+    # beyond the edge of the image; browsers draw every tile as a full square
     square = np.zeros((TILE_PX, TILE_PX, 4), np.uint8)
     square[: tile.shape[0], : tile.shape[1]] = cv2.cvtColor(tile, cv2.COLOR_RGB2BGRA)
     return ".webp", cv2.imencode(".webp", square, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])[1].tobytes()

@@ -1,7 +1,7 @@
-"""Reads large images strip by strip, as 8-bit colours, whatever they hold.
+"""Reads large images strip by strip, converted to 8-bit colours.
 
-With rasterio (the extra `geotiff`) their size costs no memory. Without it TIFFs cannot be read, and other
-images are decoded whole.
+With rasterio (the extra `geotiff`), memory does not depend on their size. Without it, TIFFs cannot be read,
+and other images are decoded as a whole.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ _ALONE = {
     "GDAL_PNG_WHOLE_IMAGE_OPTIM": "NO",
     "GDAL_CACHEMAX": 64,
 }
-"""Only the file itself is read; what is cut off is an error (read at once, half a PNG would be given as if it
-were whole); blocks are cached in 64 MB."""
+"""GDAL options: only the file itself is read; truncation is an error (with the whole-image optimisation, half
+a PNG would pass as complete); blocks are cached in 64 MB."""
 _MAX_BLOCK_BYTES = 600_000_000
 _MAX_SIDE = 100_000
 _LARGEST = 1e38
-"""The difference of two such values is still one of 32 bits."""
+"""Limit of values, so that a difference of two is still finite in float32."""
 
 _SMALLEST_RANGE = 1e-6
-"""Between black and white, of the value itself: more than the precision of 32 bits."""
+"""Minimum range from black to white, relative to the value: more than the precision of float32."""
 
 _SAMPLE_PX = 1000
 
@@ -83,12 +83,12 @@ class Raster(Protocol):
         Parameters
         ----------
         rows : int
-            Of each strip; the last one has what is left.
+            Of each strip; the last one may have fewer.
 
         Yields
         ------
         (n, width, 3) uint8
-            Red, green, blue; what is transparent or without data is white.
+            Red, green, blue; transparent pixels and those without data are white.
         """
 
 
@@ -101,7 +101,7 @@ class _DecodedRaster:
         self._image = image
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
-        """Read the image from top to bottom, as `Raster.strips`."""
+        """Read the image from top to bottom; see `Raster.strips`."""
         self._image.load()
         transparent = self._image.has_transparency_data
         for top in range(0, self.height, rows):
@@ -122,7 +122,7 @@ class _GdalRaster:
         self._dataset = dataset
         colours = dataset.count >= 3
         self._bands = [1, 2, 3] if colours else [1]
-        # 0 or 1 band with a palette; its fourth column is opacity
+        # a single band may have a palette
         self._palette = None if colours else _palette(dataset)
         self._masked = "all_valid" not in {flag.name for flag in dataset.mask_flag_enums[0]}
         compression = dataset.compression
@@ -130,7 +130,7 @@ class _GdalRaster:
         self._range = None if dataset.dtypes[0] == "uint8" else _range(dataset, self._bands, kind)
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
-        """Read the image from top to bottom, as `Raster.strips`."""
+        """Read the image from top to bottom; see `Raster.strips`."""
         for top in range(0, self.height, rows):
             yield self._colours(((top, min(top + rows, self.height)), (0, self.width)))
 
@@ -152,16 +152,16 @@ class _GdalRaster:
 
 
 def _on_white(rgb: Pixels, opacity: Pixels) -> Pixels:
-    """Blend (h, w, 3) colours of (h, w) opacity with white."""
+    """Blend (h, w, 3) colours with white by their (h, w) opacity."""
     share = opacity.astype(np.uint16)[:, :, None]
     return np.asarray((rgb * share + 255 * (255 - share) + 127) // 255, dtype=np.uint8)
 
 
 @contextmanager
 def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
-    """Open a PNG, JPEG or TIFF image; its name plays no part.
+    """Open a PNG, JPEG or TIFF image, recognised by content and not by name.
 
-    Whatever damage shows while it is open, also in the caller's block, becomes a `PhotoError`.
+    Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
     Parameters
     ----------
@@ -171,9 +171,9 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
     Raises
     ------
     PhotoError
-        Missing, of another format, damaged, cut off, or larger than the limits.
+        The file is missing, has another format, is damaged or truncated, or exceeds the limits.
     MissingPart
-        A TIFF, and rasterio is not installed.
+        It is a TIFF, and rasterio is not installed.
     """
     kind = _kind(path, limits)
     if kind == "JPEG":
@@ -220,7 +220,7 @@ def _damaged(reason: object) -> PhotoError:
 
 
 def reduced(raster: Raster, max_side: int) -> Pixels:
-    """Make a small copy by means over squares of pixels, reading the whole image once.
+    """Scale an image down by averaging squares of pixels, reading it once.
 
     Returns
     -------
@@ -285,7 +285,7 @@ def _check_blocks(dataset: DatasetReader) -> None:
 def _palette(dataset: DatasetReader) -> Pixels | None:
     try:
         colours = dataset.colormap(1)
-    except ValueError:  # so it says that there is none
+    except ValueError:  # there is none
         return None
     table = np.zeros((256, 3), np.uint8)
     for index, rgba in colours.items():
@@ -295,7 +295,7 @@ def _palette(dataset: DatasetReader) -> Pixels | None:
 
 
 def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float, float]:
-    """Choose which values become black and white: a PNG's own, else those of nearly all pixels."""
+    """Choose the values of black and white: 16 bits for PNG, else percentiles 1 and 99 of the values."""
     if kind == "PNG":
         return 0.0, 65535.0
     factor = max(1, math.ceil(max(dataset.width, dataset.height) / _SAMPLE_PX))

@@ -24,7 +24,7 @@ from webapp.render.foxglove import FoxglovePoint, FoxgloveSink
 from webapp.store.database import Database
 
 _LINE_POSES = 2000
-"""Of each track in the lines that are drawn anew whenever something comes."""
+"""Poses of each track in its line, which is redrawn after each change."""
 
 
 @click.command(short_help="Show a mission.")
@@ -50,7 +50,7 @@ def find_revision(database: Database, number: int) -> int:
     Raises
     ------
     NotFound
-        It does not exist.
+        The mission does not exist.
     """
     with database.read() as session:
         found = session.get(Mission, number)
@@ -76,7 +76,7 @@ class _Follower:
             lines = b"".join(format_mission_geojson(found)).decode("utf-8")
             ends = [(track, list(_poses(track))[-1]) for track in found.tracks]
         except Conflict:
-            return  # a track was being rewritten: the next look finds it
+            return  # a track was being rewritten: retry at the next look
         newest_s = max((pose[0] for _, pose in ends), default=time.time())
         sink.shapes("/mission", lines, time_s=newest_s)
         for track, (time_s, point) in ends:
@@ -85,7 +85,7 @@ class _Follower:
 
 
 def send_mission(sink: FoxgloveSink, database: Database, *, number: int) -> None:
-    """Send every pose of a mission at its time, then lines and objects."""
+    """Send every pose of a mission with its time, then lines and objects."""
     last_s = 0.0
     for track in reading.read(database, number).tracks:
         for time_s, point in _poses(track):

@@ -1,4 +1,4 @@
-"""`expmap mission inspect`: what is in files with tracks, before they are imported."""
+"""`expmap mission inspect`: shows the content of track files before they are imported."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.inspect_file import FileReport, FileSource
 
 _SHOWN = 50
-"""Sources that are printed one by one."""
+"""Maximum number of sources to print."""
 
 
 @click.command()

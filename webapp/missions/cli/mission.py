@@ -1,4 +1,4 @@
-"""`expmap mission`: what robots and people did, in the library."""
+"""`expmap mission`: manages the missions of the library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`expmap robot`: sends records of a robot, and uploads what is left in its spool."""
+"""`expmap robot`: sends records of a robot, and uploads the rest of its spool."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ _SPOOL = click.Path(file_okay=False, path_type=Path)
 
 
 def token_option(command: Command) -> Command:
-    """Add the token."""
+    """Add the option for the API token."""
     return click.option(
         "--token", metavar="TOKEN", help="Token from `expmap account token`.  [default: EXPMAP_TOKEN]"
     )(command)
 
 
 def mission_options(command: Command) -> Command:
-    """Add where to send, and to which mission."""
+    """Add the options for the server and the mission."""
     for option in reversed(_MISSION_OPTIONS):
         command = option(command)
     return token_option(command)
@@ -68,7 +68,7 @@ def mission_options(command: Command) -> Command:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where a spool is sent."""
+    """Server and mission to which a spool is sent."""
 
     url: str
     token: str
@@ -81,7 +81,7 @@ def find_token(given: str | None) -> str:
     Raises
     ------
     UsageError
-        There is none.
+        Neither has one.
     """
     token = given or load_settings().token
     if token is None:
@@ -91,7 +91,7 @@ def find_token(given: str | None) -> str:
 
 
 def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
-    """Find where a spool is sent; for a new one a mission is made where that is asked.
+    """Find the target of a spool; for a new spool, create the mission if requested.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     Raises
     ------
     UsageError
-        Nobody said which mission.
+        The spool is new, and not exactly one of `--mission` and `--new` is given.
     """
     token, mission, new = find_token(chosen["token"]), chosen["mission"], chosen["new"]
     if has_spool(spool):
@@ -119,12 +119,12 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
 
 
 def make_mission(url: str, token: str, *, fields: dict[str, Any]) -> int:
-    """Make a mission on the server; return its number.
+    """Create a mission on the server; return its number.
 
     Raises
     ------
     ExpMapError
-        The server refuses, or does not answer.
+        The server refuses, or does not respond.
     """
     uplink = Uplink(url, token, timeout_s=_PATIENCE_S)
     answer = uplink.post("/missions", fields)
@@ -135,7 +135,7 @@ def make_mission(url: str, token: str, *, fields: dict[str, Any]) -> int:
 
 
 def parse_start(text: str | None) -> dict[str, float] | None:
-    """Read `LAT,LON,HEADING`, degrees each.
+    """Parse `LAT,LON,HEADING`, all in degrees.
 
     Raises
     ------
@@ -244,7 +244,7 @@ def status(spool: Path, as_json: bool) -> None:
 
 
 def _take(client: RobotClient, line: str, *, number: int) -> bool:
-    """Send a line; print on standard error why it cannot be used."""
+    """Send the record of a line; return False and report it on standard error if it is invalid."""
     try:
         record = json.loads(line)
         if not isinstance(record, dict):

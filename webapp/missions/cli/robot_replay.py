@@ -83,7 +83,7 @@ def replay(
 
 
 def _play(client: RobotClient, found: Replay, *, speed: float, progress: TerminalProgress) -> None:
-    """Write the events at their times; those that an earlier start has written are not written again."""
+    """Send the events at their times, without those that an earlier run has written to the spool."""
     done = client.status().written
     progress.size(len(found.events))
     progress.advance(min(done, len(found.events)))
@@ -101,7 +101,7 @@ def _play(client: RobotClient, found: Replay, *, speed: float, progress: Termina
 
 
 def _wait(client: RobotClient, progress: TerminalProgress) -> None:
-    """Wait until the server has everything."""
+    """Wait until everything is uploaded."""
     while not client.upload(wait_s=_LOOK_S):
         _look(client, progress)
 

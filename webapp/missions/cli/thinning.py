@@ -1,4 +1,4 @@
-"""`expmap mission thin`, `prune` and `keep`: fewer poses of old missions."""
+"""`expmap mission thin`, `prune` and `keep`: remove poses of old missions, or exempt missions from that."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _missions = click.argument("numbers", nargs=-1, type=int, metavar="[MISSION]..."
 
 
 def _common(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add what both ways to thin have."""
+    """Add the arguments and options that `thin` and `prune` share."""
     for option in (
         library_option,
         click.option("--dry-run", is_flag=True, help="Only print what would be done."),
@@ -87,7 +87,7 @@ def keep(numbers: tuple[int, ...], off: bool, library: Path | None) -> None:
 
 
 def _days(numbers: tuple[int, ...], given: float | None, setting: float) -> float:
-    """Return how old missions have to be: those that are named may be of any age, unless one is given."""
+    """Return the minimum age in days: by default 0 for missions that are named, otherwise the setting."""
     if given is not None:
         return given
     return 0.0 if numbers else setting

@@ -1,7 +1,7 @@
-"""Tables of poses and objects: CSV of any delimiter, with a header or not.
+"""Tables of poses and objects: CSV with any delimiter, with or without a header.
 
-A table is read twice: first for what only all of it shows (which tracks have times, whether the day or the
-month comes first in its dates, which axes its frame has), then for its rows.
+A table is read twice: first for its global properties (which tracks have times, whether the day or the month
+comes first in its dates, which axes its frame has), then for its rows.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _NUMBERS = (
 _UNKNOWN = dict.fromkeys(_NUMBERS, math.nan)
 _NO_FIX = {"no fix", "nofix", "none", "invalid", "v", "void", "no", "false"}
 _SAMPLED = 20_000
-"""Rows that show the axes of a frame, and whether there are times."""
+"""Number of rows used to detect the axes of a frame, and whether there are times."""
 
 
 def read(
@@ -60,18 +60,18 @@ def read(
     Parameters
     ----------
     file : binary file
-        Has to be seekable.
+        Must be seekable.
     columns : str or None
-        Which column holds what (see `webapp.core.columns`); None to guess from the header.
+        Meaning of the columns (see `webapp.core.columns`); None to infer it from the header.
     axes : Axes or None
-        Of a frame; None to detect them.
+        Axes of the frame; None to detect them.
 
     Raises
     ------
     TrackError
         The table is empty, or its columns are not recognized.
     UsageError
-        `columns` does not fit the table, or its time is none.
+        `columns` does not fit the table, or its time column holds no times.
     """
     table = open_table(file, columns)
     rows = _Rows(table, _survey(file, table, columns, axes=axes, findings=findings))
@@ -82,12 +82,14 @@ def read(
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What only all rows show.
+    """Properties that are detected in a first pass over the rows.
 
     Attributes
     ----------
     timed : frozenset
         Tracks that have times.
+    order : str
+        Order of day, month and year in dates: see `Table`.
     """
 
     timed: frozenset[Key]
@@ -131,7 +133,7 @@ def _survey(
 
 @dataclass(slots=True)
 class _Rows:
-    """Rows that are not given out yet, by track."""
+    """Converts rows to pieces; buffers poses by track."""
 
     table: Table
     survey: _Survey
@@ -153,7 +155,7 @@ class _Rows:
             findings.skip("rows without a position", where=where)
             return
         if "id" in table.columns and (name := table.text(fields, "id")):
-            if "lat" not in table.columns:  # the first pose, where the frame begins, has to come before
+            if "lat" not in table.columns:  # poses first: the first one is the origin of the frame
                 yield from self.rest()
             yield self.sighting(fields, name, values, findings=findings)
             return
@@ -172,7 +174,7 @@ class _Rows:
             yield self.piece(key)
 
     def rest(self) -> Iterator[Piece]:
-        """Return the remaining rows."""
+        """Yield the remaining rows."""
         for track in list(self.poses):
             yield self.piece(track)
 
@@ -222,7 +224,7 @@ class _Rows:
 
 
 def _covariance(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the covariance (n, 3) of rows, from their accuracy where they have no other."""
+    """Return the covariance (n, 3) of rows; where it is missing, compute it from the accuracy."""
     variance = columns["accuracy"] ** 2
     usual = (variance, variance, np.where(np.isnan(variance), math.nan, 0.0))
     given = (columns[name] for name in ("var_e", "var_n", "cov_en"))
@@ -230,7 +232,7 @@ def _covariance(columns: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _heading_of(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return headings by orientations on the Earth: x of the body in axes east, north, up (REP 103)."""
+    """Return headings from orientations relative to east, north, up; x of the body is forward (REP 103)."""
     rotation = rotations_of(np.column_stack([columns[name] for name in _QUATERNION]))
     none = np.zeros((len(rotation), 3))
     yaw = to_robot(columns["time"], none, rotation=rotation, frames=Frames("robot", "robot")).yaw_rad

@@ -19,10 +19,10 @@ from webapp.missions.files.track_chunks import Findings
 
 _HEMISPHERES = {"lat": "NS", "lon": "EW"}
 _EXCEL_EPOCH_S = -2_209_161_600.0
-"""1899-12-30, from which spreadsheets count days."""
+"""1899-12-30, the epoch of days in spreadsheets."""
 
 _FIRST_S = 1e8
-"""1973: a number of a frame that is smaller, in nanoseconds, is no time."""
+"""1973: frame numbers below this, as nanoseconds, are not times."""
 _NANO = 1e-9
 _SHOWN = 5
 
@@ -31,16 +31,16 @@ Key = tuple[Source, str]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """How the text of a table is read.
+    """Layout of a table, by which its cells are parsed.
 
     Attributes
     ----------
     skip : int
-        Number of the line up to which it is header and remarks.
+        Number of the last line of the header and the comments before the rows.
     order : {"ymd", "dmy", "mdy", ""}
-        Of its dates, where it is known.
+        Order of day, month and year in dates; empty if unknown.
     header : tuple of str
-        Empty without one.
+        Empty if there is none.
     """
 
     columns: Columns
@@ -50,12 +50,12 @@ class Table:
     header: tuple[str, ...] = ()
 
     def text(self, fields: Sequence[str], name: str) -> str:
-        """Return a field as it stands; empty where the row or the table has none."""
+        """Return the text of a field; empty if the row or the table lacks it."""
         column = self.columns.get(name)
         return cell_text(fields[column.index].strip()) if column and column.index < len(fields) else ""
 
     def number(self, fields: Sequence[str], name: str) -> float:
-        """Return a field as a number in its usual unit; NaN for what is not one."""
+        """Return a field as a number in its standard unit; NaN if it is not a number."""
         if name == "time":
             return self.time(fields)
         text = self.text(fields, name)
@@ -71,7 +71,7 @@ class Table:
         return value if math.isfinite(value) else math.nan
 
     def signed(self, value: float, fields: Sequence[str], *, name: str) -> float:
-        """Give an angle the sign of its hemisphere: in a column of its own, perhaps one without a name."""
+        """Apply the sign of the hemisphere from a separate column, or from an unnamed one after the angle."""
         letter = self.text(fields, f"{name}_ref")[:1].upper()
         after = self.columns[name].index + 1
         if not letter and after < min(len(self.header), len(fields)) and not self.header[after].strip():
@@ -81,7 +81,7 @@ class Table:
         return value
 
     def time(self, fields: Sequence[str]) -> float:
-        """Return the time of a row, perhaps from two columns; NaN without one."""
+        """Return the time of a row, combining a date and a time column if necessary; NaN without a time."""
         text, day = self.text(fields, "time"), self.text(fields, "date")
         value = unix_time(text)
         if math.isnan(value) and day:
@@ -95,7 +95,7 @@ class Table:
         return value if math.isfinite(value) else math.nan
 
     def seconds(self, text: str) -> float:
-        """Return a time that is a number."""
+        """Parse a numeric time; return seconds since 1970."""
         column = self.columns["time"]
         if self.delimiter != ",":
             text = text.replace(",", ".")
@@ -108,7 +108,7 @@ class Table:
 
     @property
     def has_frame_numbers(self) -> bool:
-        """Whether the column of times is one of frames, whose numbers are times in some datasets."""
+        """Whether the time column holds frame ids, which are timestamps in some datasets."""
         index = self.columns["time"].index
         return index < len(self.header) and "frame_id" in self.header[index].lower()
 
@@ -123,7 +123,7 @@ class Table:
 
 
 def open_table(file: BinaryIO, columns: str | None) -> Table:
-    """Find the header, which may be a remark, and what the columns hold.
+    """Find the header, which may be a comment, and the meaning of the columns.
 
     Raises
     ------
@@ -162,7 +162,7 @@ def open_table(file: BinaryIO, columns: str | None) -> Table:
 def _with_columns(
     columns: str, header: list[str], remarks: list[str], *, number: int, delimiter: str
 ) -> Table:
-    """Read columns as they are given; the first line may be a row already."""
+    """Apply a given column specification; the first line may be a header or a row."""
     table = Table({}, delimiter, number)
     for remark in reversed(remarks):
         named = split_row(remark.rpartition(": ")[2], delimiter_of(remark) or ",")
@@ -181,20 +181,20 @@ def _with_columns(
 
 @dataclass(frozen=True, slots=True)
 class TableHead:
-    """The beginning of a table, for people.
+    """The beginning of a table, for display.
 
     Attributes
     ----------
     header : tuple of str
-        Empty without one.
+        Empty if there is none.
     rows : tuple of tuple of str
-        The first ones.
+        The first rows.
     columns : dict of str to int
-        Which column holds which field, from 0.
+        Index of the column of each field, from 0.
     units : dict of str to str
-        Of the fields that have one.
+        Units of the fields that have one.
     problem : str
-        Why the columns are not recognized; empty where they are.
+        Why the columns are not recognised; empty if they are.
     """
 
     header: tuple[str, ...]
@@ -204,13 +204,13 @@ class TableHead:
     problem: str = ""
 
     def named(self) -> list[str]:
-        """Write which column holds what, as options do."""
+        """Return the column specification, in the format of the option `--columns`."""
         header = self.header
         return [f"{field}={header[at] if at < len(header) else at + 1}" for field, at in self.columns.items()]
 
 
 def table_head(path: Path, columns: str | None) -> TableHead:
-    """Read the beginning of a table; errors as `open_table`, but for columns that are not recognized."""
+    """Read the beginning of a table; raise as `open_table`, except for unrecognised columns."""
     with path.open("rb") as file:
         problem = ""
         try:
@@ -231,12 +231,12 @@ def table_head(path: Path, columns: str | None) -> TableHead:
 
 
 def _unit(field: str, scale: float) -> str:
-    """Name the unit of a field by its scale; empty for a text."""
+    """Return the name of the unit of a field with this scale; empty without units."""
     return next((unit for unit, known in POSE_FIELDS.units[field].items() if known == scale), "")
 
 
 def table_rows(file: BinaryIO, table: Table) -> Iterator[tuple[str, list[str]]]:
-    """Read the rows: for each its line, for people, and its cells."""
+    """Yield each row: its line number as text for messages, and its cells."""
     file.seek(0)
     for number, line in numbered_lines(file):
         if number > table.skip and line.strip() and not line.lstrip().startswith("#"):
@@ -244,13 +244,13 @@ def table_rows(file: BinaryIO, table: Table) -> Iterator[tuple[str, list[str]]]:
 
 
 def time_name(table: Table) -> str:
-    """Name the column that holds times, as the table or its number does."""
+    """Return the name of the time column from the header, or else its number."""
     column = table.columns.get("time") or table.columns["date"]
     return table.header[column.index].strip() if column.index < len(table.header) else str(column.index + 1)
 
 
 def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
-    """Find out whether the day or the month comes first in dates."""
+    """Detect whether the day or the month comes first in dates."""
     column = table.columns.get("date") or table.columns.get("time")
     if column is None:
         return ""
@@ -280,7 +280,7 @@ def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
 
 
 def _seconds(value: float) -> float:
-    """Take numbers that no time in seconds has for milli-, micro- or nanoseconds."""
+    """Convert numbers too large for times in seconds from milli-, micro- or nanoseconds."""
     for unit, most in ((1e9, 1e17), (1e6, 1e14), (1e3, 1e11)):
         if abs(value) >= most:
             return value / unit

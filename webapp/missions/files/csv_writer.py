@@ -31,8 +31,8 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; those that no source has
-        are left out. `thinned_m` is the largest error of thinning, `inf` where only both ends are left.
+        UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; tracks without times have
+        empty cells. `thinned_m` is the largest error of thinning, `inf` if only both ends are left.
     """
     yield csv_lines([POSE_COLUMNS])
     for track in mission.tracks:
@@ -53,7 +53,7 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
 
 
 def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
-    """Write all objects, where they were seen last, a header line first.
+    """Write all objects with their last positions, a header line first.
 
     Yields
     ------
@@ -80,12 +80,12 @@ def _thinned(track: ExportTrack) -> str:
 
 
 def csv_lines(rows: Iterable[Sequence[object]]) -> bytes:
-    """Write lines as RFC 4180 has them, in UTF-8; None is empty, and no text is a formula."""
+    """Format rows by RFC 4180 in UTF-8; None gives an empty cell, and formulas are neutralised."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\r\n").writerows([plain_cell(value) for value in row] for row in rows)
     return text.getvalue().encode("utf-8", "replace")
 
 
 def _number(value: float | None) -> str:
-    """Write a number with as many digits as it takes to read the same one back."""
+    """Format a number with enough digits to round-trip."""
     return "" if value is None or value != value else repr(value)

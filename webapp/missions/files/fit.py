@@ -1,6 +1,6 @@
 """FIT: activities and courses of Garmin's and other makers' watches and bicycle computers.
 
-Positions are in `record` messages, in units of 2^31 to a half turn.
+Positions are in `record` messages, in semicircles: 2^31 units are 180 degrees.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_time
 from webapp.missions.files.track_chunks import Findings, Piece
 
 MAX_BYTES = 50_000_000
-"""All records of a file are held in memory; a day of riding takes a few megabytes."""
+"""Maximum file size: all records are held in memory; a day of cycling takes a few megabytes."""
 
 _DEG = 180.0 / 2**31
 _LEFT_OUT = {
@@ -34,7 +34,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Raises
     ------
     TrackError
-        It is too large, or damaged.
+        The file is too large, or damaged.
     MissingPart
         fitdecode is not installed.
     """
@@ -61,7 +61,7 @@ def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
         import fitdecode
     points = []
     try:
-        with warnings.catch_warnings():  # of fields that a maker added, which are not used here
+        with warnings.catch_warnings():  # about manufacturers' own fields, which are not used
             warnings.simplefilter("ignore")
             with fitdecode.FitReader(file, check_crc=fitdecode.CrcCheck.RAISE) as reader:
                 for frame in reader:
@@ -69,7 +69,7 @@ def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
                         points += _point(frame, findings=findings)
     except MemoryError:
         raise
-    except Exception as error:  # its parsers raise anything for damaged files
+    except Exception as error:  # its parsers raise arbitrary exceptions for damaged files
         said = " ".join(str(error).split())[:200] or type(error).__name__
         raise TrackError(f"the FIT file is damaged: {said}", hint="copy it from the device again") from error
     return points

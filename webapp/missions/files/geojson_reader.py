@@ -1,7 +1,7 @@
-"""GeoJSON (RFC 7946): lines are tracks, points objects, or poses where they have times and no class.
+"""GeoJSON (RFC 7946): lines are tracks; points are objects, or poses if they have times and no class.
 
-Times of a line are in `coordinateProperties` (as our own export has them), `coordTimes` or `times`, in the
-feature or in its properties, nested as its coordinates are.
+Times of a line are in `coordinateProperties` (as in our own export), `coordTimes`, `times` or `timestamps`,
+in the feature or in its properties, nested like its coordinates.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from webapp.missions.files.track_chunks import (
 )
 
 MAX_BYTES = 20_000_000
-"""All of a file is read at once, and takes many times its size in memory."""
+"""Maximum file size: a file is parsed at once, and takes many times its size in memory."""
 
 _MAX_DEPTH = 20
 _TIME_LISTS = ("times", "coordTimes", "timestamps")
@@ -34,7 +34,7 @@ _TIMES = ("time", "timestamp", "datetime", "date_time")
 _AREAS = {"Polygon", "MultiPolygon"}
 _OF_LINES = {"LineString", "MultiLineString"}
 _MS_FROM = 1e11
-"""Numbers that are larger are milliseconds since 1970."""
+"""Numbers from this size on are milliseconds since 1970."""
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
@@ -43,7 +43,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Raises
     ------
     TrackError
-        It is too large, damaged, or not GeoJSON.
+        The file is too large, damaged, or not GeoJSON.
     """
     features = _Features(findings)
     for feature in _features(_document(file)):
@@ -62,7 +62,7 @@ def _document(file: BinaryIO) -> Any:
 
 
 def _features(document: Any) -> Iterator[dict[str, Any]]:
-    """Yield the features; a geometry alone counts as one."""
+    """Yield the features; a bare geometry counts as one."""
     kind = document.get("type") if isinstance(document, dict) else None
     if kind == "FeatureCollection":
         for feature in _list(document.get("features")):
@@ -78,14 +78,14 @@ def _features(document: Any) -> Iterator[dict[str, Any]]:
 
 @dataclass(slots=True)
 class _Features:
-    """What was read so far.
+    """Converts features to pieces.
 
     Attributes
     ----------
     poses : dict
-        Points with times, by the name of their track: they become tracks at the end.
+        Points with times, by the name of their track, which follow at the end as tracks.
     points, points_of_feature : int
-        In the file, and in the feature that is being read.
+        Number of points so far in the file, and in the current feature.
     """
 
     findings: Findings
@@ -141,7 +141,7 @@ class _Features:
         self.points_of_feature += 1
         own = _properties(feature)
         along = _along_line(feature)
-        if along is not None:  # a track of one pose, as our own export has it
+        if along is not None:  # a track of one pose, as in our own export
             yield from self.line([place], "LineString", _of_one(feature, along))
             return
         time_s = next((_time(own[name]) for name in _TIMES if name in own), math.nan)
@@ -178,7 +178,7 @@ class _Features:
         )
 
     def id_of_point(self, feature: Mapping[str, Any]) -> str:
-        """Return an id that no other point has, even where a feature has several."""
+        """Return a unique id of the point, even if its feature has several points."""
         own = _properties(feature)
         id_ = feature.get("id", own.get("id"))
         if id_ is None:
@@ -186,7 +186,7 @@ class _Features:
         return _text(id_) if self.points_of_feature == 1 else f"{_text(id_)} {self.points_of_feature}"
 
     def rest(self) -> Iterator[Piece]:
-        """Return the tracks of points."""
+        """Yield the tracks made of single points."""
         for track, points in self.poses.items():
             buffer = LineBuffer(track or "points", timed=True)
             for point in points:
@@ -201,7 +201,7 @@ def _point(place: Any, time_s: float, heading_deg: float) -> LinePoint:
 
 
 def _without_the_meridian(points: list[LinePoint]) -> list[LinePoint]:
-    """Leave out the points that our export adds where a track goes over the 180th meridian."""
+    """Remove the points that our export inserts where a track crosses the 180th meridian."""
     added = {
         index + offset
         for index in range(len(points) - 1)
@@ -212,18 +212,18 @@ def _without_the_meridian(points: list[LinePoint]) -> list[LinePoint]:
 
 
 def _of_one(feature: Mapping[str, Any], along: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a feature of one pose as that of a line."""
+    """Convert a feature of one pose to that of a line."""
     return {**feature, "coordinateProperties": {name: [value] for name, value in along.items()}}
 
 
 def _along_line(feature: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return `coordinateProperties`, which programs write beside the properties or in them."""
+    """Return `coordinateProperties` of the feature, or else of its properties."""
     found = feature.get("coordinateProperties", _properties(feature).get("coordinateProperties"))
     return found if isinstance(found, dict) else None
 
 
 def _along(feature: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Return what a feature says of each of its positions."""
+    """Return the values per position that a feature has under one of these names."""
     places = (_along_line(feature) or {}, _properties(feature))
     found = (place[name] for place in places for name in names if name in place)
     return next(found, [])
@@ -259,13 +259,13 @@ def _number(value: Any) -> float:
         return math.nan
     try:
         number = float(value)
-    except OverflowError:  # integers of JSON have no limit
+    except OverflowError:  # integers in JSON are unlimited
         return math.nan
     return number if math.isfinite(number) else math.nan
 
 
 def _time(value: Any) -> float:
-    """Read a time: ISO 8601, or seconds or milliseconds since 1970."""
+    """Parse a time: ISO 8601, or seconds or milliseconds since 1970."""
     if isinstance(value, str):
         return unix_time(value)
     number = _number(value)

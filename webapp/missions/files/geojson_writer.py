@@ -1,7 +1,7 @@
 """Writes a mission as GeoJSON (RFC 7946), piece by piece: a line for each track, a point for each object.
 
-The times of a line's positions are in its `coordinateProperties`, nested as its coordinates are. A track that
-goes over the 180th meridian is cut there into several lines, as the standard advises.
+The times of a line's positions are in its `coordinateProperties`, nested like its coordinates. A track that
+crosses the 180th meridian is cut there into several lines, as the standard recommends.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. What is unknown is null, or left out of a position.
+        UTF-8. Unknown values are null; an unknown height is omitted from the position.
     """
     return write_collection(mission.name, _features(mission))
 
@@ -60,7 +60,7 @@ def _track(track: ExportTrack) -> Iterator[str]:
 
 
 def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: str) -> Iterator[str]:
-    """Write one thing of each pose, nested as the coordinates of the geometry are."""
+    """Write one value for each pose, nested like the coordinates of the geometry."""
     if kind == "Point":
         yield from (written(part)[0] for part in track.poses())
         return
@@ -75,12 +75,12 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
 
 
 def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
-    """Cut at the 180th meridian: a pose on it ends the one line, and another one begins the next.
+    """Cut at the 180th meridian: each line ends, and the next one begins, with a pose on the meridian.
 
     Yields
     ------
     Poses
-        At least one.
+        At least one pose.
     bool
         Whether a line ends with them.
     """
@@ -97,7 +97,7 @@ def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
 
 
 def _on_the_meridian(two: Poses) -> tuple[Poses, Poses]:
-    """Return the pose between two where they cross the meridian, as seen from the west and from the east."""
+    """Interpolate the pose where two cross the meridian; return it with the longitude of either side."""
     a, b = two.latlon[:, 1].tolist()
     side = math.copysign(180.0, a)
     way = b + 2.0 * side - a

@@ -1,4 +1,4 @@
-"""GPX as missions take and give it: tracks and routes are tracks, waypoints are objects."""
+"""GPX of missions, reader and writer: tracks and routes are tracks, waypoints are objects."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _OPEN = (
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a GPX file.
 
-    Headings and covariances are read from `course`, and from our own extensions.
+    Headings are read from our own extension or `course`, covariances from our own extension.
 
     Parameters
     ----------
     file : binary file
-        Has to be seekable.
+        Must be seekable.
 
     Raises
     ------
     TrackError
-        It is damaged, or declares a document type.
+        The file is damaged, or declares a document type.
     """
     timed = _timed(file)
     file.seek(0)
@@ -61,7 +61,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
 
 def _timed(file: BinaryIO) -> set[tuple[str, int]]:
-    """Find the lines that count as lines with times."""
+    """Find the lines that count as timed."""
     counts: dict[tuple[str, int], tuple[int, int]] = {}
     line: GpxLine | None = None
     for item in read_gpx(file):
@@ -78,7 +78,7 @@ def _name(line: GpxLine) -> str:
 
 
 def _source(line: GpxLine) -> Source:
-    """Return the source of a track that this program wrote; of others, a receiver."""
+    """Return the source of a track that this program wrote, or else `gps`."""
     return next((source for source in SOURCES if source == line.source), "gps")
 
 
@@ -100,7 +100,8 @@ def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
     Yields
     ------
     bytes
-        UTF-8. A track's source is its `src`, an object's class is its `type`; its state is an extension.
+        UTF-8. `src` of a track is its source, `type` of a waypoint the object's class; the state is in an
+        extension.
     """
     for text in _pieces(mission):
         yield text.encode("utf-8", "replace")

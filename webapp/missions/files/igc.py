@@ -1,7 +1,7 @@
-"""IGC: flights as the loggers of gliders record them (FAI, Specification for GNSS Flight Recorders).
+"""IGC: flights recorded by loggers of gliders (FAI, Specification for GNSS Flight Recorders).
 
-A `B` record is a fix: time of day, position, whether it is three-dimensional, pressure altitude, altitude of
-the receiver. The date is in an `HFDTE` record; an `I` record says which further digits follow a fix.
+A `B` record is a fix: time of day, position, validity (3D or not), pressure altitude, GNSS altitude. The date
+is in an `HFDTE` record; an `I` record declares extensions of the `B` records, such as additional digits.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Raises
     ------
     TrackError
-        It has no date before its first fix.
+        The file has no date before its first fix.
     """
     log = _Log()
     rows: list[tuple[float, ...]] = []
@@ -55,12 +55,12 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
 @dataclass(slots=True)
 class _Log:
-    """What the records so far say."""
+    """State of the parser after the records so far."""
 
     midnight_s: float = math.nan
     last_s: float = -math.inf
     digits: dict[str, slice] = field(default_factory=dict)
-    """Where the further digits of a fix are, by the name of their extension."""
+    """Columns of the extensions of a fix, by name."""
 
     def row(self, line: str, where: str, *, findings: Findings) -> tuple[float, ...] | None:
         day = _DATE.match(line)
@@ -97,7 +97,7 @@ class _Log:
         return (self.last_s, -lat if fix[6] == "S" else lat, -lon if fix[9] == "W" else lon, height)
 
     def more(self, line: str, name: str) -> float:
-        """Return the further digits of an extension, as decimals."""
+        """Return the additional digits of an extension, as decimals."""
         digits = line[self.digits[name]] if name in self.digits else ""
         return float(f"0.{digits}") if digits.isdecimal() else 0.0
 

@@ -1,4 +1,4 @@
-"""KML and KMZ as missions take them: lines and gx:Track are tracks, points are objects.
+"""KML and KMZ of missions, reader: lines and gx:Track are tracks, points are objects.
 
 `gx:Track` has a time for each position (KML 2.2 with Google's extension, `Track` in OGC KML 2.3); a
 `LineString` has none. Network links are not followed.
@@ -31,7 +31,7 @@ from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_time
 from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 
 MAX_LINES = 100
-"""A KML with more lines is a drawing, no record of a way."""
+"""A KML with more lines is a drawing, not a recorded track."""
 
 _UNUSED = {
     "Polygon": "areas, which are not tracks",
@@ -45,15 +45,15 @@ MAX_BYTES = 200_000_000
 MAX_RATIO = 200
 _SMALL = 1_000_000
 _MAX_FILES = 10_000
-"""Of a KMZ; icons and pictures among them."""
+"""Maximum number of files in a KMZ, including icons and pictures."""
 
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError)
-"""What `zipfile` raises for damaged, encrypted and unknown contents."""
+"""Exceptions of `zipfile` for damaged, encrypted and unsupported entries."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Placemark:
-    """What a placemark says of all that is drawn in it."""
+    """Properties of a placemark that apply to all geometries in it."""
 
     number: int
     name: str
@@ -66,12 +66,12 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
     Parameters
     ----------
     tracks : tuple of str
-        Only lines of these names; empty for all, if these are not more than `MAX_LINES`.
+        Names of the lines to read; empty for all.
 
     Raises
     ------
     TrackError
-        It is damaged, declares a document type, or has more lines than a robot could have gone.
+        The file is damaged, declares a document type, or has more than `MAX_LINES` lines to read.
     """
     marks = lines = 0
     for event, element in walk(file, whole={"Placemark"}):
@@ -159,7 +159,7 @@ def _object(part: Element, mark: _Placemark, *, findings: Findings) -> Iterator[
 
 
 def _time(placemark: Element) -> float:
-    """When a placemark was: its time stamp, or the begin of its time span."""
+    """Return the time of a placemark: its time stamp, or the begin of its time span; NaN if unknown."""
     for element in placemark.iter():
         if local_name(element) in {"TimeStamp", "TimeSpan"}:
             return unix_time(child_text(element, "when") or child_text(element, "begin"))
@@ -167,9 +167,9 @@ def _time(placemark: Element) -> float:
 
 
 def _coordinates(text: str, *, findings: Findings, where: str) -> np.ndarray:
-    """Read `lon,lat[,height]` positions: (n, 3) float64, NaN for what is not a number.
+    """Parse `lon,lat[,height]` positions: (n, 3) float64, NaN for missing or invalid numbers.
 
-    Where blanks between positions are missing, all numbers in threes are taken, as Google Earth does.
+    If blanks between positions are missing, the numbers are split into triples, as in Google Earth.
     """
     rows = []
     for word in _GAP.sub(",", text).split():
@@ -189,8 +189,8 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
     Raises
     ------
     TrackError
-        It is not a zip, has no KML, is encrypted or damaged, or claims to hold far more than a track; also
-        while it is read.
+        The file is not a zip, has no KML, is encrypted or damaged, or declares an implausible uncompressed
+        size; also raised while the KML is read.
     """
     if has_many_files(path, limit=_MAX_FILES):
         raise TrackError(f"the zip has more than {_MAX_FILES} files", hint="export the track again")
@@ -210,7 +210,7 @@ def opened_kml(path: Path) -> Iterator[BinaryIO]:
         except _BROKEN as error:
             raise TrackError(f"the zip is damaged or encrypted: {str(error)[:200]}") from error
         with packed:
-            # zipfile gives no more bytes of an entry than it claims to have
+            # zipfile never returns more bytes than the declared size of an entry
             yield cast(BinaryIO, io.BufferedReader(_CheckedEntry(packed)))
 
 
@@ -222,7 +222,7 @@ def _kml(archive: zipfile.ZipFile) -> zipfile.ZipInfo:
 
 
 class _CheckedEntry(io.RawIOBase):
-    """The bytes of an entry; what is damaged in it is a `TrackError`."""
+    """The bytes of an entry; damage raises `TrackError`."""
 
     def __init__(self, packed: IO[bytes]) -> None:
         self._packed = packed

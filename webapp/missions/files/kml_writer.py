@@ -1,8 +1,8 @@
 """Writes a mission as KML 2.3, piece by piece: tracks with times, objects with their time spans.
 
-`gx:Track` is the element that KML 2.3 took over as `Track`, with the same content; the older name is the one
-that programs know. A track goes out as a `gx:MultiTrack` of parts, and a new part begins where time goes
-back: in one `gx:Track`, times ascend.
+KML 2.3 adopted `gx:Track` as `Track`, with the same content; the older name is used because more programs
+support it. A track is written as a `gx:MultiTrack`; as times must ascend within a `gx:Track`, a new one
+begins where time does not advance.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ def format_mission_kml(
     Parameters
     ----------
     icons : mapping of str to str, optional
-        Path in the KMZ of the icon of each class of objects; without, objects are coloured pins.
+        Path in the KMZ of the icon of each class of objects; classes without one get coloured pins.
     photos : mapping of str to str, optional
         Path in the KMZ of a picture of each photo, by its SHA-256.
 
     Yields
     ------
     bytes
-        UTF-8. A height that is unknown is 0, which says nothing where tracks are laid on the ground.
+        UTF-8. Unknown heights are written as 0, which has no effect since tracks are clamped to the ground.
     """
     return write_kml(_pieces(mission, icons or {}, photos=photos or {}))
 
 
 def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
-    """Write a KML that holds nothing but the address of another one, and how often to fetch it again.
+    """Write a KML that only links to another one, to be fetched at an interval.
 
     Parameters
     ----------
     href : str
-        Absolute.
+        Absolute URL.
     refresh_s : float
-        Seconds.
+        Interval, seconds.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def _timed(track: ExportTrack) -> Iterator[str]:
 
 
 def _ascending(parts: Iterable[Poses]) -> Iterator[Poses]:
-    """Split where time does not advance."""
+    """Split each part where time does not advance."""
     for part in parts:
         cuts = [0, *(np.flatnonzero(np.diff(part.times_s) <= 0) + 1).tolist(), len(part)]
         for first, end in pairwise(cuts):
@@ -136,7 +136,7 @@ def _part(poses: Poses) -> str:
     coords = "".join(f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>\n" for lat, lon, height in table)
     angles = ""
     if np.isfinite(poses.heading_deg).all():
-        # the heading alone: KML 2.3 has tilt and roll for tracks with a model only
+        # heading only: in KML 2.3, tilt and roll apply only to tracks with a model
         angles = "".join(f"<gx:angles>{heading:.3f}</gx:angles>\n" for heading in poses.heading_deg.tolist())
     return f"<gx:Track><altitudeMode>clampToGround</altitudeMode>\n{whens}{coords}{angles}</gx:Track>\n"
 
@@ -169,5 +169,5 @@ def _three(values: tuple[float, float, float] | None) -> str | None:
 
 
 def _colour(rgb: str) -> str:
-    """Turn `#rrggbb` into KML's order: opacity, blue, green, red."""
+    """Convert `#rrggbb` to KML's order: opacity, blue, green, red."""
     return f"ff{rgb[5:7]}{rgb[3:5]}{rgb[1:3]}"

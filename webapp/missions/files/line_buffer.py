@@ -1,4 +1,4 @@
-"""The points of a line on the Earth, gathered into pieces: all of its points have times, or none."""
+"""Collects the points of a line on the Earth into pieces: all of its points have times, or none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from webapp.missions.files.track_chunks import CHUNK, FEW_TIMES, NO_TIME, UNTIME
 
 
 class LinePoint(NamedTuple):
-    """A point; NaN where something is unknown. The covariance is that of `Poses`."""
+    """A point; unknown values are NaN. The covariance is that of `Poses`."""
 
     time_s: float
     lat: float
@@ -32,19 +32,19 @@ def mostly_timed(points: Sequence[LinePoint]) -> bool:
 
 
 def is_mostly_timed(timed: int, count: int) -> bool:
-    """Return whether a line of `count` points, of which `timed` have times, counts as one with times."""
+    """Return whether a line of `count` points, of which `timed` have times, counts as timed."""
     return timed > 0 and 2 * timed >= count
 
 
 @dataclass(slots=True)
 class LineBuffer:
-    """The points of a line that are in no piece yet.
+    """The points of a line that are not yet in a piece.
 
     Attributes
     ----------
     timed : bool
-        Whether at least half of the points have a time: then those without one are left out. Of other lines
-        the times are left out, and the order of the points is kept.
+        Whether at least half of the points have a time: then those without one are left out. Otherwise the
+        times are dropped, and only the order of the points is kept.
     """
 
     name: str
@@ -54,7 +54,7 @@ class LineBuffer:
     count: int = 0
 
     def add(self, point: LinePoint, *, findings: Findings) -> Iterator[WorldPiece]:
-        """Take the next point; yields a piece when one is complete."""
+        """Add the next point; yield a piece when one is complete."""
         if not self.timed:
             findings.note(UNTIMED)
             findings.skip(FEW_TIMES, where=self.name, count=int(not math.isnan(point.time_s)))
@@ -68,7 +68,7 @@ class LineBuffer:
             yield self._piece()
 
     def flush(self, findings: Findings) -> Iterator[WorldPiece]:
-        """Return the rest of the line."""
+        """Yield the rest of the line."""
         if self.points:
             yield self._piece()
         if not self.count:

@@ -1,8 +1,8 @@
 """NMEA 0183 logs of GPS receivers.
 
-Sentences with the same time of day are one fix: RMC has the date, position, speed and course, GGA position
-and height, GLL position, GST the accuracy. A fix without a date has the one that is nearest to the last.
-WPL is a waypoint.
+Consecutive sentences with the same time of day form one fix: RMC has the date, position, speed and course,
+GGA position and height, GLL position, GST the accuracy. A fix without a date gets the one that puts it
+nearest to the previous fix. WPL is a waypoint.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from webapp.missions.files.track_chunks import (
 
 _USED = {"RMC", "GGA", "GLL", "GST", "ZDA", "WPL"}
 _BROKEN = (ValueError, TypeError, AttributeError, IndexError, KeyError)
-"""Raised by fields that are not numbers, besides the library's own errors (which are ValueErrors)."""
+"""Exceptions for fields that are not numbers, and for the library's own errors (subclasses of ValueError)."""
 
 
 @dataclass(slots=True)
 class _Fix:
-    """What the sentences of one time of day say."""
+    """A fix, merged from the sentences with one time of day."""
 
     clock: time
     lat: float = math.nan
@@ -46,12 +46,12 @@ class _Fix:
 
 
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
-    """Read a log; other sentences than those of positions are passed over.
+    """Read a log; sentences of other types are ignored.
 
     Parameters
     ----------
     file : binary file
-        At its begin; has to be seekable.
+        At its beginning; must be seekable.
     """
     rows: list[tuple[float, ...]] = []
     for row in _fixes(file, findings=findings):
@@ -67,7 +67,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
 
 def is_sentence(line: str) -> bool:
-    """Return whether a line has an NMEA sentence, perhaps after a logger's own time stamp."""
+    """Return whether a line holds an NMEA sentence, possibly after a logger's own time stamp."""
     _, dollar, body = line.partition("$")
     return bool(dollar) and len(body) > 6 and body[:5].isalnum() and body[:5].isupper() and body[5] == ","
 
@@ -101,7 +101,7 @@ def _fixes(file: BinaryIO, *, findings: Findings) -> Iterator[tuple[float, ...] 
 
 @dataclass(slots=True)
 class _Calendar:
-    """Finds the days of times of day: each is less than half a day from the last known moment."""
+    """Infers dates: a time of day belongs to the day that puts it nearest to the last known moment."""
 
     near: datetime | None
 
@@ -126,7 +126,7 @@ def _finished(
 
 
 def _take(fix: _Fix, message: Any) -> None:
-    """Take what a sentence says into a fix."""
+    """Merge a sentence into a fix."""
     kind = message.sentence_type
     if kind == "GST":
         fix.var_e, fix.var_n = _squared(message.std_dev_longitude), _squared(message.std_dev_latitude)
@@ -145,7 +145,7 @@ def _squared(deviation: float | None) -> float:
 
 
 def _dated(message: Any) -> datetime | None:
-    """When a sentence was, if it has a date."""
+    """Return the date and time of a sentence, if it has a date."""
     clock: time = message.timestamp
     if message.sentence_type == "RMC" and isinstance(message.datestamp, date):
         return datetime.combine(message.datestamp, clock, tzinfo=UTC)
@@ -183,14 +183,14 @@ def _waypoint(message: Any) -> Sighting:
 
 
 def _degrees(text: str, hemisphere: str) -> float:
-    """Read an angle of degrees and minutes, `5005.100`."""
+    """Convert an angle in degrees and minutes, `5005.100`, to degrees."""
     whole = float(text) // 100.0
     size = whole + (float(text) - 100.0 * whole) / 60.0
     return -size if hemisphere in ("S", "W") else size
 
 
 def _understood(message: Any) -> None:
-    """Read every field that will be used: the library reads them when they are asked for, and raises then."""
+    """Access every field that will be used, since the library parses fields, and raises, on access."""
     if message.sentence_type == "WPL":
         _waypoint(message)
         return
@@ -201,7 +201,7 @@ def _understood(message: Any) -> None:
 
 
 def _first_date(file: BinaryIO) -> datetime | None:
-    """Find the first moment with a date, for the fixes before it."""
+    """Find the first date, which also serves for the fixes before it."""
     for _, message in _sentences(file, findings=Findings()):
         clock = getattr(message, "timestamp", None)
         found = _dated(message) if isinstance(clock, time) else None

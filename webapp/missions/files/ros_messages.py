@@ -1,7 +1,7 @@
-"""What the messages of robots say: poses and objects of the types that are common in ROS 1 and ROS 2.
+"""Extracts poses and objects from messages of the types that are common in ROS 1 and ROS 2.
 
-Definitions come from the bag itself, so that fields are asked for by name: those of `vision_msgs` have
-changed between versions.
+Message definitions come from the bag itself and can differ: the fields of `vision_msgs` have changed between
+versions, so they are looked up by name.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class RosPose:
     ----------
     values : tuple of float
         Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
-        the two variances and the covariance of the first two, to the east first for a fix, square metres.
+        variances of east and north, or of x and y, and their covariance, square metres.
     stamped : bool
-        The time is the pose's own, not that when the message was recorded.
+        The time is from the header of the pose, not that at which the message was recorded.
     """
 
     values: tuple[float, ...]
@@ -58,7 +58,7 @@ class RosPose:
 
 @dataclass(frozen=True, slots=True)
 class DetectedObject:
-    """An object in a frame."""
+    """A detected object, and the name of the frame of its position."""
 
     frame: str
     sighting: LocalSighting
@@ -102,7 +102,7 @@ def _path(message: Any, at_s: float) -> list[RosPose]:
 
 
 def _transforms(message: Any, at_s: float) -> list[RosPose]:
-    """Read the transforms from a frame of the world to the robot, by the usual names of frames (REP 105)."""
+    """Read the transforms from a world frame to the robot, found by the usual frame names (REP 105)."""
     rows = []
     for one in message.transforms:
         frame, body = one.header.frame_id, one.child_frame_id
@@ -147,26 +147,26 @@ POSES: dict[str, Callable[[Any, float], list[RosPose]]] = {
     "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
     "tf2_msgs/msg/TFMessage": _transforms,
 }
-"""Type to what reads a message of it: (message, time of recording in seconds) -> the poses in it."""
+"""Parser of each message type: (message, time of recording in seconds) -> its poses."""
 
 OBJECTS: dict[str, Callable[[Any, float], Iterator[DetectedObject]]] = {
     "vision_msgs/msg/Detection3DArray": _detections,
     "visualization_msgs/msg/MarkerArray": _markers,
 }
-"""... and the objects in it."""
+"""Parser of each message type: (message, time of recording in seconds) -> its objects."""
 
 WORLD = "sensor_msgs/msg/NavSatFix"
 """The type whose poses are on the Earth."""
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
-"""The type that usually repeats what odometry says."""
+"""The type that usually duplicates odometry."""
 
 PATH = "nav_msgs/msg/Path"
-"""The type whose messages repeat the poses of those before."""
+"""The type whose messages repeat the poses of earlier ones."""
 
 
 def _time(message: Any, otherwise_s: float) -> float:
-    """When something was, by its header; a stamp of zero means that nobody knew."""
+    """Return the time in the header; a zero stamp means unknown."""
     stamp = message.header.stamp
     return stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else otherwise_s
 
@@ -181,14 +181,14 @@ def _point(at: Any, turn: Any) -> tuple[float, float, float, float]:
 
 
 def _covariance(matrix: Any, *, side: int) -> tuple[float, float, float]:
-    """Take the part of the first two axes; zeros, negative and endless variances say nothing."""
+    """Return the part of the first two axes; non-positive or infinite variances mean unknown."""
     var_x, var_y, cov = float(matrix[0]), float(matrix[side + 1]), float(matrix[1])
     good = 0.0 < var_x < math.inf and 0.0 < var_y < math.inf and cov * cov <= var_x * var_y
     return (var_x, var_y, cov) if good else _UNKNOWN
 
 
 def _size(detection: Any) -> tuple[float, float, float] | None:
-    """Take the sides of the box; zeros say nothing."""
+    """Return the size of the bounding box; zeros mean unknown."""
     size = detection.bbox.size
     sides = (float(size.x), float(size.y), float(size.z))
     return sides if all(0.0 < side < math.inf for side in sides) else None
@@ -199,7 +199,7 @@ def _xyz(at: Any) -> tuple[float, float, float]:
 
 
 def _hypothesis(result: Any) -> Any:
-    """Since ROS 2 Galactic class and score are in a message of their own."""
+    """Return the message with class and score, which is nested since ROS 2 Galactic."""
     return getattr(result, "hypothesis", result)
 
 

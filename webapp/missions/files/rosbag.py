@@ -1,9 +1,8 @@
 """Bags of ROS 1 and ROS 2 (SQLite and MCAP), read without ROS.
 
-Each topic with poses is a track; objects come from detections and markers. Transforms to the robot are a
-track where no other topic has poses in a frame of the robot, or where they are asked for. Topics of other
-types are left out. Frames are taken by their names (`header.frame_id`, `child_frame_id`): transforms are not
-joined.
+Each topic with poses is a track; objects come from detections and markers. Transforms to the robot are read
+as a track only if no other topic has poses in the robot's frame, or if requested. Topics of other types are
+left out. Frames are identified by name (`header.frame_id`, `child_frame_id`); transforms are not chained.
 """
 
 from __future__ import annotations
@@ -44,9 +43,9 @@ class Topic:
     Attributes
     ----------
     type : str
-        Of its messages: `nav_msgs/msg/Odometry`.
+        Type of its messages: `nav_msgs/msg/Odometry`.
     readable : bool
-        Whether poses or objects can be taken from it.
+        Whether poses or objects can be read from it.
     """
 
     name: str
@@ -70,14 +69,14 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
     path : Path
         A file, or the folder of a ROS 2 bag.
     suffix : {".bag", ".db3", ".mcap", ""}
-        What it is, whatever it is called; empty for a folder.
+        Format, which may differ from the suffix of `path`; empty for a folder.
     wanted : collection of str
         Topics; empty for all that can be read.
 
     Raises
     ------
     TrackError
-        It is damaged or unfinished, the topic is missing, or no topic can be read.
+        The bag is damaged or unfinished, a wanted topic is missing, or no topic can be read.
     MissingPart
         rosbags is not installed.
     """
@@ -87,7 +86,7 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
         for topic, kind, at_ns, message in _messages(bag, chosen):
             at_s = at_ns * 1e-9
             if kind in OBJECTS:
-                for log in logs.values():  # the poses from which they were seen
+                for log in logs.values():  # first the poses from which the objects were seen
                     yield from log.pieces()
                 yield from _objects(message, kind, at_s, topic=topic, findings=findings)
                 continue
@@ -99,7 +98,7 @@ def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Fin
 
 @dataclass(slots=True)
 class _Log:
-    """The poses of a topic that are not given out yet."""
+    """Buffers the poses of a topic until they are yielded as pieces."""
 
     topic: str
     kind: str
@@ -125,7 +124,7 @@ class _Log:
                 yield from self.pieces()
 
     def fresh(self, rows: list[RosPose]) -> list[RosPose]:
-        """Leave out what the path before had already: by its times, or without times by its length."""
+        """Leave out poses that earlier paths had: found by their times, or without times by their number."""
         stamped = bool(rows) and all(row.stamped for row in rows)
         new = [row for row in rows if row.values[0] > self.last_s] if stamped else rows[self.count :]
         self.last_s = max([self.last_s, *(row.values[0] for row in new)])
@@ -211,7 +210,7 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     with _reading():
-        # definitions are in the bag, but for ROS 2 bags in SQLite from before 2023
+        # message definitions are in the bag, except in ROS 2 bags in SQLite from before 2023
         bag = AnyReader([_called(path, suffix)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         bag.open()
     try:
@@ -222,19 +221,19 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Raise what the library raises for a bad bag as a `TrackError`."""
+    """Convert exceptions of the library to `TrackError`."""
     try:
         yield
     except (ExpMapError, MemoryError):
         raise
-    except Exception as error:  # its parsers raise anything for damaged bags
+    except Exception as error:  # its parsers raise arbitrary exceptions for damaged bags
         said = " ".join(str(error).split())[:200] or type(error).__name__
         hint = "was its recording cut off? Then reindex it with ROS's own tools"
         raise TrackError(f"the bag cannot be read: {said}", hint=hint) from error
 
 
 def _called(path: Path, suffix: str) -> Path:
-    """Return a path that says it has a suffix: the library takes the kind of a bag from it."""
+    """Return the path with its `suffix` overridden, since the library infers the format from it."""
     if path.suffix == suffix or not suffix:
         return path
 

@@ -23,12 +23,12 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     Parameters
     ----------
     file : binary file
-        Has to be seekable.
+        Must be seekable.
 
     Raises
     ------
     TrackError
-        It is damaged, or declares a document type.
+        The file is damaged, or declares a document type.
     """
     timed = _timed(file)
     file.seek(0)
@@ -53,7 +53,7 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
 
 def _timed(file: BinaryIO) -> set[str]:
-    """Find the lines that count as lines with times."""
+    """Find the lines that count as timed."""
     counts: dict[str, tuple[int, int]] = {}
     for line, element in _points(file):
         if local_name(element) == "Trackpoint":
@@ -93,7 +93,7 @@ def _point(element: Element) -> LinePoint | None:
 
 
 def _object(element: Element, line: str, *, number: int, findings: Findings) -> Iterator[Piece]:
-    """Yield a course point, by its number in the file: names such as `Left` repeat."""
+    """Yield a course point; its id has its number in the file, since names such as `Left` repeat."""
     place, name = _position(element), " ".join(child_text(element, "Name").split())
     if place is None or any(map(math.isnan, place)):
         findings.skip("course points without a position", where=name or line)

@@ -1,4 +1,4 @@
-"""What the readers of tracks give: pieces of a file in its order, so that no file has to fit into memory."""
+"""Output of the track readers: pieces of a file, in order, so that no file has to fit into memory."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class WorldPiece:
     Attributes
     ----------
     track : str
-        Name of the track in the file: a topic, say; empty where a file has only one.
+        Name of the track in the file, such as a topic; empty if a file has only one.
     poses : Poses
-        Without `travelled_m`. Positions may be none on the Earth: they are left out later.
+        Without `travelled_m`. Positions may be invalid; those are left out later.
     timed : bool
-        False where the file has no times of the track up to here: those of the poses only keep their order.
+        False if the file has no times for this track: `poses.times_s` then only keeps the order.
     """
 
     track: str
@@ -47,7 +47,7 @@ class RobotPiece:
     Attributes
     ----------
     frame, body : str
-        Names of the frame they are in, and of that which they move; empty where the file has none.
+        Names of the frame of the poses, and of the moving body; empty if the file has none.
     poses : LocalPoses
         Finite positions.
     timed : bool
@@ -64,19 +64,19 @@ class RobotPiece:
 
 @dataclass(frozen=True, slots=True)
 class WorldObjects:
-    """Objects on the Earth, in the order in which they were seen."""
+    """Sightings of objects on the Earth, in the order of the file."""
 
     sightings: tuple[Sighting, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class LocalSighting:
-    """An object was seen at a position in a frame; the other attributes are those of `Sighting`.
+    """Sighting of an object at a position in a frame; the other attributes are those of `Sighting`.
 
     Attributes
     ----------
     object_id : str or None
-        None for a detection without one: which object it shows is found when it is stored.
+        None for a detection without an id, which is associated when it is stored.
     xyz_m : tuple of float
         Metres forward, left and up; finite.
     """
@@ -91,7 +91,7 @@ class LocalSighting:
 
 @dataclass(frozen=True, slots=True)
 class RobotObjects:
-    """Objects in a frame of the file, which has its name."""
+    """Sightings of objects in the frame of this name in the file."""
 
     frame: str
     sightings: tuple[LocalSighting, ...]
@@ -102,14 +102,14 @@ Piece = WorldPiece | RobotPiece | WorldObjects | RobotObjects
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """What was left out, or is doubtful.
+    """Items that were left out, or are doubtful, for one reason.
 
     Attributes
     ----------
     reason : str
-        What it was, and why: `sentences with a wrong checksum`.
+        Kind of the items, and the reason: `sentences with a wrong checksum`.
     where : str
-        The first of them: a line, a topic, a track.
+        Location of the first: a line, a topic, a track.
     """
 
     reason: str
@@ -117,18 +117,18 @@ class Skipped:
     where: str
 
     def __str__(self) -> str:
-        """Return it for people; a count in brackets goes with a plural."""
+        """Return the text for display; the count in brackets needs no singular form."""
         return f"{self.reason} ({self.count})"
 
 
 @dataclass(slots=True)
 class Findings:
-    """What a reader reports besides the poses.
+    """Remarks of a reader: items left out, doubtful items, and notes.
 
     Attributes
     ----------
     notes : list of str
-        Sentences on how the file was understood, each once.
+        Sentences on how the file was interpreted, without repetition.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -137,38 +137,38 @@ class Findings:
     _doubts: dict[str, Skipped] = field(default_factory=dict)
 
     def skip(self, reason: str, *, where: str, count: int = 1) -> None:
-        """Count what is left out."""
+        """Count items that are left out."""
         if count:
             self._counts[reason] += count
             self._first.setdefault(reason, where)
 
     def doubt(self, reason: str, *, where: str, count: int = 1) -> None:
-        """Count what is taken as it stands, though it can hardly be true."""
+        """Count implausible items that are imported unchanged."""
         if count:
             before = self._doubts.get(reason, Skipped(reason, 0, where))
             self._doubts[reason] = replace(before, count=before.count + count)
 
     def note(self, sentence: str) -> None:
-        """Note how something was understood; an empty sentence is none."""
+        """Note how the file was interpreted; empty sentences are ignored."""
         if sentence and sentence not in self.notes:
             self.notes.append(sentence)
 
     def skipped(self) -> tuple[Skipped, ...]:
-        """Return what was left out, in the order in which it was met."""
+        """Return what was left out, in order of first occurrence."""
         return tuple(Skipped(reason, self._counts[reason], where) for reason, where in self._first.items())
 
     def nothing_usable(self) -> str:
-        """Return the sentence for a file of which nothing is left."""
+        """Return the error message for a file without any usable content."""
         reasons = "; ".join(map(str, self.skipped()))
         return f"nothing in it can be used: {reasons or 'it has no track and no object'}"
 
     def doubts(self) -> tuple[Skipped, ...]:
-        """Return what was taken and is doubtful, in the order in which it was met."""
+        """Return the doubtful items, in order of first occurrence."""
         return tuple(self._doubts.values())
 
 
 def object_field(name: str, value: object) -> tuple[float, float, float] | None:
-    """Read the covariance or the size of an object as robots send it; None for anything else."""
+    """Return the covariance or size of an object if it is valid in a robot's record, else None."""
     try:
         found: tuple[float, float, float] = RECORDS["object"][name].check(name, value)
     except FieldError:

@@ -1,4 +1,4 @@
-"""Detects by its content what kind of track a file holds."""
+"""Detects the format of a track file from its content."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ TITLES: dict[Kind, str] = {
     "kitti": "KITTI trajectory",
     "csv": "table",
 }
-"""Kinds, as people call them."""
+"""Names of the kinds, for display."""
 
 _HEAD = 4096
 _LINES = 50
@@ -54,12 +54,12 @@ def kind_of(path: Path, *, table: bool = False) -> Kind:
     Parameters
     ----------
     table : bool
-        A text is a table, whatever it looks like.
+        Treat any text file as a table.
 
     Raises
     ------
     TrackError
-        It is not a track, cannot be read, or is XML that declares a document type.
+        The file is not a track, cannot be read, or is XML that declares a document type.
     """
     try:
         if path.is_dir():

@@ -1,12 +1,12 @@
-"""Trajectories as SLAM programs write them, in a frame of their own: TUM and KITTI text.
+"""Trajectories written by SLAM programs, in a local frame: TUM and KITTI text.
 
 TUM (Sturm et al., IROS 2012): `timestamp tx ty tz qx qy qz qw`, metres; usually x forward, y left, z up.
 
 KITTI odometry (Geiger, Lenz, Urtasun, CVPR 2012): the twelve numbers of a 3 x 4 matrix, row by row, of a
-camera that looks along z, x right, y down; without times, ten a second.
+camera that looks along z, x right, y down; without times, 10 poses per second.
 
-Programs that convert one to the other keep the axes, so a file of either kind may have those of the other:
-they are detected where the motion shows them (`webapp.core.trajectory.axes`).
+Converters between the two keep the axes, so a file in either format may have the axes of the other: they are
+detected where the motion shows them (`webapp.core.trajectory.axes`).
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _COLUMNS: dict[Layout, int] = {"tum": tum.COLUMNS, "kitti": 12}
 _USUAL: dict[Layout, Axes] = {"tum": "robot", "kitti": "camera"}
 _KITTI_HZ = 10.0
 _SAMPLED = 100_000
-"""Poses that show the axes."""
+"""Maximum number of lines used to detect the axes."""
 
 
 def layout_of(line: str) -> Layout | None:
-    """Detect from a line of numbers which of the two it is; None for neither."""
+    """Detect the format from a line of numbers; None for neither."""
     count = len(tum.parse_numbers(line) or [])
     return next((layout for layout, columns in _COLUMNS.items() if columns == count), None)
 
@@ -41,19 +41,19 @@ def layout_of(line: str) -> Layout | None:
 def read(
     file: BinaryIO, layout: Layout, *, findings: Findings, axes: Axes | None = None
 ) -> Iterator[RobotPiece]:
-    """Read a trajectory; lines that begin with `#` are remarks.
+    """Read a trajectory; lines that begin with `#` are comments.
 
     Parameters
     ----------
     file : binary file
-        Has to be seekable.
+        Must be seekable.
     axes : Axes or None
-        None for those of the format, unless the motion plainly shows others.
+        None for those of the format, unless the motion clearly shows others.
 
     Raises
     ------
     TrackError
-        It is not a text, or has no pose.
+        The file is not text, or has no pose.
     """
     frames = _frames(file, layout, axes=axes, findings=findings)
     if layout == "kitti":

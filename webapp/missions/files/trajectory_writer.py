@@ -1,8 +1,8 @@
-"""Writes the tracks of a mission as TUM and KITTI trajectories: a zip with a text for each track.
+"""Writes the tracks of a mission as TUM and KITTI trajectories: a zip with a text file for each track.
 
-All tracks of a mission are in one frame, whose origin is the first pose of the first track. In TUM its axes
-are x east, y north, z up, and orientations are those of a robot that looks along its x axis. In KITTI they
-are those of a camera: x east, y down, z north, and orientations those of a camera that looks along z.
+All tracks of a mission share one frame, whose origin is the first pose of the first track. In TUM its axes
+are x east, y north, z up, and orientations are those of a robot that looks along its x axis. In KITTI its
+axes are x east, y down, z north, and orientations are those of a camera that looks along its z axis.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _UNKNOWN = "# heading unknown\n"
 
 
 def format_tum_zip(mission: MissionOut) -> Iterator[bytes]:
-    """Write each track in the format of TUM; a pose whose heading is unknown has a remark and no turn."""
+    """Write tracks in TUM format; a pose with unknown heading gets a comment and the identity rotation."""
     origin = _origin(mission)
     return stream_zip(
         ZipMember(name, _encoded(_tum(track, origin))) for name, track in _named(mission, "tum")
@@ -33,7 +33,7 @@ def format_tum_zip(mission: MissionOut) -> Iterator[bytes]:
 
 
 def format_kitti_zip(mission: MissionOut) -> Iterator[bytes]:
-    """Write each track in the format of KITTI; a pose whose heading is unknown is not turned."""
+    """Write tracks in KITTI format; a pose with unknown heading gets the identity rotation."""
     origin = _origin(mission)
     return stream_zip(
         ZipMember(name, _encoded(_kitti(track, origin))) for name, track in _named(mission, "kitti")
@@ -47,7 +47,7 @@ def _named(mission: MissionOut, ending: str) -> Iterator[tuple[str, ExportTrack]
 
 
 def _origin(mission: MissionOut) -> tuple[LatLon, float]:
-    """Return the position and the height that the metres count from."""
+    """Return the position and height of the origin of the frame."""
     for track in mission.tracks:
         for part in track.poses():
             lat, lon = part.latlon[0].tolist()

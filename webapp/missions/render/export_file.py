@@ -1,4 +1,4 @@
-"""Every way to take a mission away, by its ending; and the page that shows it without a server."""
+"""Exports a mission in any format, including a web page that works without a server."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 FORMATS = (*export.FORMATS, "html")
 
 MAX_OBJECTS = 5000
-"""More would make a page that browsers cannot open."""
+"""Maximum number of objects on a page; browsers cannot open larger ones."""
 
 MAX_POSES = 5000
-"""Of each track, evenly spread."""
+"""Maximum number of poses of each track on a page, evenly spread."""
 
 _IMAGE_SIDE = 4096
 _PAD_DEG = 0.0005
@@ -55,9 +55,9 @@ def export_mission_file(
     form : str
         One of `FORMATS`.
     most : int, optional
-        Maximum number of poses of each track, evenly spread; a page has a limit of its own.
+        Maximum number of poses of each track, evenly spread; ignored for `html`, which has its own limit.
     private : bool
-        With what visitors do not get: in a KMZ previews of the photos of objects, and names of people.
+        Include data that visitors do not get: previews of the photos of objects (KMZ), names of people.
 
     Raises
     ------
@@ -81,14 +81,14 @@ def export_mission_file(
 
 
 def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Download:
-    """Return a mission as a page, on the image of its map where that has a georeference.
+    """Return a mission as a web page, on the image of its map if that is georeferenced.
 
     Raises
     ------
     NotFound
         The mission does not exist.
     UsageError
-        It has too many objects for one page.
+        The mission has too many objects for one page.
     """
     mission = reading.read(library.database, mission_id, most=MAX_POSES)
     found = list(islice(mission.objects(), MAX_OBJECTS + 1))
@@ -144,7 +144,7 @@ def _add_track(page: folium.Map, line: Feature) -> None:
 
 
 def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
-    """Draw objects as the symbols of their classes; dots where there are too many classes for symbols."""
+    """Draw objects as the symbols of their classes, or as dots for classes beyond the maximum number."""
     import folium
 
     kinds = sorted({one.kind for one in found})[: reading.MOST_KINDS]
@@ -164,7 +164,7 @@ def _add_objects(page: folium.Map, found: list[ExportObject]) -> None:
 
 
 def _ground(library: Library, mission_id: int, *, settings: Settings) -> MercatorPicture | None:
-    """Redraw the image of the mission's map as Leaflet lays pictures; None where there is none."""
+    """Reproject the image of the mission's map to Mercator for Leaflet; None if it cannot be placed."""
     with library.database.read() as session:
         map_id = session.get_one(Mission, mission_id).map_id
         record = None if map_id is None else session.get_one(MapRecord, map_id)

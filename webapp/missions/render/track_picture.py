@@ -1,4 +1,4 @@
-"""Raw tracks, the corrected one with how sure it is, and fixes that were left out, as a picture: north up."""
+"""Draws raw tracks, the fused one with its uncertainty, and rejected fixes as a picture, north up."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ COLOURS: dict[Source, RGB] = {
     "fused": (0, 120, 84),
     "manual": (86, 180, 233),
 }
-"""Apart also for colour-blind people: Okabe and Ito, "Color universal design" (2008)."""
+"""Distinguishable for colour-blind people: Okabe and Ito, "Color universal design" (2008)."""
 
 NAMES: dict[Source, str] = {
     "gps": "GPS",
@@ -48,16 +48,16 @@ _95 = math.sqrt(-2.0 * math.log(0.05))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """What is drawn.
+    """The content of a picture.
 
     Attributes
     ----------
     tracks : sequence of (Source, Poses)
-        Drawn one over the other; fixes as dots, paths as lines.
+        Drawn in this order; fixes as dots, paths as lines.
     gated : sequence of (LatLon, LatLon)
-        Fixes that were left out, and where they were expected.
+        Rejected fixes, and their expected positions.
     pieces : sequence of float
-        Times at which corrected tracks restart.
+        Times at which fused tracks begin and restart.
     """
 
     tracks: Sequence[tuple[Source, Poses]]
@@ -71,7 +71,7 @@ def of_mission(library: Library, mission_id: int) -> Image.Image:
     Raises
     ------
     NotFound
-        They were not.
+        The tracks were not fused.
     """
     report = fuse.read_report(library, mission_id)
     with library.database.read() as session:
@@ -97,12 +97,12 @@ def draw_tracks(shown: Shown) -> Image.Image:
     Parameters
     ----------
     shown : Shown
-        At least one pose.
+        Has at least one pose.
 
     Returns
     -------
     PIL.Image.Image
-        RGB. The longer side of the tracks fills it; a legend and a scale are below.
+        RGB. Scaled to the larger extent of the tracks; a legend and a scale bar are below.
     """
     places = [poses.latlon for _, poses in shown.tracks] + [np.array(pair) for pair in shown.gated]
     frame = LocalFrame(centre_of(np.vstack(places)))
@@ -126,7 +126,7 @@ def draw_tracks(shown: Shown) -> Image.Image:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """Metres east and north to pixels."""
+    """Transformation from metres east and north to pixels."""
 
     west: float
     north: float
@@ -136,7 +136,7 @@ class _View:
 
     @classmethod
     def around(cls, enu: NDArray[np.float64]) -> _View:
-        """Show all points with a margin."""
+        """Fit the view to all points, with a margin."""
         west, south = enu.min(axis=0).tolist()
         east, north = enu.max(axis=0).tolist()
         spread = max(east - west, north - south, 5.0)
@@ -147,7 +147,7 @@ class _View:
         return cls(middle - width / 2 / scale, north + _MARGIN_PX / scale, scale, width, height)
 
     def shown(self, enu: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (n, 2) of metres (n, 2)."""
+        """Convert metres east and north (n, 2) to pixels (n, 2)."""
         return np.column_stack([(enu[:, 0] - self.west) * self.scale, (self.north - enu[:, 1]) * self.scale])
 
 
@@ -156,7 +156,7 @@ def _some(count: int) -> list[int]:
 
 
 def _breaks(source: Source, poses: Poses, pieces: Sequence[float]) -> set[int]:
-    """Find the poses before which no line is drawn."""
+    """Return the indices of poses that are not connected with the previous one."""
     if source != "fused":
         return set()
     return set(np.searchsorted(poses.times_s, np.array(pieces[1:])).tolist())
@@ -171,7 +171,7 @@ def _path(canvas: Canvas, points: NDArray[np.float64], colour: RGB, *, breaks: s
 
 
 def _ellipses(canvas: Canvas, points: NDArray[np.float64], poses: Poses, *, view: _View) -> None:
-    """Draw where the robot was with 95 %, at some poses."""
+    """Draw the 95 % ellipses of the position at some poses."""
     turn = np.linspace(0, 2 * np.pi, 33)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     with canvas.faint(0.55):

@@ -1,1 +1,1 @@
-"""The records of missions."""
+"""Database records of missions."""

@@ -1,4 +1,4 @@
-"""Gives detections without an id the id of the object that they show: a known one, or a new one."""
+"""Data association: assigns detections without an id to known objects, or to new ones."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _MOST_PARAMETERS = 500
 def identify(
     session: Session, mission_id: int, *, seen: Sequence[Sighting]
 ) -> tuple[list[tuple[str, Sighting]], dict[str, ObjectEstimate]]:
-    """Find the id of the object of each sighting; those that have one are never joined with others.
+    """Find the object id of each sighting; sightings that have an id are never associated.
 
     Returns
     -------
     list of (str, Sighting)
         In the same order, without the detections that are stored already.
     dict of str to ObjectEstimate
-        The associated objects among them, with these detections.
+        The associated objects among them, updated with these detections.
     """
     sent = sorted({one.object_id for one in seen if one.object_id is not None})
     anonymous = [one for one in seen if one.object_id is None]
@@ -49,7 +49,7 @@ def identify(
 
 @dataclass(slots=True)
 class _FreeIds:
-    """The class and a number: `victim #3`."""
+    """Generates unused ids from the class and a number: `victim #3`."""
 
     session: Session
     mission_id: int
@@ -74,7 +74,7 @@ def _count(session: Session, mission_id: int, *, kind: str) -> int:
 
 
 def _renamed(session: Session, mission_id: int, *, sent: list[str]) -> dict[str, str]:
-    """Find ids of senders that associated objects have already: theirs become other ones."""
+    """Map ids given by senders to new ones if associated objects already have them."""
     renamed: dict[str, str] = {}
     for begin in range(0, len(sent), _MOST_PARAMETERS):
         some = MissionObject.object_id.in_(sent[begin : begin + _MOST_PARAMETERS])
@@ -88,7 +88,7 @@ def _renamed(session: Session, mission_id: int, *, sent: list[str]) -> dict[str,
 def _load(
     session: Session, mission_id: int, *, anonymous: Sequence[Sighting], into: ObjectAssociation
 ) -> None:
-    """Read the objects that detections may show, and which of them were seen at the same times."""
+    """Load the objects to which detections may be assigned, and their sightings at the same times."""
     known: dict[str, ObjectEstimate] = {}
     kinds = sorted({one.kind for one in anonymous})
     mine = (MissionObject.mission_id == mission_id, MissionObject.associated)

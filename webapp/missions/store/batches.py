@@ -1,8 +1,8 @@
-"""Batches of records that robots send: each record is stored exactly once, however often it comes.
+"""Batches of records that robots send: each record is stored exactly once, however often it is sent.
 
-A program that numbers its records names itself and the number of a batch's first one: what is stored already
-is passed over, and a gap is refused. One that numbers nothing gives each batch a key: the same key again gets
-the first answer again. Either way it is one transaction with the records themselves.
+A client that numbers its records sends its name and the number of the first record of a batch: stored records
+are skipped, and gaps are refused. A client without numbers gives each batch an idempotency key: a repeated
+key gets the first answer again. Either way, this is one transaction with the records themselves.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MOST_PARAMETERS = 500
 _UNKNOWN = (None, None, None)
 
 FILE = "import:"
-"""Of files, the keys and the names as senders begin so; clients never use these."""
+"""Prefix of the batch keys and sender names of imported files; the API does not accept it from clients."""
 
 
 class OutOfOrder(Conflict):
@@ -35,7 +35,7 @@ class OutOfOrder(Conflict):
     Parameters
     ----------
     next_seq : int
-        Number of the record that has to come next.
+        Number of the record that is expected next.
     """
 
     def __init__(self, next_seq: int) -> None:
@@ -49,18 +49,18 @@ class OutOfOrder(Conflict):
 
 
 def locked(session: Session, mission_id: int) -> Mission:
-    """Find a mission for writing to it; others who write to it wait.
+    """Lock a mission for writing; other writers wait.
 
     Raises
     ------
     NotFound
-        It was deleted in the meantime.
+        The mission was deleted in the meantime.
     """
     return session.get_one(Mission, mission_id, with_for_update=True)
 
 
 def advance(session: Session, mission_id: int, sender: str, *, first: int, count: int) -> tuple[int, int]:
-    """Note that records of a sender are stored with this session.
+    """Advance the record counter of a sender, in the transaction that stores the records.
 
     Parameters
     ----------
@@ -70,14 +70,14 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
     Returns
     -------
     int
-        Number of them that are stored already.
+        Number of these records that are stored already.
     int
-        Number of the record that has to come next.
+        Number of the record that is expected next.
 
     Raises
     ------
     OutOfOrder
-        Some are missing before them.
+        Records before these are missing.
     """
     row = session.get(MissionSender, (mission_id, sender))
     known = 0 if row is None else row.next_seq
@@ -92,7 +92,7 @@ def advance(session: Session, mission_id: int, sender: str, *, first: int, count
 
 
 def answered(session: Session, mission_id: int, key: str) -> dict[str, Any] | None:
-    """Find the answer to a batch that came before with the same key; None for a new one."""
+    """Find the answer to an earlier batch with the same key; None for a new key."""
     found = session.get(MissionBatch, (mission_id, key))
     return None if found is None else found.answer
 
@@ -100,13 +100,13 @@ def answered(session: Session, mission_id: int, key: str) -> dict[str, Any] | No
 def remember(
     session: Session, mission_id: int, key: str, *, answer: dict[str, Any], keep: timedelta | None = None
 ) -> None:
-    """Keep the answer to a batch for when it comes again.
+    """Store the answer to a batch, in case it is sent again.
 
     Parameters
     ----------
     keep : timedelta or None
-        What clients were answered longer ago is forgotten; the results of files, whose keys begin with
-        `FILE`, never is: somebody may find them again at any time.
+        Older answers to clients are deleted. Results of files, whose keys begin with `FILE`, are kept, as a
+        file may be imported again at any time.
     """
     if keep is not None:
         old = (MissionBatch.mission_id == mission_id, MissionBatch.at < now() - keep)
@@ -115,12 +115,12 @@ def remember(
 
 
 def store(session: Session, mission: Mission, batch: Batch) -> None:
-    """Store what a batch holds; it is one change of the mission."""
+    """Store the records of a batch; this counts as one change of the mission."""
     missions.count_change(mission)
     for (source, name), part in batch.tracks.items():
         track = tracks.get_or_create(session, mission.id, source=source, name=name)
         tracks.append(session, track, part.poses, skipped=part.skipped)
-        if part.travelled_m > track.distance_m:  # NaN is not
+        if part.travelled_m > track.distance_m:  # false for NaN
             track.distance_m = part.travelled_m
     add_sightings(session, mission, batch.sightings)
     if batch.ends:
@@ -128,10 +128,10 @@ def store(session: Session, mission: Mission, batch: Batch) -> None:
 
 
 def add_sightings(session: Session, mission: Mission, seen: Sequence[Sighting]) -> None:
-    """Add sightings of new and known objects, and find out which objects those without an id show.
+    """Add sightings of new and known objects, and associate those without an id.
 
-    An object is where it was seen at the latest time; an associated one in the mean of all its detections.
-    Who calls it counts the change with `missions.count_change` before.
+    The position of an object is that of its latest sighting; that of an associated one is the weighted mean
+    of all its detections. The caller must call `missions.count_change` before.
     """
     identified, estimates = association.identify(session, mission.id, seen=seen)
     known = _known(session, mission.id, sorted({id for id, _ in identified}))

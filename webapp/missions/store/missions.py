@@ -1,4 +1,4 @@
-"""Missions of the library: who may do what with them, and the list with what it shows of each."""
+"""Missions of the library: permissions, and the list of missions."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from webapp.store.operate import jobs
 from webapp.store.schema import Account, Job, MapRecord, Member
 
 FOLDER = ".missions"
-"""Of the library: has one folder a mission, of what came as files."""
+"""Folder in the library with a folder for the files of each mission."""
 
 DELETE_JOB = "mission-delete"
-"""Kind of the job that deletes the mission whose id is its key; until it has ended, nobody finds it."""
+"""Kind of the job that deletes the mission whose id is its key; meanwhile the mission is hidden."""
 
 MOST_SIGHTINGS = 5000
-"""Of one object, in one answer; the query and the exports have all."""
+"""Maximum number of sightings of an object in one response; queries have all."""
 
 _MAX_NAME = 120
 _MAX_NOTE = 10_000
@@ -41,7 +41,7 @@ _MOST_PARAMETERS = 10_000
 
 
 def folder(library: Library, mission_id: int) -> Path:
-    """Name the folder of a mission; it is made when its first file comes."""
+    """Return the folder of a mission, which is created with its first file."""
     return library.folder / FOLDER / str(mission_id)
 
 
@@ -54,16 +54,16 @@ def create(
     start: dict[str, Any] | None = None,
     note: str = "",
 ) -> Mission:
-    """Make a mission without tracks.
+    """Create a mission without tracks.
 
     Parameters
     ----------
     account_id : int
-        Who makes it.
+        Creator of the mission.
     map_id : int or None
-        Whose roles hold for it; None for one on the globe, of the account alone.
+        Map whose roles apply to the mission; None for no map: it then belongs to the account alone.
     start : dict or None
-        `lat`, `lon` and `heading_deg` of the robot's own frame.
+        `lat`, `lon` and `heading_deg` of the origin of the robot's frame.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def create(
 
 
 def checked_name(name: str) -> str:
-    """Return a mission's name as it is kept.
+    """Validate and normalise the name of a mission.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def checked_name(name: str) -> str:
 
 
 def checked_note(note: str) -> str:
-    """Return a note as it is kept.
+    """Validate a note.
 
     Raises
     ------
@@ -112,14 +112,14 @@ def checked_note(note: str) -> str:
 
 
 def find(session: Session, id: int, *, account: Account, role: Role = "viewer") -> Mission:
-    """Find a mission that an account may use in a role; missions in the bin count too.
+    """Find a mission that an account may use in a role, also in the bin.
 
     Raises
     ------
     NotFound
-        There is none, or it is not shared with the account.
+        The mission does not exist, or is not shared with the account.
     NotAllowed
-        The account may see it, but not do this.
+        The account may see the mission, but lacks the role.
     """
     mission = session.get(Mission, id)
     own = None if mission is None else role_of(session, mission, account=account)
@@ -131,9 +131,9 @@ def find(session: Session, id: int, *, account: Account, role: Role = "viewer") 
 
 
 def role_of(session: Session, mission: Mission, *, account: Account) -> Role | None:
-    """Return the role of an account on a mission: that on its map; without a map, its maker is the owner.
+    """Return the role of an account on a mission: that on its map; without a map, its creator is the owner.
 
-    Who owns the library owns every mission.
+    The owner of the library owns every mission.
     """
     record = None if mission.map_id is None else session.get(MapRecord, mission.map_id)
     if record is not None:
@@ -166,7 +166,7 @@ def _going(session: Session) -> set[int]:
 
 
 def topic_of(mission_id: int) -> str:
-    """Name what is announced when a mission changes, or is deleted."""
+    """Return the topic that is announced when a mission changes or is deleted."""
     return f"mission {mission_id}"
 
 
@@ -177,24 +177,24 @@ def _announce(_mapper: object, connection: Connection, mission: Mission) -> None
 
 
 def count_change(mission: Mission) -> None:
-    """Count a change, so that open pages hear of it."""
+    """Count a change of a mission, so that open pages are notified."""
     mission.revision += 1
     mission.changed_at = now()
 
 
 def end(mission: Mission) -> None:
-    """Note that a mission is over; one that was over already stays as it is."""
+    """Mark a mission as ended, unless it has ended already."""
     if mission.ended_at is None:
         mission.ended_at = now()
 
 
 def put_into_bin(mission: Mission) -> None:
-    """Take a mission out of the list; nothing is deleted."""
+    """Move a mission to the bin: it is no longer listed, but nothing is deleted."""
     mission.binned_at = now()
 
 
 def take_from_bin(mission: Mission) -> None:
-    """Bring a mission back into the list."""
+    """Restore a mission from the bin."""
     mission.binned_at = None
 
 
@@ -220,7 +220,7 @@ def find_object(session: Session, mission_id: int, object_id: str) -> MissionObj
 
 
 def sightings(session: Session, mission_id: int, object_id: str) -> list[ObjectSighting]:
-    """List the last `MOST_SIGHTINGS` sightings of an object in the order in which they came."""
+    """List the last `MOST_SIGHTINGS` sightings of an object in order of arrival."""
     mine = (ObjectSighting.mission_id == mission_id, ObjectSighting.object_id == object_id)
     found = select(ObjectSighting).where(*mine).order_by(ObjectSighting.number.desc()).limit(MOST_SIGHTINGS)
     return list(session.scalars(found))[::-1]
@@ -253,11 +253,11 @@ class Entry:
     Attributes
     ----------
     role : str or None
-        Of the caller.
+        Role of the caller.
     slug : str or None
-        Of its map.
+        Slug of its map.
     tracks : list of Track
-        The first made first.
+        In order of creation.
     """
 
     mission: Mission
@@ -269,18 +269,18 @@ class Entry:
 
     @property
     def poses(self) -> int:
-        """Of all tracks."""
+        """Number of poses of all tracks."""
         return sum(track.poses for track in self.tracks)
 
     @property
     def cursor(self) -> ListCursor:
-        """Where the list continues after it."""
+        """Cursor of the entries after this one."""
         return ListCursor(self.mission.changed_at, self.mission.id)
 
 
 @dataclass(frozen=True, slots=True)
 class MissionListPart(ListPart):
-    """Which missions are listed; they are searched by the name of their map, too.
+    """Filter of the list of missions; the search covers the names of missions and of their maps.
 
     Attributes
     ----------
@@ -295,7 +295,7 @@ _ALL = MissionListPart()
 
 
 def list_missions(session: Session, account: Account, *, part: MissionListPart = _ALL) -> list[Entry]:
-    """List missions that an account may see, the last changed first."""
+    """List missions that an account may see, the most recently changed first."""
     ids, after = visible(session, account, binned=part.binned), part.after
     if part.map_id is not None:
         ids = ids.where(Mission.map_id == part.map_id)
@@ -311,7 +311,7 @@ def list_missions(session: Session, account: Account, *, part: MissionListPart =
 def _searched(session: Session, ids: Select[Any], *, text: str, most: int | None) -> list[int]:
     """Return the ids of missions that a search finds, in the order of the list.
 
-    Names are compared here: what a database takes for the same letter depends on the database.
+    Names are compared in Python, since databases differ in case folding.
     """
     names = select(Mission.id, Mission.name, MapRecord.name)
     names = names.outerjoin(MapRecord, MapRecord.id == Mission.map_id).where(Mission.id.in_(ids))
@@ -342,7 +342,7 @@ def _entries(session: Session, account: Account, ids: Select[Any] | Sequence[int
 
 
 def _tracks(session: Session, ids: Sequence[int]) -> Mapping[int, list[Track]]:
-    """Read tracks by the ids of their missions: the page may begin elsewhere when it is asked for again."""
+    """Read tracks by mission id; a second query for the page could return other missions."""
     tracks = defaultdict(list)
     for begin in range(0, len(ids), _MOST_PARAMETERS):
         mine = Track.mission_id.in_(ids[begin : begin + _MOST_PARAMETERS])
@@ -352,6 +352,6 @@ def _tracks(session: Session, ids: Sequence[int]) -> Mapping[int, list[Track]]:
 
 
 def _role(mission: Mission, account: Account, on_map: str | None) -> str | None:
-    """Return the role of an account, as `missions.role_of` does, by that on the mission's map."""
+    """Return the role of an account, like `role_of`, given its role on the mission's map."""
     alone = mission.map_id is None and mission.account_id == account.id
     return "owner" if account.is_owner or alone else on_map

@@ -1,4 +1,4 @@
-"""The list of tasks: how far people are with each object, who said so, and when."""
+"""The task list: the state that people have set for each object, by whom and when."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionObject, ObjectChange
 
 State = Literal["found", "confirmed", "cleared", "dismissed"]
-"""A robot found it; somebody has seen it; nothing is left to do; it was none."""
+"""Found by a robot; confirmed by a person; done; a false detection."""
 
 STATES: tuple[State, ...] = get_args(State)
 
 
 @dataclass(frozen=True, slots=True)
 class StateChange:
-    """What somebody says of an object.
+    """A new state of an object.
 
     Attributes
     ----------
     by : str
         Name of the account.
     was : str or None
-        The state that they have seen; None for any.
+        The previous state that they expect; None for any.
     """
 
     state: State
@@ -38,14 +38,14 @@ class StateChange:
 
 
 def change_state(session: Session, mission: Mission, *, object_id: str, change: StateChange) -> MissionObject:
-    """Set the state of an object; the same state once more, without a note, changes nothing.
+    """Set the state of an object; a repeated state without a note has no effect.
 
     Raises
     ------
     NotFound
         The mission has no object of this id.
     Conflict
-        The object has another state than the caller has seen.
+        The state of the object is not the one that the caller expects.
     """
     row = missions.find_object(session, mission.id, object_id)
     if change.state == row.state and not change.note:
@@ -76,6 +76,6 @@ def change_state(session: Session, mission: Mission, *, object_id: str, change: 
 
 
 def changes(session: Session, mission_id: int, object_id: str) -> list[ObjectChange]:
-    """List the changes of an object's state, the first one first."""
+    """List the changes of an object's state, oldest first."""
     mine = (ObjectChange.mission_id == mission_id, ObjectChange.object_id == object_id)
     return list(session.scalars(select(ObjectChange).where(*mine).order_by(ObjectChange.number)))

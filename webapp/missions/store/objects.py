@@ -1,4 +1,4 @@
-"""Lists of what was seen on a mission: in parts, sorted, by class."""
+"""Lists of the objects of a mission: paged, sorted, filtered, and counted by class."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ SORTS: dict[str, InstrumentedAttribute[str] | InstrumentedAttribute[float] | Ins
     "last_time_s": MissionObject.last_time_s,
     "count": MissionObject.sightings,
 }
-"""What objects can be sorted by."""
+"""Sort keys of objects."""
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A part of a list.
+    """A page of a list.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Page:
 
 
 def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionObject], int]:
-    """Read a page of the objects of a mission, and how many fit in all."""
+    """Read a page of the objects of a mission; return it with the total number that match."""
     fitting = [MissionObject.mission_id == mission_id]
     if wanted.kind is not None:
         fitting.append(MissionObject.kind == wanted.kind)
@@ -58,17 +58,17 @@ def page(session: Session, mission_id: int, wanted: Page) -> tuple[list[MissionO
 def changed_since(
     session: Session, mission_id: int, *, since: int, most: int
 ) -> tuple[list[MissionObject], int | None]:
-    """List objects that changed after a revision of the mission, the longest unchanged first.
+    """List objects that changed after a revision of the mission, the least recently changed first.
 
     Parameters
     ----------
     most : int
-        Of more, those of the first revisions come; what changed in one revision comes whole.
+        Maximum number; only complete revisions are returned, and exceed it if the first one does.
 
     Returns
     -------
     int or None
-        The revision up to which these are all; None for the last one.
+        The revision up to which the list is complete; None for the latest one.
     """
     mine = select(MissionObject).where(MissionObject.mission_id == mission_id)
     later = mine.where(MissionObject.revision > since).order_by(
@@ -84,7 +84,7 @@ def changed_since(
 
 
 def kinds(session: Session, mission_id: int) -> list[tuple[str, int]]:
-    """Count the objects of a mission by their class."""
+    """Count the objects of a mission by class."""
     of_mission = select(MissionObject.kind, func.count()).where(MissionObject.mission_id == mission_id)
     found = session.execute(of_mission.group_by(MissionObject.kind).order_by(MissionObject.kind))
     return [(kind, count) for kind, count in found]

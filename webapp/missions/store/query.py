@@ -1,7 +1,6 @@
-"""Answers questions about the rows of a mission, written as conditions (`webapp.core.filters`).
+"""Queries on the rows of a mission, written as conditions (`webapp.core.filters`).
 
-Of what is asked, only names of columns from the lists here, operators of a fixed set, and bound values reach
-the database.
+Only column names from the lists here, operators of a fixed set, and bound values reach the database.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ TABLES: tuple[Table, ...] = get_args(Table)
 
 MAX_ROWS = 100_000
 MAX_SECONDS = 5.0
-"""That the database may work on one question."""
+"""Time limit of a query."""
 
 _COMPARE = {"=": eq, "!=": ne, "<": lt, "<=": le, ">": gt, ">=": ge}
 
@@ -105,9 +104,9 @@ class Question:
     table : str
         One of `TABLES`.
     select, where, order : str
-        Columns, condition, what to sort by; nothing is all columns, all rows, no order.
+        Columns, condition, sort order; empty for all columns, all rows, no order.
     limit : int
-        Rows, at most `MAX_ROWS`.
+        Maximum number of rows, up to `MAX_ROWS`.
     """
 
     table: str
@@ -119,12 +118,12 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class ParsedQuery:
-    """A question that is understood.
+    """A parsed query.
 
     Attributes
     ----------
     rows : Select
-        One row more than the limit: it shows whether there are more.
+        Selects one row more than the limit, to detect whether there are more.
     """
 
     columns: tuple[str, ...]
@@ -132,12 +131,12 @@ class ParsedQuery:
 
 
 def understand(mission_id: int, question: Question) -> ParsedQuery:
-    """Read a question about a mission.
+    """Parse a query on a mission.
 
     Raises
     ------
     UsageError
-        Invalid syntax; `where` names the field and the character.
+        Invalid syntax; `where` gives the field and the character.
     """
     if question.table not in _TABLES:
         raise UsageError(
@@ -165,12 +164,12 @@ def understand(mission_id: int, question: Question) -> ParsedQuery:
 
 
 def answer(session: Session, asked: ParsedQuery) -> Generator[tuple[Any, ...], None, None]:
-    """Yield the rows, one after the other.
+    """Run a query; yield its rows.
 
     Raises
     ------
     UsageError
-        It takes too long.
+        The query exceeds the time limit.
     """
     until = time.monotonic() + MAX_SECONDS
     try:
@@ -192,7 +191,7 @@ def answer(session: Session, asked: ParsedQuery) -> Generator[tuple[Any, ...], N
 
 def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
     if table == "poses":
-        stored = and_(Pose.track_id == Track.id, Pose.number < Track.poses)  # others are removed
+        stored = and_(Pose.track_id == Track.id, Pose.number < Track.poses)  # later ones are deleted
         joined = select(*columns).select_from(Track).join(Pose, stored)
         return joined.where(Track.mission_id == mission_id)
     if table == "objects":
@@ -204,7 +203,7 @@ def _rows(table: str, mission_id: int, columns: Sequence[Any]) -> Select[Any]:
 
 
 def _expression(condition: Condition, table: Mapping[str, tuple[Kind, Any]]) -> ColumnElement[bool]:
-    """Turn a condition into an expression whose values are bound parameters."""
+    """Convert a condition to an expression whose values are bound parameters."""
     made: Any
     match condition:
         case AllOf(parts):

@@ -1,7 +1,7 @@
-"""Reads a mission for exports: in parts, so that its size does not matter.
+"""Reads a mission for exports, in parts, so that memory use does not depend on its size.
 
-Each part has a session of its own, because who takes a file away may do so slowly, and an open one keeps the
-database from tidying up. What is there at the start is what comes: later poses are left out.
+Each part has its own session: downloads can be slow, and a long transaction prevents the database from
+cleaning up. Poses added after the start are left out.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from webapp.store.database import Database
 
 _PART = 4096
 _AT_ONCE = 500
-"""Numbers of poses in one statement."""
+"""Maximum number of pose numbers in one statement."""
 
 MOST_KINDS = 200
-"""Classes of objects that have looks of their own."""
+"""Maximum number of object classes with their own symbols."""
 
 
 def read(database: Database, mission_id: int, *, most: int | None = None, people: bool = False) -> MissionOut:
@@ -36,15 +36,15 @@ def read(database: Database, mission_id: int, *, most: int | None = None, people
     Parameters
     ----------
     most : int, optional
-        Maximum number of poses of each track, evenly spread, with its first and its last.
+        Maximum number of poses of each track, evenly spread, including the first and the last.
     people : bool
-        With the names of those who have set the states of objects.
+        Include the names of people who have set the states of objects.
 
     Returns
     -------
     MissionOut
-        Its functions read from the database when they are called; they raise `Conflict` where a track was
-        rewritten in the meantime, so that no file ends early and looks whole.
+        Its functions read from the database when they are called; they raise `Conflict` if a track was
+        rewritten in the meantime, so that no truncated file looks complete.
 
     Raises
     ------
@@ -67,14 +67,14 @@ def read(database: Database, mission_id: int, *, most: int | None = None, people
 def some_objects(
     session: Session, mission_id: int, *, since: int = -1, limit: int, offset: int = 0
 ) -> list[MissionObject]:
-    """Read some objects of a mission in the order of their ids.
+    """Read some objects of a mission, ordered by id.
 
     Parameters
     ----------
     since : int
         Only those that changed after that revision of the mission.
     limit, offset : int
-        Maximum number, and the number skipped before them.
+        Maximum number, and number to skip.
     """
     found = select(MissionObject).where(
         MissionObject.mission_id == mission_id, MissionObject.revision > since
@@ -115,7 +115,7 @@ def _all(database: Database, track: Track) -> Iterator[Poses]:
 
 
 def _some(database: Database, track: Track, *, numbers: NDArray[np.int64]) -> Iterator[Poses]:
-    """Read poses by their numbers: the key finds each of them, however long the track is."""
+    """Read poses by their numbers, which is an index lookup however long the track is."""
     for first in range(0, len(numbers), _AT_ONCE):
         wanted = numbers[first : first + _AT_ONCE].tolist()
         with database.read() as session:

@@ -1,6 +1,6 @@
-"""The tables of missions: where robots and people were, and what they saw there.
+"""The tables of missions: tracks of robots and people, and the objects and photos of the missions.
 
-Poses come by the million: they are written and read in bulk, by columns, and never as objects.
+A mission can have millions of poses: they are written and read in bulk, by columns, never as ORM objects.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from webapp.store.schema import WITHOUT_ROWID, Base, ShareColumns
 
 
 class Mission(Base):
-    """What one robot or person recorded in one session, on a map or anywhere on the Earth."""
+    """The data that one robot or person recorded in one session, on a map or anywhere on the Earth."""
 
     __tablename__ = "mission"
     __table_args__ = ({"sqlite_autoincrement": True},)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    """Never used again: links and the folder of its photos name it."""
+    """Never reused, since links and the folder of its photos contain it."""
     name: Mapped[str]
     map_id: Mapped[int | None] = mapped_column(ForeignKey("map.id", ondelete="SET NULL"), index=True)
-    """Whose roles hold for the mission; without a map it is its account's alone."""
+    """The map whose roles apply to the mission; without a map it belongs to its account alone."""
     account_id: Mapped[int | None] = mapped_column(ForeignKey("account.id", ondelete="SET NULL"), index=True)
     created_at: Mapped[datetime] = mapped_column(default=now)
     changed_at: Mapped[datetime] = mapped_column(default=now)
     binned_at: Mapped[datetime | None]
-    """When it was put into the bin; None for one in use."""
+    """When it was moved to the bin; None for one in use."""
     start: Mapped[dict[str, Any] | None]
-    """`lat`, `lon`, `heading_deg` of the robot's own frame."""
+    """`lat`, `lon`, `heading_deg` of the origin of the robot's frame."""
     note: Mapped[str] = mapped_column(default="")
     revision: Mapped[int] = mapped_column(default=0)
     """Counts the changes; each accepted batch is one."""
     ended_at: Mapped[datetime | None]
-    """When the robot said that it was over."""
+    """When the robot ended the mission."""
     keep: Mapped[bool] = mapped_column(default=False)
-    """True: its tracks are never thinned, whatever the rules."""
+    """True: its tracks are never thinned."""
 
 
 class Track(Base):
-    """The poses of a mission from one source, and what is known of all of them together."""
+    """The poses of a mission from one source, with summary values."""
 
     __tablename__ = "track"
     __table_args__ = (UniqueConstraint("mission_id", "source", "name"), {"sqlite_autoincrement": True})
@@ -57,18 +57,18 @@ class Track(Base):
     poses: Mapped[int] = mapped_column(default=0)
     """Their numbers are 0 ... poses - 1."""
     skipped: Mapped[int] = mapped_column(default=0)
-    """Poses that the sender left out because nothing had moved."""
+    """Poses that the sender left out because the robot had hardly moved."""
     removed: Mapped[int] = mapped_column(default=0)
-    """Poses that were stored, and that thinning has removed."""
+    """Stored poses that thinning has removed."""
     thinned_m: Mapped[float | None]
-    """With this error at most; None where nothing was thinned, or where only both ends are left."""
+    """Maximum error of thinning; None if nothing was thinned, or if only both ends are left."""
     thinned_poses: Mapped[int] = mapped_column(default=0)
-    """So many at the begin are what thinning left; those after them came later."""
+    """Number of poses at the beginning that thinning has kept; later ones are not thinned yet."""
     distance_m: Mapped[float] = mapped_column(default=0.0)
-    """Along all poses, those that were left out or removed included."""
+    """Length along all poses, including those left out or removed."""
     first_time_s: Mapped[float | None]
     last_time_s: Mapped[float | None]
-    """The earliest and the latest, Unix seconds."""
+    """Earliest and latest time, Unix seconds."""
     min_lat: Mapped[float | None]
     max_lat: Mapped[float | None]
     min_lon: Mapped[float | None]
@@ -76,11 +76,11 @@ class Track(Base):
     built_to: Mapped[int] = mapped_column(default=0)
     """Number of poses that are in pieces."""
     timed: Mapped[bool] = mapped_column(default=True)
-    """False where the source has no times: the poses count as some time apart, for their order alone."""
+    """False if the source has no times: `time_s` of the poses then only gives their order."""
 
 
 class Pose(Base):
-    """Where something was at one time."""
+    """A position, and optionally a heading, at one time."""
 
     __tablename__ = "pose"
     __table_args__ = WITHOUT_ROWID
@@ -89,7 +89,7 @@ class Pose(Base):
         ForeignKey("track.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
     )
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    """In the order of arrival, from 0; times need not grow with it."""
+    """In order of arrival, from 0; times need not be monotonic."""
     time_s: Mapped[float]
     """Unix seconds."""
     lat: Mapped[float]
@@ -102,11 +102,11 @@ class Pose(Base):
     cov_en: Mapped[float | None]
     """Covariance of the position to the east and north, square metres."""
     travelled_m: Mapped[float]
-    """Along the track from its begin, poses that were left out included."""
+    """Along the track from its beginning, including poses that were left out."""
 
 
 class TrackPiece(Base):
-    """A part of a track, simplified for display: `level` says how much."""
+    """A part of a track, simplified for display to the degree `level`."""
 
     __tablename__ = "track_piece"
 
@@ -117,7 +117,7 @@ class TrackPiece(Base):
     chunk: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     first_number: Mapped[int]
     count: Mapped[int]
-    """Poses that it stands for."""
+    """Number of poses that it represents."""
     min_lat: Mapped[float]
     max_lat: Mapped[float]
     min_lon: Mapped[float]
@@ -142,21 +142,21 @@ class TrackProfile(Base):
 
 
 def _covariance(row: MissionObject | ObjectSighting) -> tuple[float, float, float] | None:
-    """Return variance east, variance north and covariance of the two; None where they are unknown."""
+    """Return variance east, variance north and covariance of the two; None if unknown."""
     if row.var_e is None or row.var_n is None or row.cov_en is None:
         return None
     return row.var_e, row.var_n, row.cov_en
 
 
 def _size(row: MissionObject | ObjectSighting) -> tuple[float, float, float] | None:
-    """Return length, width and height; None where they are unknown."""
+    """Return length, width and height; None if unknown."""
     if row.size_x_m is None or row.size_y_m is None or row.size_z_m is None:
         return None
     return row.size_x_m, row.size_y_m, row.size_z_m
 
 
 class MissionObject(Base):
-    """Something that was seen on a mission, as it was seen last."""
+    """An object that was seen on a mission, with the values of its last sighting."""
 
     __tablename__ = "mission_object"
     __table_args__ = (Index(None, "mission_id", "kind"), Index(None, "mission_id", "revision"))
@@ -165,9 +165,9 @@ class MissionObject(Base):
         ForeignKey("mission.id", ondelete="CASCADE"), primary_key=True, autoincrement=False
     )
     object_id: Mapped[str] = mapped_column(primary_key=True)
-    """The sender's; for an associated one the class and a number."""
+    """Given by the sender; for an associated object, the class and a number."""
     associated: Mapped[bool] = mapped_column(default=False)
-    """True where detections without an id were joined: the position is the mean of them all."""
+    """True for an object of detections without an id: the position is their weighted mean."""
     kind: Mapped[str]
     """Class: `car`, `person` ..."""
     first_time_s: Mapped[float]
@@ -185,23 +185,23 @@ class MissionObject(Base):
     """Length, width and height."""
     confidence: Mapped[float | None]
     photo_sha: Mapped[str | None]
-    """Of a photo of the mission."""
+    """SHA-256 of a photo of the mission."""
     sightings: Mapped[int] = mapped_column(default=0)
     """Their numbers are 0 ... sightings - 1."""
     revision: Mapped[int] = mapped_column(default=0)
-    """Of the mission, when this object last changed."""
+    """Revision of the mission in which this object last changed."""
     state: Mapped[str] = mapped_column(default="found")
     """`found`, `confirmed`, `cleared` or `dismissed`."""
     state_by: Mapped[str | None]
     state_time_s: Mapped[float | None]
-    """Who has set the state, and when; None where nobody has."""
+    """Who set the state, and when; None for the initial state."""
 
     covariance_m2 = property(_covariance)
     size_m = property(_size)
 
 
 class ObjectSighting(Base):
-    """One time that an object was seen."""
+    """One sighting of an object."""
 
     __tablename__ = "sighting"
     __table_args__ = (Index(None, "mission_id", "time_s"),)
@@ -229,7 +229,7 @@ class ObjectSighting(Base):
 
 
 class ObjectChange(Base):
-    """Somebody has set the state of an object."""
+    """A change of the state of an object by a person."""
 
     __tablename__ = "object_change"
 
@@ -241,12 +241,12 @@ class ObjectChange(Base):
     state: Mapped[str]
     time_s: Mapped[float]
     by: Mapped[str]
-    """Name of the account, which may be deleted since."""
+    """Name of the account, which may have been deleted since."""
     note: Mapped[str] = mapped_column(default="")
 
 
 class MissionSender(Base):
-    """How far a program that numbers its records has come."""
+    """Progress of a client that numbers its records."""
 
     __tablename__ = "mission_sender"
 
@@ -260,7 +260,7 @@ class MissionSender(Base):
 
 
 class MissionBatch(Base):
-    """The answer to a batch of a program that numbers nothing, for when it sends it again."""
+    """The answer to a batch with an idempotency key, in case it is sent again."""
 
     __tablename__ = "mission_batch"
     __table_args__ = (Index(None, "mission_id", "at"),)
@@ -283,7 +283,7 @@ class MissionPhoto(Base):
     )
     sha256: Mapped[str] = mapped_column(primary_key=True)
     name: Mapped[str]
-    """Of the original file."""
+    """Name of the original file."""
     path: Mapped[str]
     """Relative to the mission's folder, with forward slashes."""
     width: Mapped[int]
@@ -293,15 +293,15 @@ class MissionPhoto(Base):
     time_s: Mapped[float | None]
     """When it was taken, Unix seconds."""
     object_id: Mapped[str | None]
-    """What it shows."""
+    """The object that it shows."""
     fix: Mapped[dict[str, Any] | None]
-    """Where it was taken, as `localize --json` says it."""
+    """Result of its localization, in the format of `localize --json`."""
     fix_state: Mapped[str | None]
-    """`queued`, `done` or `failed`; None where nobody asked."""
+    """`queued`, `done` or `failed`; None if localization was not requested."""
 
 
 class MissionShare(ShareColumns, Base):
-    """A view of a mission that is open without a sign-in."""
+    """A view of a mission that needs no sign-in."""
 
     __tablename__ = "mission_share"
 

@@ -1,4 +1,4 @@
-"""Views of missions that are open without a sign-in: to whoever has a link, or to everybody."""
+"""Views of missions that need no sign-in: for holders of a link, or public."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from webapp.store import sharing
 
 @dataclass(frozen=True, slots=True)
 class OpenedMission:
-    """What a visitor sees; records of a session that is closed."""
+    """The share that a visitor opened, and its mission."""
 
     share: MissionShare
     mission: Mission
@@ -22,13 +22,13 @@ class OpenedMission:
 def create(
     session: Session, mission: Mission, *, photos: bool, account_id: int, public: bool = False
 ) -> tuple[MissionShare, str]:
-    """Share a mission, with or without photos; also returns the token, as `open_link` does."""
+    """Share a mission, with or without photos; return the share, and the token from `open_link`."""
     share = MissionShare(mission_id=mission.id, account_id=account_id, photos=photos)
     return share, sharing.open_link(session, share, public=public)
 
 
 def list_shares(session: Session, mission: Mission) -> list[MissionShare]:
-    """List the shares of a mission, the newest first."""
+    """List the shares of a mission, newest first."""
     return sharing.shares_of(session, MissionShare, where=MissionShare.mission_id == mission.id)
 
 
@@ -43,12 +43,12 @@ def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
 
 
 def open_share(session: Session, token: str) -> OpenedMission:
-    """Find what the end of an address opens.
+    """Find the share with the token of a link.
 
     Raises
     ------
     NotFound
-        It opens nothing, or the mission is in the bin.
+        The token is not valid, or the mission is in the bin.
     """
     share = sharing.share_by_token(session, MissionShare, token=token)
     mission = None if share is None else session.get_one(Mission, share.mission_id)
@@ -58,7 +58,7 @@ def open_share(session: Session, token: str) -> OpenedMission:
 
 
 def public(session: Session) -> list[OpenedMission]:
-    """List what is open to everybody, the newest first."""
+    """List the public shares, newest first."""
     found = (
         select(MissionShare, Mission)
         .join(Mission, Mission.id == MissionShare.mission_id)

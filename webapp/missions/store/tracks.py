@@ -1,4 +1,4 @@
-"""Tracks of missions: their poses, in and out by columns, and the pieces that are prepared for display."""
+"""Tracks of missions: their poses, read and written by columns, and the pieces built for display."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ _MOST_PARAMETERS = 500
 
 PIECES_JOB = "mission-pieces"
 PIECE = 4096
-"""Poses of the smallest piece, and of the new ones that start a job which makes pieces of them."""
+"""Poses of the smallest piece; as many new poses start a job that builds pieces."""
 
 POINT = 5
-"""Numbers of a point: number, time_s, lat, lon, heading_deg."""
+"""Values per point: number, time_s, lat, lon, heading_deg."""
 
 _BEST_FIRST = ("fused", "gps", "odometry", "visual", "manual")
 _FLOAT64 = np.dtype("<f8")
 
 
 def list_tracks(session: Session, mission_id: int) -> list[Track]:
-    """List the tracks of a mission, the first made first."""
+    """List the tracks of a mission in order of creation."""
     return list(session.scalars(select(Track).where(Track.mission_id == mission_id).order_by(Track.id)))
 
 
 def best(found: Sequence[Track]) -> Track | None:
-    """Return the track that knows best where its mission was; None of no tracks."""
+    """Return the track from the most accurate source; None if there are no tracks."""
     return min(found, key=lambda track: _BEST_FIRST.index(track.source), default=None)
 
 
@@ -57,12 +57,12 @@ def find(session: Session, mission_id: int, track_id: int) -> Track:
 
 
 def get_or_create(session: Session, mission_id: int, *, source: str, name: str = "") -> Track:
-    """Find the track of a source and name, or make it.
+    """Find the track of a source and name, or create it.
 
     Parameters
     ----------
     source : str
-        As in `webapp.core.trajectory.records.SOURCES`.
+        One of `webapp.core.trajectory.records.SOURCES`.
     name : str
         Distinguishes several tracks of one source.
     """
@@ -76,18 +76,17 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
 
 
 def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) -> None:
-    """Put poses at the end of a track, and keep what is known of all of them up to date.
+    """Append poses to a track, and update its summary values.
 
-    Where there are many new ones, the job that prepares them for display is queued with them.
-
-    Who has appended to a mission calls `missions.count_change` in the same session.
+    After `PIECE` new poses, the job that builds pieces for display is queued in the same session. The caller
+    must call `missions.count_change` in the same session.
 
     Parameters
     ----------
     poses : Poses
-        Where `travelled_m` is NaN, it is measured from the pose before.
+        Where `travelled_m` is NaN, it is measured from the previous pose.
     skipped : int
-        Poses that were left out between them.
+        Number of poses that were left out between them.
     """
     track.skipped += skipped
     if not len(poses):
@@ -100,13 +99,13 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
 
 
 def clear(session: Session, track: Track) -> None:
-    """Take all poses out of a track."""
+    """Delete all poses of a track."""
     session.execute(delete(Pose).where(Pose.track_id == track.id))
     _forget(session, track)
 
 
 def _forget(session: Session, track: Track) -> None:
-    """Count no poses, and know nothing of any; their rows stay."""
+    """Reset a track to one without poses; their rows stay."""
     for table in (TrackPiece, TrackProfile):
         session.execute(delete(table).where(table.track_id == track.id))
     track.poses = track.skipped = track.built_to = track.removed = track.thinned_poses = 0
@@ -120,21 +119,21 @@ _OF_ALL = (
     "skipped", "removed", "distance_m", "first_time_s", "last_time_s",
     "min_lat", "max_lat", "min_lon", "max_lon",
 )  # fmt: skip
-"""What is known of all poses of a track, those that were removed too."""
+"""Summary values over all poses of a track, including removed ones."""
 
 
 def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | None) -> None:
-    """Replace the poses of a track by some of them; what is known of all of them stays.
+    """Replace the poses of a track by some of them, keeping its summary values.
 
-    This takes as long as what stays is long: the rows of the others are no poses any more, and are left to
-    `delete_removed`.
+    The time depends only on the number of poses kept: surplus rows no longer count as poses, and are deleted
+    later by `delete_removed`.
 
     Parameters
     ----------
     poses : Poses
-        Those that stay, the first and the last among them.
+        Poses to keep, including the first and the last.
     thinned_m : float or None
-        How far the others are from the motion through these, at most; None: nobody knows.
+        Maximum distance of the removed poses from the motion through these; None if unknown.
     """
     removed = track.poses - len(poses)
     if removed:
@@ -148,12 +147,12 @@ def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | Non
 
 
 def has_removed() -> ColumnElement[bool]:
-    """Say of tracks, in a query, whether rows of removed poses are left."""
+    """Return a condition for queries on tracks: rows of removed poses are left."""
     return exists().where(Pose.track_id == Track.id, Pose.number >= Track.poses)
 
 
 def delete_removed(session: Session, track_id: int) -> None:
-    """Delete a block of the rows of removed poses, the last first."""
+    """Delete a block of rows of removed poses, starting with the last."""
     track = session.get(Track, track_id)
     last = session.scalar(select(func.max(Pose.number)).where(Pose.track_id == track_id))
     if track is not None and last is not None:
@@ -162,7 +161,7 @@ def delete_removed(session: Session, track_id: int) -> None:
 
 
 def inherit_thinning(track: Track, inputs: Sequence[Track]) -> None:
-    """Keep with a track, which was just made of others, that these were thinned, and by how much at most."""
+    """Copy the record of thinning from the tracks that a new track was computed from."""
     thinned = [one for one in inputs if one.removed]
     if thinned:
         errors_m = [one.thinned_m for one in thinned if one.thinned_m is not None]
@@ -177,7 +176,7 @@ def read(session: Session, track: Track, *, first: int = 0, stop: int | None = N
     Parameters
     ----------
     first : int
-        Number of the first.
+        Number of the first pose.
     stop : int or None
         Number after the last; None for the end of the track.
     """
@@ -187,23 +186,23 @@ def read(session: Session, track: Track, *, first: int = 0, stop: int | None = N
 
 
 def blocks(session: Session, track: Track, *, first: int = 0, size: int = _BLOCK) -> Iterator[Poses]:
-    """Read a track of any length, a block of poses after the other."""
+    """Read a track of any length, block by block."""
     for begin in range(first, track.poses, size):
         yield read(session, track, first=begin, stop=begin + size)
 
 
 def at(session: Session, track: Track, numbers: list[int]) -> Poses:
-    """Read the poses of some numbers, which ascend."""
+    """Read the poses with these numbers, which must ascend."""
     mine = select(*_READ).where(Pose.track_id == track.id).order_by(Pose.number)
     parts = (numbers[begin : begin + _MOST_PARAMETERS] for begin in range(0, len(numbers), _MOST_PARAMETERS))
     return join([_poses(session, mine.where(Pose.number.in_(part))) for part in parts])
 
 
 def fetched(session: Session, found: Select[tuple[object, ...]]) -> NDArray[np.float64]:
-    """Read a table of numbers, (n, columns) float64; NaN stands for what is not there."""
+    """Read a table of numbers, (n, columns) float64; NULL becomes NaN."""
     result = session.connection().execute(found)
     assert result.cursor is not None
-    rows = result.cursor.fetchall()  # of the driver: there is nothing to convert, and a million rows of it
+    rows = result.cursor.fetchall()  # directly from the driver: faster, and no conversion is needed
     result.close()
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(found.selected_columns))
 
@@ -251,7 +250,7 @@ def _end(session: Session, track: Track) -> tuple[float, float, float] | None:
 
 
 def _or_none(column: NDArray[np.float64]) -> list[float | None]:
-    return [None if value != value else value for value in column.tolist()]  # NaN is unlike itself
+    return [None if value != value else value for value in column.tolist()]  # NaN != NaN
 
 
 def _count(track: Track, poses: Poses, *, way_m: float) -> None:
@@ -270,7 +269,7 @@ def _count(track: Track, poses: Poses, *, way_m: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """What is known of a piece without its points.
+    """Metadata of a piece, without its points.
 
     Attributes
     ----------
@@ -288,12 +287,12 @@ class Piece:
 def add_piece(
     session: Session, track: Track, *, level: int, chunk: int, count: int, points: NDArray[np.float64]
 ) -> None:
-    """Keep a piece of a track.
+    """Store a piece of a track.
 
     Parameters
     ----------
     count : int
-        Poses that it stands for.
+        Number of poses that it represents.
     points : (m, 5) float64
     """
     south, west = points[:, 2:4].min(axis=0).tolist()
@@ -317,7 +316,7 @@ def add_piece(
 
 
 def add_profile(session: Session, track: Track, *, chunk: int, points: NDArray[np.float64]) -> None:
-    """Keep the profile of a chunk, (m, 4) float64."""
+    """Store the profile of a chunk, (m, 4) float64."""
     session.add(TrackProfile(track_id=track.id, chunk=chunk, points=points.astype(_FLOAT64).tobytes()))
 
 

@@ -1,4 +1,4 @@
-"""Takes a photo into a mission: checked, kept, its previews made."""
+"""Adds a photo to a mission: checks and stores it, and makes its previews."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from webapp.store.library import Library
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 
 PHOTOS = "photos"
-"""Folder of a mission that its photos are in."""
+"""Name of the folder of photos in the folder of a mission."""
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 _MAX_STEM = 40
@@ -29,14 +29,14 @@ _MAX_STEM = 40
 
 @dataclass(frozen=True, slots=True)
 class PhotoMetadata:
-    """What the sender says of a photo.
+    """Metadata of a photo, given by its sender.
 
     Attributes
     ----------
     time_s : float or None
-        When it was taken, Unix seconds; by default what its EXIF says, where that names a time zone.
+        When it was taken, Unix seconds; defaults to the EXIF time, if that has a time zone.
     object_id : str or None
-        Which object of the mission it shows.
+        The object of the mission that it shows.
     """
 
     time_s: float | None = None
@@ -46,26 +46,26 @@ class PhotoMetadata:
 def add_mission_photo(
     library: Library, mission_id: int, *, source: Path, name: str, about: PhotoMetadata, settings: Settings
 ) -> MissionPhoto:
-    """Take a photo into a mission; of one whose content is there already, only what is said of it changes.
+    """Add a photo to a mission; if it has the same content as an existing one, only update the metadata.
 
     When this returns, photo and record are on the disk.
 
     Parameters
     ----------
     source : Path
-        Complete, on the same disk as the library; is moved or deleted.
+        Complete file on the same disk as the library; it is moved or deleted.
     name : str
-        Of the original file; any text.
+        Name of the original file; any text.
 
     Raises
     ------
     PhotoError
-        It is not a photo of a known format, damaged, cut off, or larger than the limits. `source` is as it
-        was.
+        The file is not a photo of a known format, damaged, truncated, or larger than the limits. `source` is
+        left unchanged.
     NotFound
-        The mission is gone.
+        The mission no longer exists.
     DiskFull, StorageError
-        The disk refused.
+        Writing failed.
     """
     name = tidy_name(name)
     with show_file_as(name, source):
@@ -108,7 +108,7 @@ def original(library: Library, photo: MissionPhoto) -> Path:
     Raises
     ------
     NotFound
-        It is missing on the disk.
+        The file is missing on the disk.
     """
     path = missions.folder(library, photo.mission_id) / photo.path
     if not path.is_file():
@@ -117,14 +117,14 @@ def original(library: Library, photo: MissionPhoto) -> Path:
 
 
 def preview_of(library: Library, photo: MissionPhoto, *, kind: Kind, settings: Settings) -> Path:
-    """Find a preview of a photo, and make it where it is missing.
+    """Find a preview of a photo; make it if it is missing.
 
     Raises
     ------
     NotFound, PhotoError
         The photo is missing or damaged.
     StorageError
-        The disk refused.
+        Writing failed.
     """
     folder = missions.folder(library, photo.mission_id)
     path = preview.preview_path(folder, photo.sha256, kind=kind)
@@ -137,14 +137,14 @@ def preview_of(library: Library, photo: MissionPhoto, *, kind: Kind, settings: S
 
 
 def _path(name: str, sha256: str, *, suffix: str) -> str:
-    """Choose the path of a photo: the beginning of its hash keeps it apart from all others."""
+    """Return the path of a photo; the beginning of its hash makes it unique."""
     stem = PurePosixPath(name.replace("\\", "/")).stem
     plain = unicodedata.normalize("NFKD", stem).encode("ascii", "ignore").decode()
     return f"{PHOTOS}/{sha256[:16]}-{_NOT_PLAIN.sub('-', plain)[:_MAX_STEM].strip('-') or 'photo'}.{suffix}"
 
 
 def _taken(facts: PhotoFacts) -> float | None:
-    """Read when a photo was taken, where its EXIF has a time zone."""
+    """Return the EXIF time of a photo, if it has a time zone."""
     taken = None if facts.taken_at is None else datetime.fromisoformat(facts.taken_at)
     return None if taken is None or taken.tzinfo is None else taken.timestamp()
 

@@ -1,4 +1,4 @@
-"""Finds maps whose images show where a mission was, for its background."""
+"""Finds maps whose images cover the area of a mission, for its background."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class _Box(NamedTuple):
 
 
 def covering_maps(session: Session, mission: Mission, *, account: Account) -> list[MapRecord]:
-    """List the other maps that an account may see and whose images meet a mission, the last changed first."""
+    """List other maps that an account may see and whose images overlap a mission, last changed first."""
     wanted = _extent(session, mission)
     if wanted is None:
         return []
@@ -33,7 +33,7 @@ def covering_maps(session: Session, mission: Mission, *, account: Account) -> li
 
 
 def _extent(session: Session, mission: Mission) -> _Box | None:
-    """Return the box of all tracks, else of the start; None where neither is known."""
+    """Return the bounding box of all tracks, else the start position; None if neither is known."""
     known = [one for one in tracks.list_tracks(session, mission.id) if one.min_lat is not None]
     if known:
         sides = [(one.min_lat, one.min_lon, one.max_lat, one.max_lon) for one in known]

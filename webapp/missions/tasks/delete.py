@@ -1,4 +1,4 @@
-"""Deletes missions in the bin for good, a part after the other: others write in between."""
+"""Deletes missions in the bin permanently, block by block, so that others can write in between."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from webapp.store.operate import jobs
 from webapp.store.schema import Job
 
 _BLOCK = 50_000
-"""Poses or sightings in one transaction."""
+"""Maximum number of poses or sightings in one transaction."""
 
 Write = Callable[[], AbstractContextManager[Session]]
 
 
 def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
-    """Queue the deletion of a mission, which is hidden from now on.
+    """Queue the deletion of a mission, which hides it at once.
 
     Parameters
     ----------
     session : Session
-        That writes.
+        Session of a write transaction.
     account_id : int
-        Who wants it.
+        Account that requested it.
 
     Raises
     ------
     Conflict
-        It is not in the bin.
+        The mission is not in the bin.
     """
     _check(mission)
     return jobs.enqueue(
@@ -52,23 +52,23 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
 def delete_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> None:
     """Delete a mission: poses and sightings block by block, then its other records, then its files.
 
-    Stopped in between, it is in the bin with shorter tracks and can be deleted again.
+    If interrupted, the mission stays in the bin with shorter tracks, and can be deleted again.
 
     Parameters
     ----------
     mission_id : int
-        Of one that may be deleted already.
+        The mission may be deleted already.
     write : callable
-        Gives a session that writes.
+        Opens a write transaction.
     progress : Progress
-        One step a pose.
+        One step per pose.
 
     Raises
     ------
     Conflict
-        It is not in the bin.
+        The mission is not in the bin.
     StorageError
-        The disk refused.
+        Writing failed.
     Cancelled
     """
     with library.database.read() as session:
@@ -80,7 +80,7 @@ def delete_mission(library: Library, mission_id: int, *, write: Write, progress:
 
 
 def sweep(library: Library, _settings: Settings) -> None:
-    """Delete the folders of missions that are deleted: ids are never used again."""
+    """Delete leftover folders of deleted missions; ids are never reused."""
     folders = [path for path in (library.folder / missions.FOLDER).glob("*") if path.name.isdecimal()]
     with library.database.read() as session:
         known = set(session.scalars(select(Mission.id)))
@@ -90,7 +90,7 @@ def sweep(library: Library, _settings: Settings) -> None:
 
 
 def _delete_some(mission_id: int, write: Write) -> int | None:
-    """Delete a block, and give how many poses it had; None when nothing is left."""
+    """Delete a block; return its number of poses, or None when nothing is left."""
     with write() as session:
         mission = session.get(Mission, mission_id, with_for_update=True)
         if mission is None:
@@ -112,7 +112,7 @@ _BULK = {"execution_options": {"synchronize_session": False}}
 
 
 def _shorten(session: Session, track: Track) -> int:
-    """Take the last poses out of a track, and delete it when none is left."""
+    """Delete the last poses of a track, and the track when none is left; return their number."""
     before, first = track.poses, max(track.poses - _BLOCK, 0)
     session.execute(delete(Pose).where(Pose.track_id == track.id, Pose.number >= first), **_BULK)
     for table in (TrackPiece, TrackProfile):

@@ -1,4 +1,4 @@
-"""A mission as a download: a file of text, KML, KMZ with icons, or a link that is fetched repeatedly."""
+"""Exports a mission as a download: text formats, KML, KMZ with icons, or a KML network link."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FORMATS = ("kml", "kmz", *_WRITERS)
 KML = "application/vnd.google-earth.kml+xml"
 KMZ = "application/vnd.google-earth.kmz"
 LIVE_POSES = 2000
-"""Of each track in what a link fetches: programs redraw it every few seconds."""
+"""Maximum number of poses of each track in a live link, which programs redraw every few seconds."""
 
 _BYTES_A_POSE = 120
 _LARGE_BYTES = 1_500_000_000
@@ -52,7 +52,7 @@ def export_mission(
     pictures: Settings | None = None,
     people: bool = False,
 ) -> Download:
-    """Export a mission, in a few megabytes of memory whatever its size.
+    """Export a mission, using a few megabytes of memory regardless of its size.
 
     Parameters
     ----------
@@ -61,14 +61,14 @@ def export_mission(
     most : int, optional
         Maximum number of poses of each track, evenly spread.
     pictures : Settings, optional
-        With it, a KMZ has previews of the photos of objects; they have no EXIF.
+        If given, a KMZ includes previews of the photos of objects, without EXIF.
     people : bool
-        With the names of those who have set the states of objects.
+        Include the names of people who have set the states of objects.
 
     Returns
     -------
     Download
-        What is in the mission now. Its pieces raise `Conflict` where a track is rewritten meanwhile.
+        The current content of the mission. Its pieces raise `Conflict` if a track is rewritten meanwhile.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def export_mission(
 
 
 def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settings) -> Path | None:
-    """Find the preview of a photo; None where the photo never came, or is damaged."""
+    """Find the preview of a photo; None if the photo was never received, or is damaged."""
     try:
         with library.database.read() as session:
             photo = missions.find_photo(session, mission_id, sha256)
@@ -101,32 +101,32 @@ def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settin
 
 
 def export_mission_kml(mission: MissionOut) -> Download:
-    """Return a mission as KML; its objects are coloured pins."""
+    """Return a mission as KML, with objects as coloured pins."""
     return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
 
 
 def export_mission_kmz(
     mission: MissionOut, *, picture: Callable[[str], Path | None] | None = None
 ) -> Download:
-    """Return a mission as KMZ: its objects have the icons of their classes, which are inside.
+    """Return a mission as KMZ, which includes icons for the classes of its objects.
 
     Parameters
     ----------
     picture : function, optional
-        Finds a picture without metadata of a photo, by its SHA-256; None where there is none. Without, no
-        photos go along.
+        Finds a picture of a photo, without metadata, by its SHA-256; may return None. If not given, the KMZ
+        has no photos.
     """
     pieces = stream_zip(_members(mission, picture or (lambda _sha: None)))
     return Download(f"{plain_name(mission.name)}.kmz", KMZ, pieces)
 
 
 def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
-    """Return a KML that has programs fetch `href` every `refresh_s` seconds.
+    """Return a KML network link that makes programs fetch `href` every `refresh_s` seconds.
 
     Parameters
     ----------
     name : str
-        Of the mission.
+        Name of the mission.
     href : str
         Absolute address of a KML or KMZ.
     """
@@ -135,7 +135,7 @@ def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
 
 
 def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[ZipMember]:
-    """Yield pictures and icons, then the KML: it names those that are there."""
+    """Yield pictures and icons, then the KML, which refers to the pictures found."""
     photos: dict[str, str] = {}
     for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):
         path = picture(sha)

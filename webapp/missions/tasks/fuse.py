@@ -30,13 +30,13 @@ from webapp.store.schema import Job
 JOB = "mission-fuse"
 
 REPORT = "fusion.json"
-"""In the folder of the mission: what was thought of each fix."""
+"""File in the folder of the mission: report on the last fusion."""
 
 LOCK = "fusion.lock"
-"""In the inner folder of the library: held while a fused track is committed and its report written."""
+"""Lock file in the inner folder of the library: held while a fused track and its report are written."""
 
 MOST_TOLD = 1000
-"""Rejected fixes that a report lists one by one."""
+"""Maximum number of rejected fixes listed in a report."""
 
 _FIXES: tuple[Source, ...] = ("gps", "visual", "manual")
 
@@ -45,14 +45,14 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFixes:
-    """All fixes of a source, and where each is kept: id of its track and number in it, (m, 2) int64."""
+    """All fixes of a source, and the key of each: id of its track and its number there, (m, 2) int64."""
 
     poses: Poses
     kept: NDArray[np.int64]
 
 
 def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
-    """Queue the fusion; `session` is one that writes."""
+    """Queue the fusion; `session` must be that of a write transaction."""
     return jobs.enqueue(
         session,
         JOB,
@@ -64,24 +64,24 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
 
 
 def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
-    """Put all tracks of a mission together; the fused one is replaced as a whole, or stays as it is.
+    """Fuse odometry and fixes of a mission; the fused track is replaced atomically.
 
     Parameters
     ----------
     write : callable
-        Gives a session that writes.
+        Opens a write transaction.
 
     Returns
     -------
     dict
-        The report, which is kept in the mission's folder too.
+        The report, which is also stored in the mission's folder.
 
     Raises
     ------
     UsageError
-        There is nothing to correct a track by.
+        The mission cannot be fused, for instance without fixes.
     NotFound
-        The mission is gone.
+        The mission no longer exists.
     Cancelled
     """
     with library.database.read() as session:
@@ -103,18 +103,18 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
     report |= {"gated": sorted(gated, key=lambda one: one["time_s"])[:MOST_TOLD]}
     while not _kept(library, mission_id, write=write, poses=fusion.poses, gated=gated, report=report):
         with FileLock(library.inner / LOCK):
-            pass  # waited for here, where no writer waits for us
+            pass  # wait outside the write transaction, so as not to block other writers
     progress.advance()
     return report
 
 
 def read_report(library: Library, mission_id: int) -> dict[str, Any]:
-    """Read what was thought of the fixes the last time.
+    """Read the report on the last fusion.
 
     Raises
     ------
     NotFound
-        The tracks were never put together.
+        The mission was never fused.
     """
     path = missions.folder(library, mission_id) / REPORT
     if not path.is_file():
@@ -131,7 +131,7 @@ def _kept(
     gated: list[dict[str, Any]],
     report: dict[str, Any],
 ) -> bool:
-    """Replace the fused track and complete its report; False, with nothing done, where a backup is made."""
+    """Replace the fused track and its report; return False, with nothing changed, if a backup is running."""
     with ExitStack() as held:
         try:
             with write() as session:
@@ -153,14 +153,14 @@ def _kept(
 
 
 def _inputs(session: Session, mission_id: int, report: dict[str, Any]) -> list[Track]:
-    """List the tracks that were put together."""
+    """List the tracks that were fused."""
     sources = {fixes["source"] for fixes in report["fixes"]}
     found = [track for track in tracks.list_tracks(session, mission_id) if track.timed]
     return [track for track in found if track.id == report["odometry"] or track.source in sources]
 
 
 def _read(session: Session, track: Track) -> tuple[Poses, NDArray[np.int64]]:
-    """Read a track, of a long one some poses; with their numbers."""
+    """Read a track, subsampled to `MOST_POSES`, with the numbers of the poses."""
     if track.poses <= MOST_POSES:
         return tracks.read(session, track), np.arange(track.poses)
     numbers = np.linspace(0, track.poses - 1, MOST_POSES).astype(np.int64)
@@ -227,7 +227,7 @@ def _gated(fusion: Fusion, source: Source, fixes: SourceFixes) -> list[dict[str,
 
 
 def _mark_photos(session: Session, mission_id: int, gated: list[dict[str, Any]]) -> None:
-    """Mark with each photo whether its fix was rejected."""
+    """Note for each photo whether its fix was rejected."""
     left_out = {
         (one["time_s"], one["lat"], one["lon"]): one["reason"] for one in gated if one["source"] == "visual"
     }

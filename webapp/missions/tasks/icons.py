@@ -11,7 +11,7 @@ from webapp.core.trajectory import symbols
 from webapp.core.trajectory.symbols import Line, kind_colour, symbol_of
 
 SIDE = 64
-"""Pixels, both ways."""
+"""Width and height, pixels."""
 
 _FINE = 4
 """Factor by which icons are drawn larger and then scaled down, for smooth edges."""
@@ -27,12 +27,12 @@ def icon(kind: str) -> bytes:
     Parameters
     ----------
     kind : str
-        Any text; a class without a symbol of its own shows its first letter, or a dot.
+        Any text; a class without its own symbol shows its first letter, or a dot.
 
     Returns
     -------
     bytes
-        PNG, `SIDE` x `SIDE`, transparent around the symbol; the object is in its middle.
+        PNG, `SIDE` x `SIDE`, transparent around the symbol, whose centre marks the position.
     """
     picture = Image.new("RGBA", (SIDE * _FINE, SIDE * _FINE))
     pen = ImageDraw.Draw(picture)
@@ -65,7 +65,7 @@ def _stroke(pen: ImageDraw.ImageDraw, line: Line, ink: str, *, width: float, clo
 
 
 def _letter(pen: ImageDraw.ImageDraw, kind: str) -> None:
-    """Write the first letter; a dot where there is none that the font of Pillow has."""
+    """Draw the first letter, or a dot if it is not an ASCII letter or digit."""
     plain = unicodedata.normalize("NFKD", kind.strip()[:1]).encode("ascii", "ignore").decode()
     letter = plain[:1].upper()
     ((x, y),) = _scaled(((symbols.SIDE / 2, symbols.SIDE / 2),))

@@ -1,8 +1,8 @@
-"""Takes a file with tracks and objects into a mission, each pose once, however often it is begun.
+"""Imports a file with tracks and objects into a mission; the import is idempotent.
 
-The file is read twice: first all of it is checked and nothing is stored; then its parts, which are the same
-each time that it is read, are stored a few at a time, in one transaction with how many of them are there.
-A killed import continues after the last of them; who imports a file again finds all of them there.
+The file is read twice: first all of it is checked without storing anything; then its parts, which are
+deterministic, are stored a few at a time, each transaction including the number of parts stored. A killed
+import continues after the last stored part, and importing a file again stores nothing.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 
 _AT_ONCE = 8192
-"""Poses and objects in one transaction, and some."""
+"""Approximate number of poses and objects in one transaction."""
 
 _MAX_NAME = 200
 _BLOCK = 1 << 20
 _NUMBERED = re.compile(r"(waypoint|placemark|point) ")
-"""Begins the ids that readers give: the file's name distinguishes those of several files."""
+"""Matches ids that readers generate; the file's name is prefixed to make them unique across files."""
 
 Part = TrackSegment | tuple[Sighting, ...]
 Key = tuple[Source, str]
@@ -49,16 +49,16 @@ Key = tuple[Source, str]
 
 @dataclass(frozen=True, slots=True)
 class MissionToMake:
-    """A mission that is made together with the first that is stored: a file that cannot be read makes none.
+    """A mission to be created once the file was checked, so that an unreadable file creates none.
 
     Attributes
     ----------
     account_id : int
-        Who makes it.
+        Creator of the mission.
     map_id : int or None
-        None for one on the globe.
+        None for a mission without a map.
     made : callable
-        Called with the session that makes it, and its id: an import that begins again needs it.
+        Called with the session that creates the mission, and its id, which a restarted import needs.
     """
 
     name: str
@@ -69,7 +69,7 @@ class MissionToMake:
 
 @dataclass(frozen=True, slots=True)
 class ImportedTrack:
-    """A track from the file; the attributes are those of the track in the mission."""
+    """An imported track; the attributes are those of the track in the mission."""
 
     id: int
     source: str
@@ -86,19 +86,19 @@ class TrackImport:
     Attributes
     ----------
     mission : int
-        Where it is now.
+        Id of the mission.
     kind : str
-        What the file is, for people.
+        Format of the file, for display.
     objects : int
-        Sightings of objects in the file.
+        Number of sightings of objects in the file.
     new : bool
-        Whether anything of it was not there before.
+        Whether anything was stored that was not imported before.
     skipped : tuple of Skipped
-        What could not be used, and why.
+        Items that could not be used, with reasons.
     doubts : tuple of Skipped
-        What was taken as it stands, and can hardly be true.
+        Implausible items that were imported unchanged.
     notes : tuple of str
-        How the file was understood.
+        How the file was interpreted.
     """
 
     mission: int
@@ -127,18 +127,18 @@ def import_track_file(
     into : int or MissionToMake
         Id of the mission.
     progress : Progress, optional
-        One step a pose or object.
+        One step per pose or object.
     writes : callable, optional
-        Opens the session that writes: that of a job that holds its lease.
+        Opens a write transaction, such as that of a job, which requires its lease.
 
     Raises
     ------
     NotFound
-        The mission is gone, or in the bin.
+        The mission no longer exists, or is in the bin.
     TrackError, UsageError
-        The file cannot be read, or has nothing that can be used: nothing was stored.
+        The file cannot be read, or has no usable content: nothing was stored.
     Cancelled
-        What was stored stays; the same import continues.
+        Parts that are stored are kept; importing the file again continues after them.
     """
     progress, write = progress or Progress(), writes or library.database.write
     if isinstance(into, int):
@@ -184,11 +184,11 @@ def import_track_file(
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What a file has."""
+    """Content of a file."""
 
     kind: Kind
     tracks: dict[Key, bool]
-    """And whether they have times."""
+    """Tracks, and whether they have times."""
     parts: int
     records: int
     objects: int
@@ -213,7 +213,7 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
 
 
 def _parts(order: Order, progress: Progress) -> Iterator[Part]:
-    """Read the file once more, with objects that are called after it where they have no ids of their own."""
+    """Read the file, prefixing generated ids of objects with its name."""
     stem = PurePath(order.name).stem
     for part in read_track.stream(order.path, options=order.options, findings=Findings(), progress=progress):
         if isinstance(part, TrackSegment):
@@ -229,7 +229,7 @@ def _called_after(seen: Sighting, stem: str) -> Sighting:
 
 
 def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part]]]:
-    """Return the parts that are not stored yet, a few at a time, with the number of the first."""
+    """Yield the parts that are not stored yet, in groups, with the number of the first."""
     group: list[Part] = []
     size = first = 0
     for number, part in enumerate(parts):
@@ -247,7 +247,7 @@ def _groups(parts: Iterator[Part], stored: int) -> Iterator[tuple[int, list[Part
 
 
 def _stored(session: Session, mission_id: int, key: str) -> int:
-    """Count the parts that are stored, also by somebody who imports the same at the same time."""
+    """Return the number of parts stored, also by a concurrent import of the same file."""
     sender = session.get(MissionSender, (mission_id, key))
     return 0 if sender is None else sender.next_seq
 
@@ -267,7 +267,7 @@ def _store(session: Session, mission: Mission, *, parts: list[Part], ids: dict[K
 def _tracks(
     session: Session, mission: Mission, found: dict[Key, bool], *, key: str, name: str
 ) -> dict[Key, int]:
-    """Find the tracks that this import has made before, or make new ones; no other program's are used."""
+    """Find the tracks that an earlier run of this import created, or create new ones."""
     known = batches.answered(session, mission.id, key=key)
     if known is not None:
         return {(source, track): id for source, track, id in known["tracks"]}
@@ -319,7 +319,7 @@ def _with_start(library: Library, mission_id: int, order: Order) -> Order:
 
 
 def _key(order: Order, progress: Progress) -> str:
-    """Name an import after what is in the file and how it is read."""
+    """Return the key of an import: a hash of the file's content and the options."""
     files = [order.path]
     if order.path.is_dir():
         files = sorted(path for path in order.path.iterdir() if path.is_file())
@@ -338,7 +338,7 @@ def _key(order: Order, progress: Progress) -> str:
 
 @contextmanager
 def _called(order: Order) -> Iterator[None]:
-    """Call a file in errors as its sender does."""
+    """Replace the path in errors by the original name of the file."""
     try:
         yield
     except TrackError as error:
@@ -347,7 +347,7 @@ def _called(order: Order) -> Iterator[None]:
 
 
 class _SilentProgress(Progress):
-    """Shows nothing, and can be cancelled where another can."""
+    """Shows nothing, but is cancelled together with another one."""
 
     def __init__(self, other: Progress) -> None:
         self._other = other

@@ -1,4 +1,4 @@
-"""What of a file is to be imported, and how: as forms, jobs and the keys of imports have it."""
+"""Options of an import, and their formats in forms, jobs and import keys."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from webapp.store.library import Library
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is to be imported.
+    """A file to import, with options.
 
     Attributes
     ----------
     path : Path
         A file, or the folder of a ROS 2 bag.
     name : str
-        What its sender calls it: tracks are named after it.
+        Original name of the file, after which tracks are named.
     options : ReadOptions
-        Without a start, the mission's own counts.
+        If `start` is None, that of the mission is used.
     """
 
     path: Path
@@ -36,12 +36,12 @@ class Order:
 
 
 def waiting_path(library: Library, token: str) -> Path:
-    """Where an uploaded file waits for its import; its folder is made when missing.
+    """Return the path of an uploaded file that waits for its import; create its folder if missing.
 
     Parameters
     ----------
     token : str
-        Of hexadecimal digits.
+        Hexadecimal digits.
     """
     folder = library.inner / "imports"
     folder.mkdir(exist_ok=True)
@@ -49,18 +49,18 @@ def waiting_path(library: Library, token: str) -> Path:
 
 
 def order_of(path: Path, form: Mapping[str, Any]) -> Order:
-    """Read how a file is to be imported, as a form or a job has it.
+    """Parse the options of an import from a form or the arguments of a job.
 
     Parameters
     ----------
     form : mapping
-        `name`; and where they are known `source`, `min_move`, `columns`, `axes`, `start` as latitude,
-        longitude and heading, `topics`, separated by commas, and `tracks`, pairs of source and name.
+        `name`, and optionally `source`, `min_move`, `columns`, `axes`, `start` as latitude, longitude and
+        heading, `topics`, separated by commas, and `tracks`, pairs of source and name.
 
     Raises
     ------
     UsageError
-        One of them is not valid.
+        An option is invalid.
     """
     topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
     min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()
@@ -85,12 +85,12 @@ def _tracks_of(pairs: Iterable[tuple[str, str]] | None) -> tuple[tuple[Source, s
 
 
 def source_of(text: str | None) -> Source | None:
-    """Read where poses come from; None for what the file itself says.
+    """Parse the source of poses; None means that given by the file.
 
     Raises
     ------
     UsageError
-        It is not a source.
+        The text is not a source.
     """
     if not text:
         return None
@@ -101,7 +101,7 @@ def source_of(text: str | None) -> Source | None:
 
 
 def options_key(options: ReadOptions) -> str:
-    """Write options as the keys of imports have them since 0.7.0: a file imported then is recognized."""
+    """Format options for import keys; unchanged since 0.7.0, so that files imported then are recognised."""
     known = ((field.name, getattr(options, field.name)) for field in fields(options))
     later = ("axes", "tracks")
     values = ", ".join(f"{name}={value!r}" for name, value in known if name not in later or value is not None)

@@ -1,4 +1,4 @@
-"""Says what is in a file with tracks before anything of it is stored: sources, times, extent, doubts."""
+"""Reports the content of a track file before it is imported: sources, times, extent, doubtful data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from webapp.progress import Progress
 NEEDS_START = "a track in the robot's own frame needs a start position and heading to be imported"
 _WITH_AXES = ("tum", "kitti", "csv")
 _PREVIEW = 400
-"""Points of the line that shows a source, at least, where it has as many; at most twice as many."""
+"""Minimum number of points of a preview line, if the source has as many; the maximum is twice that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,16 +34,16 @@ class FileSource:
     Attributes
     ----------
     source, track : str
-        As it will be imported.
+        Source and name with which it will be imported.
     frame : {"earth", "robot"}
         A robot's frame needs a start.
     first_time_s, last_time_s : float or None
-        Seconds since 1970, UTC, the smallest and the largest; None where the track has no times.
+        Earliest and latest time, seconds since 1970, UTC; None if the track has no times.
     extent : dict of str to float
-        On the Earth `south`, `west`, `north`, `east`; in a robot's frame the metres `x`, `y`, `z` from the
-        smallest to the largest coordinate.
+        On the Earth the bounds `south`, `west`, `north`, `east`; in a robot's frame the size `x`, `y`, `z` in
+        metres.
     headings, heights : int
-        Poses that have one.
+        Number of poses that have one.
     line : list of (float, float)
         The track, thinned: latitude and longitude, or metres forward and left of the first pose in its frame.
     """
@@ -62,24 +62,24 @@ class FileSource:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """What is in a file.
+    """Report on the content of a file.
 
     Attributes
     ----------
     kind : str
-        What it is, for people.
+        Format, for display.
     objects : int
-        Sightings of objects.
+        Number of sightings of objects.
     skipped, doubts : tuple of Skipped
-        What would be left out, and what can hardly be true.
+        Items that would be left out, and implausible ones.
     notes : tuple of str
-        How the file was understood.
+        How the file was interpreted.
     options : tuple of str
-        Options that say how such a file is read: `columns`, `axes`.
+        Options that apply to this file: `columns`, `axes`.
     table : TableHead or None
         Header and first rows of a table.
     problem : str
-        Why nothing can be imported as it is; empty otherwise.
+        Why nothing can be imported with these options; empty otherwise.
     """
 
     kind: str
@@ -100,21 +100,21 @@ def inspect_file(
     progress: Progress | None = None,
     now_s: float | None = None,
 ) -> FileReport:
-    """Read a file and say what is in it; nothing is stored, and no start is needed.
+    """Read a file and report its content; nothing is stored, and no start is needed.
 
     Parameters
     ----------
     path : Path
         A file, or the folder of a ROS 2 bag.
     progress : Progress, optional
-        One step a pose or object.
+        One step per pose or object.
     now_s : float, optional
-        Seconds since 1970: what is dated later is doubtful.
+        Seconds since 1970; later times are doubtful.
 
     Raises
     ------
     TrackError
-        It is damaged, or of no kind that is known. A table whose columns are not recognized is a `problem`.
+        The file is damaged, or its format unknown. Unrecognised columns of a table are a `problem` instead.
     UsageError
         An option does not fit the file.
     Cancelled
@@ -153,12 +153,12 @@ def inspect_file(
 
 
 def as_json(report: FileReport, *, lines: bool = True) -> dict[str, Any]:
-    """Return a report as JSON has it.
+    """Convert a report to JSON types.
 
     Parameters
     ----------
     lines : bool
-        With the lines of the sources.
+        Include the lines of the sources.
     """
     whole = asdict(report)
     for source in whole["sources"]:
@@ -172,7 +172,7 @@ def as_json(report: FileReport, *, lines: bool = True) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class _Gathered:
-    """What was seen of a track so far; a line of few points, evenly spread."""
+    """Statistics of a track so far, and its preview line of evenly spaced poses."""
 
     anchor: Anchor | None = None
     poses: int = 0
@@ -228,12 +228,12 @@ def _take(
     found: dict[tuple[str, str, str], _Gathered],
     anchors: dict[str, Anchor],
 ) -> int:
-    """Add a piece to what was found; returns how many objects it has.
+    """Add a piece to the statistics in `found`; return its number of objects.
 
     Parameters
     ----------
     anchors : dict
-        The first pose in each frame, as it will be laid on the start.
+        The first pose in each frame, which an import aligns with the start.
     """
     if isinstance(piece, RobotPiece):
         poses = piece.poses
@@ -256,7 +256,7 @@ def _take(
 
 
 def _ahead(xy_m: NDArray[np.float64], anchor: Anchor) -> NDArray[np.float64]:
-    """Turn positions (n, 2) of a frame to metres forward and left of its first pose."""
+    """Transform positions (n, 2) in a frame to metres forward and left of its first pose."""
     sin, cos = math.sin(anchor.yaw_rad), math.cos(anchor.yaw_rad)
     turned: NDArray[np.float64] = (xy_m - (anchor.x_m, anchor.y_m)) @ np.array([[cos, -sin], [sin, cos]])
     return turned

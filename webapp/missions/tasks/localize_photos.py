@@ -1,4 +1,4 @@
-"""Localizes photos of a mission on its map, and keeps where they were taken as poses of a track."""
+"""Localizes photos of a mission on its map, and stores their positions as poses of a track."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult, Upload
 JOB = "mission-fix"
 
 TRACK = "photos"
-"""Name of the track of source `visual` that the fixes go to: robots may have visual tracks of their own."""
+"""Name of the track of the fixes; robots may send other tracks of source `visual`."""
 
 Write = Callable[[], AbstractContextManager[Session]]
 
 
 def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
-    """Make the answer to a robot, which is also kept with the photo.
+    """Return the response to a robot, which is also stored with the photo.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
     -------
     dict
         The object of `localize --json`, and `time`, `lat`, `lon`, `heading_deg`, `position_covariance_m2`,
-        and `no_pose`, which says why those are None where they are.
+        and `no_pose`: None, or why there is no position.
     """
     found = visual_fix(result.form, result.opened.pipeline.map.georeference)
     if isinstance(found, NoPose):
@@ -66,21 +66,21 @@ def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
 
 
 def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, Any]) -> None:
-    """Keep a fix with its photo, and as a pose; result again, the new answer takes the place of the old one.
+    """Store a fix with its photo, and as a pose of the track; it replaces an earlier fix of the photo.
 
     Parameters
     ----------
     session : Session
-        That writes.
+        Session of a write transaction.
     sha256 : str
         Of the photo.
     fix : mapping
-        As `fix_json` makes it.
+        Result of `fix_json`.
 
     Raises
     ------
     NotFound
-        Mission or photo are gone.
+        The mission or the photo no longer exists.
     """
     mission = session.get_one(Mission, mission_id, with_for_update=True)
     photo = missions.find_photo(session, mission_id, sha256)
@@ -101,14 +101,14 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
     Parameters
     ----------
     session : Session
-        That writes.
+        Session of a write transaction.
     account_id : int
-        Who wants it.
+        Account that requested it.
 
     Raises
     ------
     NotFound
-        The mission is on no map.
+        The mission has no map.
     """
     map_of(mission)
     for photo in photos:
@@ -125,12 +125,12 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
 
 
 def map_of(mission: Mission) -> int:
-    """Return the id of the map that a mission is on.
+    """Return the id of the map of a mission.
 
     Raises
     ------
     NotFound
-        It is on none.
+        The mission has no map.
     """
     if mission.map_id is None:
         raise NotFound(
@@ -150,26 +150,26 @@ def localize_waiting_photos(
     write: Write,
     progress: Progress,
 ) -> dict[str, int]:
-    """Localize the photos of a mission that wait for it, a transaction each.
+    """Localize the queued photos of a mission, storing each result in its own transaction.
 
     Parameters
     ----------
     write : callable
-        Gives a session that writes.
+        Opens a write transaction.
     progress : Progress
-        One step a photo.
+        One step per photo.
 
     Returns
     -------
     dict
-        How many are `localized`, have `no_pose`, and have `failed`.
+        Numbers of photos that are `localized`, have `no_pose`, and have `failed`.
 
     Raises
     ------
     NotFound
-        The mission is gone, or on no map.
+        The mission no longer exists, or has no map.
     NotReady, MapError, IndexDamaged
-        The map cannot answer.
+        The map cannot be used for localization.
     Cancelled
     """
     with library.database.read() as session:
@@ -200,7 +200,7 @@ def _file(library: Library, photo: MissionPhoto) -> Path:
 
 
 def _kept(result: MissionPhoto, fix: dict[str, Any], write: Write) -> int:
-    """Store the result of a photo; 0 where the photo is gone."""
+    """Store the result of a photo; return 1, or 0 if the photo no longer exists."""
     with write() as session:
         photo = session.get(MissionPhoto, (result.mission_id, result.sha256))
         if photo is None:

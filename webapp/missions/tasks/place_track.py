@@ -1,4 +1,4 @@
-"""Brings the pieces of a file to the Earth, part by part, and says what of it can hardly be true."""
+"""Georeferences the pieces of a track file one by one, and reports implausible data."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from webapp.missions.files.track_chunks import (
 _MOST_S = 1e11
 """In the year 5138: larger numbers are not seconds since 1970."""
 _RECEIVERS_S = 315_964_800.0
-"""The GPS's own epoch, 1980-01-06: no receiver has an earlier time."""
+"""The GPS epoch, 1980-01-06: no receiver reports an earlier time."""
 _AHEAD_S = 86_400.0
 _MAX_NAME = 100
 BAD_TIME = "poses or objects with an invalid time"
@@ -41,20 +41,20 @@ NO_START = "poses in the robot's own frame: the mission needs a start position a
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Options of reading a file with tracks.
+    """Options for reading a file with tracks.
 
     Attributes
     ----------
     start : Start or None
-        Where the robot was at first; needed for poses in its own frame.
+        Start pose of the robot; needed for poses in its own frame.
     topics : tuple of str
         Only these topics of a bag, or lines of a KML; empty for all.
     columns : str or None
-        What the columns of a table hold (`webapp.core.columns`); None to guess.
+        Meaning of the columns of a table (`webapp.core.columns`); None to infer it.
     source : Source or None
-        Of all tracks; None for what the kind of the file says.
+        Source of all tracks; None to infer it from the file.
     axes : Axes or None
-        Of frames in TUM, KITTI and tables; None to detect them.
+        Axes of frames in TUM, KITTI and tables; None to detect them.
     tracks : tuple of (Source, str) or None
         Only these tracks; None for all. Objects are not tracks.
     """
@@ -68,26 +68,26 @@ class ReadOptions:
     tracks: tuple[tuple[Source, str], ...] | None = None
 
     def key(self, piece: WorldPiece | RobotPiece) -> tuple[Source, str]:
-        """Name the track of a piece as it will be imported."""
+        """Return source and name of the track to which a piece belongs."""
         return self.source or piece.source, piece.track
 
     def wants(self, piece: WorldPiece | RobotPiece) -> bool:
-        """Return whether a piece is of a track that is wanted."""
+        """Return whether a piece belongs to a selected track."""
         return self.tracks is None or self.key(piece) in self.tracks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackSegment:
-    """The next poses of a track, with the way that they have come.
+    """The next poses of a track, with the distance travelled.
 
     Attributes
     ----------
     poses : Poses
-        Those that are kept; may be none.
+        Poses that are kept; may be empty.
     skipped : int
-        Poses of this part that were left out because they had not moved.
+        Number of poses of this part that `min_move` left out.
     travelled_m : float
-        At the end of the part, poses that were left out included.
+        At the end of the part, including poses that were left out.
     timed : bool
         As in `webapp.missions.files.track_chunks.WorldPiece`.
     """
@@ -102,14 +102,14 @@ class TrackSegment:
 
 @dataclass(slots=True)
 class TrackPlacer:
-    """Brings pieces to the Earth; knows how far each track has come.
+    """Georeferences pieces; keeps the state of each track and frame.
 
     Attributes
     ----------
     findings : Findings
-        Filled with what is left out, and what is doubtful.
+        Filled with items that are left out or doubtful.
     now_s : float
-        Seconds since 1970: what is dated later is doubtful.
+        Seconds since 1970; later times are doubtful.
     """
 
     options: ReadOptions
@@ -121,7 +121,7 @@ class TrackPlacer:
     _last_s: dict[tuple[Source, str], float] = field(default_factory=dict)
 
     def placed(self, piece: Piece) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
-        """Return what of a piece can be used."""
+        """Yield the usable parts of a piece."""
         match piece:
             case WorldPiece():
                 if self.options.wants(piece):
@@ -134,7 +134,7 @@ class TrackPlacer:
                 yield from self._objects(tuple(self._on_earth(piece)))
 
     def _of_robot(self, piece: RobotPiece) -> Iterator[TrackSegment]:
-        """Lay poses on the Earth; also those of tracks that are not wanted say where objects are."""
+        """Georeference poses; also those of tracks that are not selected, since objects may need them."""
         wanted = self.options.wants(piece)
         if self.options.start is not None:
             poses = self._poses(piece, self.options.start)
@@ -171,7 +171,7 @@ class TrackPlacer:
         yield TrackSegment(piece.track, key[0], kept, skipped, odometer.metres, piece.timed)
 
     def doubt_times(self, piece: WorldPiece | RobotPiece, times_s: NDArray[np.float64]) -> None:
-        """Count the times of a piece (n,), n > 0, that can hardly be true."""
+        """Count the implausible times of a piece (n,), n > 0."""
         if not piece.timed:
             return
         where = piece.track or "line 1"
@@ -184,7 +184,7 @@ class TrackPlacer:
         self._last_s[key] = float(times_s[-1])
 
     def _poses(self, piece: RobotPiece, start: Start) -> Poses:
-        """Lay the frame so that its first pose is at the start, and remember where its body is last."""
+        """Align the first pose of the frame with the start; keep the last pose of its body as a frame."""
         if piece.frame not in self._frames:
             self._frames[piece.frame] = RobotFrame(start, anchor_of(piece.poses))
         frame = self._frames[piece.frame]
@@ -231,7 +231,7 @@ def _on_the_earth(latlon: np.ndarray) -> np.ndarray:
 
 
 def _tidy(seen: Sighting) -> Sighting:
-    """Return a sighting as it can be kept: names on one line and not endless, a confidence that is one."""
+    """Sanitise a sighting: names on one line and of limited length, no invalid confidence."""
     sure = seen.confidence is not None and 0.0 <= seen.confidence <= 1.0
     return replace(
         seen,
@@ -242,6 +242,6 @@ def _tidy(seen: Sighting) -> Sighting:
 
 
 def one_line(text: str, *, most: int = _MAX_NAME) -> str:
-    """Return a name without what cannot be shown; `?` for one that has nothing else."""
+    """Return a name without unprintable characters, or `?` if nothing is left."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     return " ".join(printable.split())[:most].strip() or "?"

@@ -1,4 +1,4 @@
-"""A mission as a small picture for lists: the line of its best track, and its objects."""
+"""Previews of missions for lists: the line of the best track, and the objects."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from webapp.tasks.maps.library_map import georeference
 _MOST_POINTS = 80
 _MOST_OBJECTS = 100
 _MOST_COUNTED = 2000
-"""Of a mission with more objects the first ones are drawn, as all would have to be read to choose evenly."""
+"""For missions with more objects only the first are drawn, as an even choice would have to read all."""
 
 _AT_ONCE = 500
-"""Missions whose objects are read together."""
+"""Number of missions whose objects are read in one query."""
 
 _NONE = np.empty((0, 2))
 _MARGIN = 0.15
-"""Around what is drawn without an image, of its larger side."""
+"""Margin of previews without an image, relative to the larger side of their content."""
 
 _LEAST_M = 5.0
-"""Larger side of such a picture at least: a robot that stands still has moved nowhere."""
+"""Minimum size of that larger side, for robots that stand still."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPreview:
-    """What the picture shows.
+    """The content of a preview.
 
     Attributes
     ----------
     map : MapRecord or None
-        Whose image lies below; None where nothing of the mission is on it.
+        Map whose image is the background; None if no part of the mission lies on it.
     size : (float, float)
-        Width and height; map pixels, else metres.
+        Width and height: map pixels, or metres without a map.
     line, dots : (n, 2) float64
         The track and the objects: x to the right, y down.
     """
@@ -55,7 +55,7 @@ class MissionPreview:
 
 
 def preview_missions(session: Session, entries: Sequence[Entry]) -> list[MissionPreview | None]:
-    """Draw the missions of a list; None for those that have no positions."""
+    """Return previews of the missions of a list; None for missions without positions."""
     drawn: list[MissionPreview | None] = []
     for begin in range(0, len(entries), _AT_ONCE):
         some = entries[begin : begin + _AT_ONCE]
@@ -83,7 +83,7 @@ def _line(session: Session, entry: Entry) -> NDArray[np.float64]:
 
 
 def _objects(session: Session, mission_ids: Sequence[int]) -> dict[int, NDArray[np.float64]]:
-    """Read where the objects of some missions are; of more than `_MOST_OBJECTS`, that many, evenly by id."""
+    """Read the positions of the objects of missions, at most `_MOST_OBJECTS` each, evenly spaced by id."""
     mission, id = MissionObject.mission_id, MissionObject.object_id
     keys = select(
         mission,
@@ -95,7 +95,7 @@ def _objects(session: Session, mission_ids: Sequence[int]) -> dict[int, NDArray[
     found = select(mission, MissionObject.lat, MissionObject.lon).join(
         key, and_(key.c.mission_id == mission, key.c.object_id == id)
     )
-    # As lines are drawn on a screen: true of as many numbers as wanted, or of all where there are fewer.
+    # As in Bresenham's algorithm: true for `_MOST_OBJECTS` evenly spaced numbers, or for all if fewer.
     is_taken = key.c.number * _MOST_OBJECTS % key.c.count < _MOST_OBJECTS
     at: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
     for mission_id, lat, lon in session.execute(found.where(is_taken).order_by(mission, id)):
@@ -104,7 +104,7 @@ def _objects(session: Session, mission_ids: Sequence[int]) -> dict[int, NDArray[
 
 
 def _first(session: Session, mission_id: int) -> NDArray[np.float64]:
-    """Read where the first `_MOST_OBJECTS` of a mission's objects are."""
+    """Read the positions of the first `_MOST_OBJECTS` objects of a mission."""
     found = select(MissionObject.lat, MissionObject.lon).where(MissionObject.mission_id == mission_id)
     rows = session.execute(found.order_by(MissionObject.object_id).limit(_MOST_OBJECTS))
     return np.array([tuple(row) for row in rows], np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Answers a question about a mission's rows as JSON or CSV, of a size that the memory does not notice."""
+"""Answers a query on a mission's rows as JSON or CSV, in constant memory."""
 
 from __future__ import annotations
 
@@ -21,16 +21,15 @@ _TYPES = {"json": "application/json", "csv": "text/csv; charset=utf-8"}
 
 
 def query_mission(library: Library, mission_id: int, *, question: Question, form: Form) -> Download:
-    """Answer a question.
+    """Answer a query.
 
-    The whole answer is written to a temporary file before its first byte goes out: an error or a limit is
-    reported as such and never as an answer that ends early, and the database is free while a slow client
-    reads.
+    The whole answer is written to a temporary file before its first byte is sent: an error or a limit never
+    results in a truncated answer, and a slow client does not block the database.
 
     Parameters
     ----------
     form : str
-        `json`: `columns`, `rows` (a list each) and `complete`, false where the limit cut some off. `csv`: a
+        `json`: `columns`, `rows` (a list each) and `complete`, false if the limit cut off rows. `csv`: a
         header line, then the rows. Times are seconds since 1970, UTC.
 
     Raises
@@ -52,7 +51,7 @@ def query_mission(library: Library, mission_id: int, *, question: Question, form
 
 
 class _Pieces(Iterator[bytes]):
-    """The content of a file, which is closed at its end, or by `close` before that."""
+    """The content of a file, which is closed at its end or by `close`."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file

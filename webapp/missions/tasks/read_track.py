@@ -1,7 +1,7 @@
-"""Reads a file with tracks, of any kind, into poses and objects on the Earth.
+"""Reads a file with tracks, in any format, into poses and objects on the Earth.
 
-The order is always: read, bring to the Earth, leave out what is not a position, measure the distance,
-and only then leave out what did not move.
+The order is always: read, georeference, leave out invalid positions, measure the distance, and only then
+leave out poses that hardly moved.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ _MAX_TITLE = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadTrack:
-    """A track, whole.
+    """A complete track.
 
     Attributes
     ----------
     skipped : int
-        Poses left out because they had not moved.
+        Number of poses that `min_move` left out.
     distance_m : float
-        Along all poses, those left out included.
+        Along all poses, including those left out.
     """
 
     name: str
@@ -58,18 +58,18 @@ class ReadTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadReport:
-    """What was read of a file.
+    """The content of a file.
 
     Attributes
     ----------
     kind : str
-        What the file is, for people.
+        Format of the file, for display.
     skipped : tuple of Skipped
-        What could not be used, and why.
+        Items that could not be used, with reasons.
     doubts : tuple of Skipped
-        What was taken as it stands, and can hardly be true.
+        Implausible items, which are included unchanged.
     notes : tuple of str
-        Sentences on how the file was understood.
+        Sentences on how the file was interpreted.
     """
 
     kind: str
@@ -83,21 +83,21 @@ class ReadReport:
 def read_track(
     path: Path, *, options: ReadOptions | None = None, progress: Progress | None = None
 ) -> ReadReport:
-    """Read a whole file into memory; for large ones there is `stream`.
+    """Read a whole file into memory; use `stream` for large files.
 
     Parameters
     ----------
     path : Path
         A file, or the folder of a ROS 2 bag.
     progress : Progress, optional
-        One step a pose or object.
+        One step per pose or object.
 
     Raises
     ------
     TrackError
-        The file is damaged, of no kind that is known, or has nothing that can be used.
+        The file is damaged, of an unknown format, or has no usable content.
     UsageError
-        The columns asked for are not there.
+        The given columns do not fit the table.
     Cancelled
     """
     findings = Findings()
@@ -129,7 +129,7 @@ def topics(path: Path) -> list[Topic]:
     Raises
     ------
     TrackError
-        It is damaged, or no bag.
+        The file is damaged, or not a bag.
     """
     with about_file(path):
         kind = kind_of(path)
@@ -139,12 +139,12 @@ def topics(path: Path) -> list[Topic]:
 
 
 def title(file: str, track: str) -> str:
-    """Name a track in a mission after the file that it came from, and what it is called there.
+    """Return the name of an imported track: the file's name without suffix, and the track's name there.
 
     Parameters
     ----------
     file : str
-        Name of the file, with its ending.
+        Name of the file, with its suffix.
     track : str
         May be empty.
     """
@@ -166,9 +166,9 @@ def stream(
     Parameters
     ----------
     findings : Findings
-        Filled with what is left out and how the file is understood.
+        Filled with items that are left out or doubtful, and with notes.
     now_s : float, optional
-        Seconds since 1970: what is dated later is doubtful.
+        Seconds since 1970; later times are doubtful.
     """
     progress = progress or Progress()
     with about_file(path):
@@ -187,7 +187,7 @@ def stream(
 
 
 def file_pieces(path: Path, *, options: ReadOptions, findings: Findings) -> Iterator[Piece]:
-    """Read a file as its reader gives it, before it is brought to the Earth; errors as `read_track`."""
+    """Yield the pieces of a file, before they are georeferenced; raises as `read_track`."""
     kind = file_kind(path, options)
     if kind in _SUFFIX:
         suffix = _SUFFIX[kind]
@@ -223,13 +223,13 @@ def file_pieces(path: Path, *, options: ReadOptions, findings: Findings) -> Iter
 
 
 def file_kind(path: Path, options: ReadOptions) -> Kind:
-    """Detect the kind of a file; with columns it is a table. Errors as `kind_of`."""
+    """Detect the format of a file; with `columns` it is a table. Raises as `kind_of`."""
     return kind_of(path, table=options.columns is not None)
 
 
 @contextmanager
 def about_file(path: Path) -> Iterator[None]:
-    """Say in errors which file they are about."""
+    """Add the name of the file to errors."""
     try:
         yield
     except ExpMapError as error:

@@ -1,4 +1,4 @@
-"""Turns a file with tracks into the records that a robot would have sent on the way."""
+"""Converts a file with tracks to the records that a robot would have sent while it recorded them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from webapp.progress import Progress
 
 
 class Event(NamedTuple):
-    """Something that a robot would have sent.
+    """A record, and the time at which a robot would have sent it.
 
     Attributes
     ----------
     time_s : float
         Seconds since 1970, UTC.
     record : dict
-        As batches have them.
+        In the format of batches.
     """
 
     time_s: float
@@ -38,19 +38,19 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a file gives.
+    """The content of a file as events.
 
     Attributes
     ----------
     events : list of Event
-        In the order of their times, and each track in its own order.
+        Merged by time; each track keeps its own order.
     left_out : tuple of Skipped
-        What of the file could not be used, and why.
+        Items of the file that could not be used, with reasons.
     skipped : int
-        Poses left out because they had not moved.
+        Number of poses that `min_move` left out.
     rest : list of dict
-        Of tracks whose last poses are among these, as in the record of the end: `source`, `track`,
-        `skipped`, `travelled_m`.
+        Tracks whose last poses were left out, as in the record of the end: `source`, `track`, `skipped`,
+        `travelled_m`.
     """
 
     events: list[Event]
@@ -72,18 +72,18 @@ def replay_track(
     Parameters
     ----------
     path : Path
-        Of any kind that `read_track` reads.
+        In any format that `read_track` reads.
     min_move : MinMove
-        Poses that moved no more are left out, after the way has been measured.
+        Poses that moved by no more than this are left out, after the distance has been measured.
     topics : tuple of str
-        Only these of a bag; empty for all.
+        Only these topics of a bag; empty for all.
     start : Start, optional
-        Where the robot was at first; poses in its own frame are left out without it.
+        Start pose of the robot; without it, poses in its own frame are left out.
 
     Raises
     ------
     TrackError
-        The file is damaged, of no kind that is known, or has nothing that can be used.
+        The file is damaged, of an unknown format, or has no usable content.
     """
     options = ReadOptions(start=start, min_move=MinMove(0.0), topics=topics)
     found = read_track.read_track(path, options=options, progress=progress)
@@ -95,7 +95,7 @@ def replay_track(
 
 
 def _poses(track: ReadTrack, kept: np.ndarray, *, file: str) -> Iterator[Event]:
-    """Make a record of each pose that is kept (n,) bool, with the number of those left out before it."""
+    """Yield a record of each pose for which `kept` (n,) bool is true, with the number left out before it."""
     usual = {"type": "pose", "source": track.source, "track": read_track.title(file, track.name)}
     poses, before = track.poses, -1
     for place in np.flatnonzero(kept).tolist():

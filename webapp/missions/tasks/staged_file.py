@@ -1,7 +1,7 @@
-"""Files with tracks that were uploaded to be looked at: each is imported or dropped, or swept away later.
+"""Track files that were uploaded for inspection, to be imported or dropped afterwards.
 
-A staged file is in the uploads folder, under a name that says whose it is and how long it will be. Who does
-not come back leaves nothing behind: the sweep of uploads deletes what was not used for `upload.keep_hours`.
+A staged file is in the uploads folder; its name contains the account and the size of the whole file. The
+sweep of uploads deletes files that were not used for `upload.keep_hours`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ _ID_LENGTH = 32
 
 @dataclass(frozen=True, slots=True)
 class StagedFile:
-    """A file on its way in.
+    """A file that is being uploaded, or complete.
 
     Attributes
     ----------
     path : Path
-        What has arrived of it.
+        File with the bytes that have arrived.
     size_bytes : int
-        Of the whole file.
+        Size of the whole file.
     """
 
     path: Path
@@ -42,12 +42,12 @@ class StagedFile:
 
     @property
     def id(self) -> str:
-        """By which its account finds it."""
+        """Id, by which `find` finds the file for its account."""
         return self.path.name.partition(".")[0]
 
     @property
     def arrived(self) -> int:
-        """Bytes that have arrived."""
+        """Number of bytes that have arrived."""
         return part_file.arrived(self.path)
 
 
@@ -57,14 +57,14 @@ def begin(library: Library, *, name: str, size_bytes: int, account_id: int, sett
     Parameters
     ----------
     name : str
-        As its sender calls it, for errors.
+        Original name, for error messages.
 
     Raises
     ------
     TrackError
-        It is empty, or too large.
+        The file is empty, or too large.
     UsageError
-        The account has begun too many.
+        The account has too many staged files.
     DiskFull
     """
     if size_bytes == 0:
@@ -87,7 +87,7 @@ def begin(library: Library, *, name: str, size_bytes: int, account_id: int, sett
 
 
 def find(library: Library, id: str, *, account_id: int) -> StagedFile:
-    """Find a file that an account has staged, and keep it from being swept away for now.
+    """Find a file that an account has staged, and restart the period after which it is swept.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def find(library: Library, id: str, *, account_id: int) -> StagedFile:
 
 
 def check_complete(staged: StagedFile) -> None:
-    """Refuse a file of which a part is missing.
+    """Check that all of a file has arrived.
 
     Raises
     ------
@@ -118,12 +118,12 @@ def check_complete(staged: StagedFile) -> None:
 def inspect_staged(
     staged: StagedFile, form: Mapping[str, Any], *, progress: Progress | None = None
 ) -> dict[str, Any]:
-    """Say what is in a staged file, as JSON has it.
+    """Report the content of a staged file, as JSON types.
 
     Parameters
     ----------
     form : mapping
-        `name`, and where they are known `columns`, `axes` and `source`, as `order_of` reads them.
+        `name`, and optionally `columns`, `axes` and `source`, in the format of `order_of`.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def inspect_staged(
 
 
 def take(library: Library, staged: StagedFile) -> str:
-    """Move a file to where imports wait; gives the token by which its job finds it.
+    """Move a file to the folder of waiting imports; return the token by which the job finds it.
 
     Raises
     ------
     DiskFull, StorageError
-        It stays staged.
+        The file stays staged.
     """
     token = secrets.token_hex(16)
     part_file.move_in(staged.path, waiting_path(library, token))
@@ -153,10 +153,10 @@ def take(library: Library, staged: StagedFile) -> str:
 
 
 def put_back(library: Library, staged: StagedFile, *, token: str) -> None:
-    """Undo `take`: the import was not queued."""
+    """Undo `take`, after the import could not be queued."""
     part_file.move_in(waiting_path(library, token), staged.path)
 
 
 def drop(staged: StagedFile) -> None:
-    """Delete a file that nobody wants to import."""
+    """Delete a staged file."""
     part_file.discard(staged.path)

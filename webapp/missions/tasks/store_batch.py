@@ -1,4 +1,4 @@
-"""Takes a batch of records of a robot into a mission: all of it or nothing, and each record once."""
+"""Stores a batch of records of a robot in a mission: atomically, and each record exactly once."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from webapp.store.library import Library
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """The number of a batch's first record.
+    """Sender of a batch, and the number of its first record.
 
     Attributes
     ----------
     sender : str
-        Whose numbers these are: no other program may use the name for this mission.
+        Name of the client; no other client may use it in this mission.
     first : int
-        From 0.
+        Counted from 0.
     """
 
     sender: str
@@ -34,12 +34,12 @@ class Numbered:
 def store_batch(
     library: Library, mission_id: int, *, records: Sequence[object], place: Numbered
 ) -> dict[str, Any]:
-    """Store the records of a sender that numbers them; when this returns, they are on the disk.
+    """Store records that their sender has numbered; when this returns, they are on the disk.
 
     Parameters
     ----------
     records : sequence
-        As `webapp.core.trajectory.batch.parse` reads them; none asks what is stored.
+        In the format of `webapp.core.trajectory.batch.parse`; may be empty, to query the next number.
 
     Returns
     -------
@@ -49,16 +49,16 @@ def store_batch(
     Raises
     ------
     InputError
-        A record cannot be used; none was stored.
+        A record is invalid; none was stored.
     OutOfOrder
         Records before these are missing.
     NotFound
         The mission was deleted in the meantime.
     StorageError, DiskFull
-        The disk refused.
+        Writing failed.
     """
     batch = parse(records)
-    # One flush, at the end.
+    # flush only once, at the end
     with library.database.write(locks_rows=True) as session, session.no_autoflush:
         mission = batches.locked(session, mission_id)
         first, count = place.first, len(records)
@@ -76,16 +76,16 @@ def store_batch(
 def store_keyed_batch(
     library: Library, mission_id: int, *, records: Sequence[object], key: str, keep: timedelta
 ) -> dict[str, Any]:
-    """Store the records of a program that numbers nothing; when this returns, they are on the disk.
+    """Store records with an idempotency key instead of numbers; when this returns, they are on the disk.
 
     Parameters
     ----------
     records : sequence
         As for `store_batch`.
     key : str
-        Of this batch and no other one of the mission: what came with it before is not stored again.
+        Unique for each batch of the mission; a batch that is sent again is not stored again.
     keep : timedelta
-        So long keys are known.
+        How long keys are remembered.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def store_keyed_batch(
     Raises
     ------
     Conflict
-        Other records came with the key before.
+        The key was used for other records.
     InputError, NotFound, StorageError, DiskFull
         As for `store_batch`.
     """

@@ -1,11 +1,11 @@
-"""Thins tracks of missions that are over: fewer poses, or both ends alone; by rule or on demand.
+"""Thins tracks of missions that are over to fewer poses, or to both ends; by rule or on demand.
 
-Each track is replaced in one transaction, so that work that is killed has left each track either as it was or
-thinned, and continues with the next. The rows of what was removed are deleted afterwards, block by block, so
-that others write in between; where that was killed, the track is due again.
+Each track is replaced in one transaction, so that a killed job leaves it either unchanged or thinned, and
+later continues with the next one. The rows of removed poses are deleted afterwards, block by block, so that
+others can write in between; if that is interrupted, the track is due again.
 
-Only poses go: objects, their sightings and photos stay, and so do the first and the last pose of a track, its
-length, its times and its extent.
+Only poses are removed: objects, sightings and photos stay, and so do the first and the last pose of a track,
+its length, times and extent.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from webapp.store.library import Library
 from webapp.store.operate import jobs
 
 THIN_JOB = "mission-thin"
-"""Kind of the job that does what the settings ask for."""
+"""Kind of the job that thins by the rules of the settings."""
 
 LIVE = timedelta(days=1)
-"""A mission that has not ended counts as under way until so long after its last change."""
+"""Time after its last change during which a mission that has not ended counts as under way."""
 
 _BLOCK = 20_000
 
@@ -43,15 +43,15 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """How tracks are thinned.
+    """A rule for thinning tracks.
 
     Attributes
     ----------
     to_m : float or None
-        How far a removed pose may be from the motion through those that stay, metres; None: only the first
-        and the last stay.
+        Maximum distance of a removed pose from the motion through the kept ones, metres; None: keep only the
+        first and the last.
     after : timedelta
-        A mission is due so long after its last change.
+        Time after its last change at which a mission is due.
     """
 
     to_m: float | None
@@ -60,7 +60,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class ThinnedTrack:
-    """A track with the number of its poses before and after."""
+    """A track with the numbers of its poses before and after thinning."""
 
     mission: int
     source: str
@@ -70,7 +70,7 @@ class ThinnedTrack:
 
 
 def rules(settings: MissionSettings) -> list[Rule]:
-    """Return what the settings ask for, with what removes most first."""
+    """Return the rules of the settings, the one that removes most poses first."""
     found = []
     if settings.prune_after_days:
         found.append(Rule(None, timedelta(days=settings.prune_after_days)))
@@ -80,9 +80,9 @@ def rules(settings: MissionSettings) -> list[Rule]:
 
 
 def due(session: Session, rule: Rule) -> list[int]:
-    """List the missions that a rule concerns, and that have a track to thin by it.
+    """List the missions that have tracks to thin by a rule.
 
-    Those that are kept, in the bin, or still under way are left out.
+    Missions that are marked to be kept, in the bin, or still under way are left out.
     """
     over = or_(Mission.ended_at.is_not(None), Mission.changed_at < now() - LIVE)
     old = (Mission.changed_at <= now() - rule.after, over, ~Mission.keep, Mission.binned_at.is_(None))
@@ -92,13 +92,13 @@ def due(session: Session, rule: Rule) -> list[int]:
 
 
 def young(session: Session, ids: Sequence[int], *, rule: Rule) -> list[int]:
-    """List those of some missions that changed too short a time ago for a rule."""
+    """List those of some missions that changed too recently for a rule."""
     found = select(Mission.id).where(Mission.id.in_(ids), Mission.changed_at > now() - rule.after)
     return list(session.scalars(found.order_by(Mission.id)))
 
 
 def sweep(library: Library, settings: Settings) -> None:
-    """Queue the job that does what the settings ask for, where there is anything to do."""
+    """Queue the job that thins by the rules of the settings, if any mission is due."""
     wanted = rules(settings.missions)
     if not wanted:
         return
@@ -117,23 +117,23 @@ def thin_mission(
     Parameters
     ----------
     write : callable
-        Gives a session that writes.
+        Opens a write transaction.
     progress : Progress
-        Is asked before each track whether to stop.
+        Checked for cancellation before each track.
     dry_run : bool
-        Only say what would be done.
+        Only report what would be done.
 
     Yields
     ------
     ThinnedTrack
-        Each track that has fewer poses now.
+        Each track that has lost poses.
 
     Raises
     ------
     NotFound
         The mission does not exist.
     Conflict
-        It is kept, in the bin, under way, or changes at this moment.
+        The mission is marked to be kept, in the bin, under way, or being changed.
     Cancelled
     """
     with library.database.read() as session:
@@ -185,7 +185,7 @@ def _is_due(rule: Rule) -> ColumnElement[bool]:
 def _thin(
     library: Library, mission_id: int, track_id: int, *, rule: Rule, write: Write | None
 ) -> ThinnedTrack | None:
-    """Thin a track; None where nothing is to be done."""
+    """Thin a track; return None if it is not due."""
     with library.database.read() as session:
         revision = session.get_one(Mission, mission_id).revision
         track = session.scalars(select(Track).where(Track.id == track_id, _is_due(rule))).first()
@@ -200,7 +200,7 @@ def _thin(
         if check(session, mission_id).revision != revision:
             raise Conflict("the mission is being changed", where=f"mission {mission_id}")
         tracks.thin(session, session.get_one(Track, track_id), left, thinned_m=thinned_m)
-        mission.revision += 1  # and no later time of change: it would begin to count anew
+        mission.revision += 1  # but keep `changed_at`, from which the age of a mission counts
     return result
 
 
@@ -216,10 +216,10 @@ def _delete_removed(library: Library, track_id: int, *, write: Write, progress: 
 
 
 def _left(session: Session, track: Track, rule: Rule) -> tuple[float | None, Poses]:
-    """Return how exact a track will be, and the poses that stay.
+    """Return the maximum error of the thinned track, and the poses to keep.
 
-    What was thinned before and is thinned again has both errors, so that it gets what is left to the whole.
-    The intervals between its poses do not say any more what the usual one was, so that all gaps stay there.
+    Where poses were thinned before, both errors add up, so only the rest of the tolerance is used. There the
+    original sampling interval is unknown, so every interval above `GAP_S` counts as a gap.
     """
     if rule.to_m is None:
         return None, tracks.at(session, track, [0, track.poses - 1])

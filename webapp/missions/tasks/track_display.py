@@ -1,7 +1,7 @@
-"""Tracks of a mission for display, in a few thousand points at most: as a line and as a profile.
+"""Tracks of a mission for display, as a line and as a profile of a few thousand points at most.
 
-A job prepares long tracks, simplified at several levels and with their profile: only whole chunks of poses,
-so that nothing is ever prepared twice. The poses after them are read as they are.
+For long tracks a job builds pieces, simplified at several levels, and profiles, from whole chunks of poses
+only, so that none is built twice. Poses after the last chunk are read directly.
 """
 
 from __future__ import annotations
@@ -29,42 +29,42 @@ _COARSER = 4
 """Factor of the tolerance from level to level, and of the number of poses in a chunk."""
 
 _PROFILE_POINTS = 64
-"""Of one chunk."""
+"""Points of the profile of one chunk."""
 
 Write = Callable[[], AbstractContextManager[Session]]
 
 MOST = 5000
-"""Points of a line."""
+"""Maximum number of points of a line."""
 
 AS_IT_IS = -1
 """The level of poses that are not simplified."""
 
 _MOST_TAIL = 20_000
-"""Of more poses that are not prepared yet, only some are read."""
+"""If more poses than this are not in pieces yet, only some of them are read."""
 
 _DIRECT = 40_000
-"""Poses that are read as they are; of a longer track, what was prepared."""
+"""Maximum number of poses that are read directly for a profile; otherwise the prepared profile is used."""
 
 
 def tolerance_of(level: int) -> float:
-    """Return how far from the line a pose may lie that a level leaves out, metres."""
+    """Return the maximum distance from the line of poses that a level leaves out, metres."""
     return FINEST_M * float(_COARSER**level)
 
 
 def build_pieces(library: Library, mission_id: int, *, write: Write, progress: Progress) -> int:
-    """Prepare what is new, a transaction each chunk: others write in between.
+    """Build the pieces of new poses, one transaction per chunk, so that others can write in between.
 
     Parameters
     ----------
     write : callable
-        Gives a session that writes.
+        Opens a write transaction.
     progress : Progress
-        One step a chunk.
+        One step per chunk.
 
     Returns
     -------
     int
-        Chunks that were prepared.
+        Number of chunks that were built.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def build_pieces(library: Library, mission_id: int, *, write: Write, progress: P
 
 
 def _build_next(track_id: int, write: Write) -> bool:
-    """Prepare the next chunk of a track; False when there is no whole one."""
+    """Build the next chunk of a track; return False if it is not complete yet."""
     with write() as session:
         track = session.get(Track, track_id, with_for_update=True)
         if track is None or track.poses - track.built_to < PIECE:
@@ -101,7 +101,7 @@ def _build_next(track_id: int, write: Write) -> bool:
 
 
 def _build_coarser(session: Session, track: Track, chunk: int) -> None:
-    """Join pieces of a level to one of the next, as far up as this chunk completes some."""
+    """Merge pieces into one of the next coarser level, for each level that this chunk completes."""
     for level in range(1, LEVELS):
         chunk, place = divmod(chunk, _COARSER)
         if place != _COARSER - 1:
@@ -109,7 +109,7 @@ def _build_coarser(session: Session, track: Track, chunk: int) -> None:
         session.flush()
         below = range(chunk * _COARSER, (chunk + 1) * _COARSER)
         points = np.concatenate(tracks.piece_points(session, track, level=level - 1, chunks=below))
-        # What the level below has left out lies within its tolerance: together it is that of this level.
+        # The error of the level below counts too: together they stay within the tolerance of this level.
         points = points[simplify(points[:, 2:4], tolerance_of(level) - tolerance_of(level - 1))]
         tracks.add_piece(
             session, track, level=level, chunk=chunk, count=PIECE * _COARSER**level, points=points
@@ -124,14 +124,14 @@ def table_of(poses: Poses, *, first: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class LineView:
-    """What of a track is asked for.
+    """The requested part of a track, and its resolution.
 
     Attributes
     ----------
     tolerance_m : float
-        So far from the line a pose may lie.
+        Maximum distance of a pose from the line.
     box : (float, float, float, float) or None
-        South, west, north, east, degrees: only what is in it; where west > east, across the 180th meridian.
+        South, west, north, east, degrees, to clip the line; if west > east, across the 180th meridian.
     since : int
         Only poses with greater numbers.
     """
@@ -143,18 +143,18 @@ class LineView:
 
 @dataclass(frozen=True, slots=True)
 class TrackLine:
-    """The line.
+    """The line of a track.
 
     Attributes
     ----------
     level : int
-        As which it was read; -1: poses as they are.
+        Level of simplification; -1: none.
     points : (n, 5) float64
         number, time_s, lat, lon, heading_deg.
     gaps : (m,) intp
-        Places in `points` of those that no line joins to the one before: it leaves the box in between.
+        Indices of points that are not connected with the previous one: the track leaves the box in between.
     complete : bool
-        Whether it is as fine as was asked for.
+        Whether it has the requested resolution.
     """
 
     level: int
@@ -190,7 +190,7 @@ def _level_of(tolerance_m: float) -> int:
 
 
 def _tail(session: Session, track: Track, view: LineView) -> tuple[NDArray[np.float64], bool]:
-    """Read the poses that are in no piece; whether these are all of them."""
+    """Read the poses that are not in pieces; return also whether these are all of them."""
     first = max(track.built_to, view.since + 1)
     count = track.poses - first
     if count <= 0:
@@ -204,7 +204,7 @@ def _tail(session: Session, track: Track, view: LineView) -> tuple[NDArray[np.fl
 
 
 def _chosen(session: Session, track: Track, *, level: int, view: LineView) -> list[tuple[int, Piece]]:
-    """List the pieces that show a track at a level, with the finer ones where that level is not there yet."""
+    """List the visible pieces of a level, and finer ones where that level is not built yet."""
     found: list[tuple[int, Piece]] = []
     covered = 0
     for below in range(max(level, 0), -1, -1):
@@ -238,7 +238,7 @@ def _read(
     tail: NDArray[np.float64],
     as_it_is: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Read the points of pieces, and of each whether it continues the one before."""
+    """Read the points of pieces; return also for each whether it is connected with the previous one."""
     tables = _poses(session, track, pieces) if as_it_is else _points(session, track, pieces)
     points = np.concatenate([*tables, tail])
     joined = np.ones(len(points), dtype=np.bool_)
@@ -271,7 +271,7 @@ def _poses(session: Session, track: Track, pieces: list[tuple[int, Piece]]) -> l
 def _inside(
     points: NDArray[np.float64], joined: NDArray[np.bool_], view: LineView
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Keep the ends of all parts of the line that touch what is asked for."""
+    """Keep the end points of all segments that touch the requested part; return them with the gaps."""
     joined = joined & (np.arange(len(points)) > 0)
     new = points[:, 0] > view.since
     seen = new & joined & np.roll(new, 1)
@@ -288,7 +288,7 @@ def _inside(
 def _touches(
     a: NDArray[np.float64], b: NDArray[np.float64], box: tuple[float, float, float, float]
 ) -> NDArray[np.bool_]:
-    """Return which segments from a to b have a bounding box that meets a box."""
+    """Return for segments from a to b whether their bounding boxes intersect a box."""
     south, west, north, east = box
     low, high = np.minimum(a, b), np.maximum(a, b)
     outside = (high[:, 1] < west) | (low[:, 1] > east)
@@ -300,7 +300,7 @@ def _touches(
 def _thinned(
     points: NDArray[np.float64], gaps: NDArray[np.intp], tolerance_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], bool]:
-    """Leave out more points where there are too many; whether any were."""
+    """Simplify the line further if it has too many points; return also whether that was done."""
     tolerance = max(tolerance_m, FINEST_M)
     coarser = False
     while len(points) > MOST:
@@ -322,12 +322,12 @@ def track_profile(session: Session, track: Track, *, points: int) -> NDArray[np.
     Parameters
     ----------
     points : int
-        At most so many.
+        Maximum number of points.
 
     Returns
     -------
     (n, 4) float64
-        time_s, travelled_m, speed_mps, height_m; NaN where something is not known.
+        time_s, travelled_m, speed_mps, height_m; NaN where unknown.
     """
     table = np.empty((0, 4)) if track.poses <= _DIRECT else tracks.profiles(session, track)
     first = track.built_to if len(table) else 0

@@ -1,4 +1,4 @@
-"""What robots send: poses and objects, in batches of which each record is stored exactly once."""
+"""API for robots: batches of poses and objects, each record of which is stored exactly once."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class BatchIn(Schema):
 
 
 class BatchKeyIn(Schema):
-    """By what a batch is known when it is sent once more."""
+    """The key by which a batch is recognised when it is sent again."""
 
     key = String(
         load_default=None,
@@ -62,7 +62,7 @@ class BatchKeyIn(Schema):
 
 
 class BatchOut(Schema):
-    """The acknowledgement of a batch: it is on the disk."""
+    """The acknowledgement of a batch that is on the disk."""
 
     next = Integer(allow_none=True, metadata={"description": "Number of the record that comes next."})
     stored = Integer(metadata={"description": "Records that are new."})
@@ -72,7 +72,7 @@ class BatchOut(Schema):
 
 @blueprint.before_request
 def limit_bytes() -> None:
-    """Refuse batches that are too large while they are read."""
+    """Limit the size of batches; larger ones are refused while they are read."""
     request.max_content_length = int(settings().missions.batch_mb * 1e6)
 
 

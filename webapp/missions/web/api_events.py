@@ -1,4 +1,4 @@
-"""Missions that are followed live: server-sent events."""
+"""Live updates of missions as server-sent events."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ _RETRY_MS = 1000
 _ALIVE_S = 10.0
 _MOST_CURSOR = 4000
 _MOST_POINTS = 500
-"""New poses of a track in one event: of more, only some are sent."""
+"""Maximum number of new poses of a track in one event; more are subsampled."""
 
 _MOST_OBJECTS = 2000
-"""Changed objects in one event; the others are in the next."""
+"""Changed objects in one event; the others follow in the next."""
 
 _AGAIN = 200
-"""Number of the last poses sent without a cursor: they may have come since the page was made."""
+"""Number of last poses sent to clients without a cursor, which may have arrived since the page was made."""
 
 _limit = ConcurrencyLimit("events", share=_SHARE)
 blueprint.record(_limit.set_up)
 
 
 class EventsQuery(Schema):
-    """What is known already."""
+    """The state that the client knows already."""
 
     cursor = String(
         load_default=None,
@@ -80,7 +80,7 @@ def events(mission_id: int, query: dict[str, Any]) -> Response:
     follower = _Follower(library().database, mission.id, known)
     stream = _stream(follower, seconds=limits.stream_s if stays else 0.0, look_s=limits.look_s)
     response = Response(stream, mimetype="text/event-stream")
-    response.headers["X-Accel-Buffering"] = "no"  # nginx would keep events back
+    response.headers["X-Accel-Buffering"] = "no"  # prevents nginx from buffering events
     response.headers["Cache-Control"] = "no-store"
     if stays:
         response.call_on_close(_once(free.release))
@@ -105,7 +105,7 @@ class _Follower:
         return None if before is None else before[0]
 
     def next(self) -> str | None:
-        """Return the next event; an empty text when nothing is new, None when the mission is gone."""
+        """Return the next event; an empty string if nothing changed, None if the mission no longer exists."""
         with self._database.read() as session:
             revision = revision_of(session, self._mission_id)
             if revision is None or revision == self._revision:
@@ -116,23 +116,23 @@ class _Follower:
 
 
 def revision_of(session: Session, mission_id: int) -> int | None:
-    """Return the revision of a mission; None when it is gone."""
+    """Return the revision of a mission; None if it was deleted or is in the bin."""
     mission = session.get(Mission, mission_id)
     return None if mission is None or mission.binned_at is not None else mission.revision
 
 
 def make_event(session: Session, mission: Mission, *, known: str | None) -> tuple[str, str]:
-    """Make an event of all that is new since a cursor.
+    """Return an event with all changes since a cursor.
 
     Parameters
     ----------
     known : str or None
-        A cursor; None or another text where nothing is said of what is known.
+        A cursor; None or an invalid one if the client's state is unknown.
 
     Returns
     -------
     str
-        The event as it is sent.
+        The encoded event.
     str
         The cursor after it.
     """
@@ -180,13 +180,13 @@ def _stream(follower: _Follower, *, seconds: float, look_s: float) -> Iterator[s
         while True:
             try:
                 text = follower.next()
-            except DatabaseUnavailable:  # the browser comes back, and is answered so
+            except DatabaseUnavailable:  # the browser reconnects, and then gets the error
                 return
             if text is None:
                 return
             if text or time.monotonic() - alive >= _ALIVE_S:
                 alive = time.monotonic()
-                yield text or ":\n\n"  # a comment: whoever has gone away is noticed
+                yield text or ":\n\n"  # a comment, to detect closed connections
             left = end - time.monotonic()
             if left < look_s:
                 return
@@ -194,7 +194,7 @@ def _stream(follower: _Follower, *, seconds: float, look_s: float) -> Iterator[s
 
 
 def _once(run: Callable[[], None]) -> Callable[[], None]:
-    """Make a function that runs another one when it is called first, and then no more."""
+    """Wrap a function so that only the first call runs it."""
     lock = threading.Lock()
 
     def first() -> None:

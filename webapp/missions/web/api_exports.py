@@ -1,4 +1,4 @@
-"""Missions on their way out, as files and links, for whoever may see them; questions about their rows."""
+"""API for exports of missions as files and links, and for queries on their rows."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ blueprint = APIBlueprint(
 )
 
 _limit = ConcurrencyLimit("mission exports", share=0.5)
-"""Who takes a large file away slowly keeps a thread busy: others are left for everybody else."""
+"""A slow download of a large file occupies a thread; the limit leaves others for other requests."""
 
 blueprint.record(_limit.set_up)
 
@@ -42,7 +42,7 @@ _TEXT = Length(max=MAX_CHARACTERS)
 
 
 class ExportQuery(Schema):
-    """How much of a mission is taken away."""
+    """Resolution of an export."""
 
     points = Integer(
         load_default=None,
@@ -52,13 +52,13 @@ class ExportQuery(Schema):
 
 
 class LinkQuery(Schema):
-    """How often programs fetch a mission again."""
+    """Refresh interval of a live link."""
 
     every = Integer(load_default=10, validate=Range(2, 86_400), metadata={"description": "Seconds."})
 
 
 class TableQueryIn(Schema):
-    """A question about the rows of a mission, in the manner of SQL."""
+    """A query on the rows of a mission, similar to SQL."""
 
     table = String(data_key="from", load_default="poses", validate=OneOf(TABLES))
     select = String(
@@ -83,7 +83,7 @@ class TableQueryIn(Schema):
 
 
 class RowsOut(Schema):
-    """The rows that fit."""
+    """The matching rows."""
 
     columns = List(String())
     rows = List(List(Raw()), metadata={"description": "Times are seconds since 1970, UTC."})
@@ -102,14 +102,14 @@ _ROWS: Responses = {
 @blueprint.input(ExportQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
-    """Take a mission away as `kml`, `kmz`, `gpx`, `geojson`, `csv`, `tum.zip`, `kitti.zip`, or `html`."""
+    """Export a mission as `kml`, `kmz`, `gpx`, `geojson`, `csv`, `tum.zip`, `kitti.zip`, or `html`."""
     return export(open_mission(mission_id).id, ending=ending, query=query, private=True)
 
 
 @blueprint.get("/objects.csv")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "text/csv"))
 def objects(mission_id: int) -> Response:
-    """Take the objects of a mission away, where they were seen last."""
+    """Export the objects of a mission with their last positions."""
     return export(open_mission(mission_id).id, ending="objects.csv", query={"points": None}, private=True)
 
 
@@ -117,7 +117,7 @@ def objects(mission_id: int) -> Response:
 @blueprint.input(LinkQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The link.", "application/vnd.google-earth.kml+xml"))
 def network_link(mission_id: int, query: dict[str, Any]) -> Response:
-    """Take a KML link away that keeps itself up to date; programs open it by the mission's public link."""
+    """Get a KML link that stays up to date; programs follow it through the mission's public link."""
     mission = open_mission(mission_id)
     with library().database.read() as session:
         tokens = [share.public_token for share in shares.list_shares(session, mission)]
@@ -134,7 +134,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
 @blueprint.input(TableQueryIn, location="query", arg_name="asked")
 @blueprint.doc(responses=_ROWS)
 def query(mission_id: int, asked: dict[str, Any]) -> Response:
-    """Query poses, objects or sightings; an error has the position of the character."""
+    """Query poses, objects or sightings; syntax errors give the position of the character."""
     mission, form = open_mission(mission_id), asked.pop("format")
     place = library()
     question = Question(**asked)
@@ -144,7 +144,7 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
 
 
 def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:
-    """Send a mission as a file of some ending; with what visitors do not get where it is `private`.
+    """Send a mission as a file of a format; `private` includes data that visitors do not get.
 
     Raises
     ------
@@ -163,19 +163,19 @@ def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool
 
 
 def link(name: str, *, token: str, every: int) -> Response:
-    """Send a KML that has programs fetch a shared mission again and again."""
+    """Send a KML link that makes programs fetch a shared mission repeatedly."""
     data: dict[str, Any] = {"token": token, "ending": "kmz", "points": LIVE_POSES}
     href = url_for("public_mission_pages.export", _external=True, **data)
     return stream_download(lambda: export_network_link(name, href=href, refresh_s=every))
 
 
 def stream_download(make: Callable[[], Download]) -> Response:
-    """Send a file piece by piece, to be saved under its own name.
+    """Stream a file as a download.
 
     Raises
     ------
     TooMany
-        Too many are on their way already.
+        Too many downloads are running already.
     """
     free = _limit.semaphore()
     if not free.acquire(blocking=False):
@@ -194,7 +194,7 @@ def stream_download(make: Callable[[], Download]) -> Response:
 
 
 class _LimitedPieces(Iterator[bytes]):
-    """Pieces on their way; when they are closed, or given up, others have their turn."""
+    """Pieces of a download; closing or dropping them releases their slot."""
 
     def __init__(self, pieces: Iterator[bytes], release: Callable[[], None]) -> None:
         self._pieces = pieces

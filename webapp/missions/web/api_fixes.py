@@ -1,4 +1,4 @@
-"""Robots that ask where they are, and tracks corrected by the answers."""
+"""API for localizing robots by photos, and for fused tracks."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _FAR = 1e12
 
 
 class AskIn(Schema):
-    """A photo, and what the robot knows."""
+    """A photo, and prior knowledge of the robot."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     time = Float(
@@ -66,7 +66,7 @@ class AskIn(Schema):
 
 
 class WhereOut(Located):
-    """The answer; what is not known is null."""
+    """The answer; unknown values are null."""
 
     photo = String(metadata={"description": "SHA-256 of the photo, which the mission keeps."})
     time = Float(allow_none=True, metadata={"description": "When it was taken, Unix seconds."})
@@ -90,7 +90,7 @@ class QueuedOut(Schema):
 
 
 class StatisticsOfFixesOut(Schema):
-    """What was thought of the fixes of a source."""
+    """Statistics of the fixes of a source."""
 
     source = String()
     used = Integer()
@@ -107,7 +107,7 @@ class StatisticsOfFixesOut(Schema):
 
 
 class FusionOut(Schema):
-    """How the corrected track came about."""
+    """Report on the corrected track."""
 
     track = Integer(metadata={"description": "Id of the corrected track."})
     revision = Integer(metadata={"description": "Of the mission, when it was written."})
@@ -129,7 +129,7 @@ class FusionOut(Schema):
 @blueprint.input(AskIn, location="form_and_files", arg_name="given")
 @blueprint.output(WhereOut)
 def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
-    """Localize a robot by a photo; photo and position are kept with the mission."""
+    """Localize a robot by a photo; photo and position are stored with the mission."""
     mission = open_mission(mission_id, "editor")
     record = _map(mission)
     files = [file for file in [given["file"]] if isinstance(file, FileStorage)]
@@ -154,7 +154,7 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         result = answer(record, request)
     except UsageError as error:
         if error.where == "hint_radius_px":
-            error.where = "hint_radius_m"  # as it is called here
+            error.where = "hint_radius_m"  # the field's name in this API
         raise
     answer_json = localize_photos.fix_json(result, time_s=photo.time_s)
     with library().database.write() as session:
@@ -209,7 +209,7 @@ def _map(mission: Mission) -> MapRecord:
 
 
 def _near(record: MapRecord, given: dict[str, Any]) -> CirclePrior | None:
-    """Put the hint onto the map's image."""
+    """Convert the hint to pixels of the map's image."""
     lat, lon, radius = (given.get(f"hint_{part}") for part in ("lat", "lon", "radius_m"))
     if (lat, lon, radius) == (None, None, None):
         return None
@@ -222,6 +222,6 @@ def _near(record: MapRecord, given: dict[str, Any]) -> CirclePrior | None:
         raise UsageError("the map has no georeference", where="hint_lat", hint="leave the hint out")
     at = found.pixel_of(LatLon(lat, lon))
     scale = found.metres_per_pixel(at)
-    if not scale > 0:  # also NaN, where the image has no counterpart
+    if not scale > 0:  # also rejects NaN, where the georeference has no solution
         raise UsageError("the hint is too far from the map", where="hint_lat")
     return CirclePrior(at.x, at.y, radius / scale)

@@ -1,4 +1,4 @@
-"""Files with tracks on their way into a mission."""
+"""API for importing files with tracks into a mission."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _OPTIONS = ("columns", "source", "min_move", "axes", "start", "topics")
 
 
 class ReadOptionsIn(Schema):
-    """How a file with tracks is read."""
+    """Options for reading a file with tracks."""
 
     columns = String(
         load_default="",
@@ -52,7 +52,7 @@ class ReadOptionsIn(Schema):
 
 
 class TrackFileIn(ReadOptionsIn):
-    """A file, and how to read it."""
+    """A file, and options for reading it."""
 
     file = File(
         required=True,
@@ -83,14 +83,14 @@ class TrackFileIn(ReadOptionsIn):
 
 
 class TrackJobOut(Schema):
-    """The job that imports it; its result lists what was left out and why."""
+    """The job that imports the file; its result lists what was left out and why."""
 
     job = Integer()
 
 
 @blueprint.before_request
 def limit_parts() -> None:
-    """Refuse requests of many parts while they are read."""
+    """Limit the number of parts of a request."""
     request.max_form_parts = _PARTS
 
 

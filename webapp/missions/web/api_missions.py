@@ -1,4 +1,4 @@
-"""Missions for pages and programs: their schemas, list, state, and changes of name, map and note."""
+"""API of missions: schemas, list, state, and changes of name, map, start, note and mark."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_missions", __name__, url_prefix="/api/v1/missions", tag="Missions")
 _FINE = 500
-"""Below this size of a preview its lines are not whole numbers."""
+"""In previews up to this size, coordinates are not rounded to whole numbers."""
 
 _ID = "<id:mission_id>"
 
 
 class StartOut(Schema):
-    """Where the robot's own frame has its origin, and its x axis."""
+    """Origin of the robot's frame, and heading of its x axis."""
 
     lat = Float()
     lon = Float()
@@ -50,7 +50,7 @@ class LastOut(Schema):
 
 
 class ClosingOut(Schema):
-    """By how much a track that comes back misses its start."""
+    """Loop closure error: the distance between the start and the end of a track that returns."""
 
     gap_m = Float()
     share = Float(metadata={"description": "Of the distance travelled."})
@@ -107,7 +107,7 @@ class MissionSummary(Schema):
 
 
 class MissionPreviewOut(Schema):
-    """A mission as a small picture, in units of its own, for SVG."""
+    """Preview of a mission for SVG, in its own units."""
 
     image = String(allow_none=True, metadata={"description": "Of the map, to be laid below it."})
     width = Float()
@@ -127,7 +127,7 @@ class MissionEntry(MissionSummary):
 
 
 class MissionList(Schema):
-    """Missions, the last changed first."""
+    """Missions, the most recently changed first."""
 
     missions = List(Nested(MissionEntry))
     next = String(allow_none=True, metadata={"description": "`after` for those that follow; null: none do."})
@@ -140,7 +140,7 @@ class MissionSatelliteOut(SatelliteOut):
 
 
 class MissionState(MissionSummary):
-    """All of a mission but its poses, objects and photos themselves."""
+    """A mission without its poses, objects and photos."""
 
     note = String()
     start = Nested(StartOut, allow_none=True)
@@ -150,20 +150,20 @@ class MissionState(MissionSummary):
 
 
 class MissionListQuery(ListPartQuery):
-    """Which missions are listed."""
+    """Filter of the list of missions."""
 
     map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
     previews = Boolean(load_default=False, metadata={"description": "Whether small pictures come with them."})
 
 
 class MissionDeleteQuery(Schema):
-    """How a mission is deleted."""
+    """Whether a mission is deleted permanently."""
 
     forever = Boolean(load_default=False, metadata={"description": "For good; only missions in the bin."})
 
 
 class StartIn(Schema):
-    """Where the robot's own frame has its origin, and its x axis."""
+    """Origin of the robot's frame, and heading of its x axis."""
 
     lat = Float(required=True, validate=Range(-90, 90))
     lon = Float(required=True, validate=Range(-180, 180))
@@ -175,7 +175,7 @@ class StartIn(Schema):
 
 
 class MissionChange(Schema):
-    """What is to be another; what is not sent stays."""
+    """Changes of a mission; fields that are not sent stay."""
 
     name = String()
     map = String(allow_none=True, metadata={"description": "Slug of its map; null: on the globe."})
@@ -185,7 +185,7 @@ class MissionChange(Schema):
 
 
 class NewMission(MissionChange):
-    """A mission that shall be made."""
+    """A mission to be created."""
 
     name = String(required=True, metadata={"example": "Yard, first round"})
 
@@ -194,7 +194,7 @@ class NewMission(MissionChange):
 @blueprint.input(MissionListQuery, location="query", arg_name="query")
 @blueprint.output(MissionList)
 def list_missions(query: dict[str, Any]) -> dict[str, Any]:
-    """List the missions that you may see, in pages where a `limit` is given."""
+    """List the missions that you may see; in pages if a `limit` is given."""
     who, map_ = account(), query["map"]
     map_id = None if map_ is None else open_map(map_, binned=True).id
     part = missions.MissionListPart(map_id=map_id, **wanted_part(query))
@@ -212,7 +212,7 @@ def list_missions(query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(NewMission, arg_name="data")
 @blueprint.output(MissionSummary, status_code=201)
 def create(data: dict[str, Any]) -> dict[str, Any]:
-    """Make a mission without tracks; on a map, its editors may."""
+    """Create a mission without tracks; on a map, this needs the role of an editor."""
     who, map_id = account(), _map_id(data.get("map"))
     with library().database.write() as session:
         mission = missions.create(
@@ -230,7 +230,7 @@ def create(data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}")
 @blueprint.doc(responses=json_answer("The state of a mission.", MissionState))
 def show(mission_id: int) -> dict[str, Any]:
-    """Get all of a mission but its poses, objects and photos themselves."""
+    """Get a mission without its poses, objects and photos."""
     mission, who = open_mission(mission_id, binned=True), account()
     with library().database.read() as session:
         return state.whole(session, session.get_one(Mission, mission.id), account=who)
@@ -240,7 +240,7 @@ def show(mission_id: int) -> dict[str, Any]:
 @blueprint.input(MissionChange, arg_name="data")
 @blueprint.output(MissionSummary)
 def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Change a mission's name, note, start or mark; its owners can put it on another map."""
+    """Change a mission's name, note, start or mark; owners can also move it to another map."""
     mission, who = open_mission(mission_id, "owner" if "map" in data else "editor"), account()
     map_id = _map_id(data.get("map"))
     with library().database.write() as session:
@@ -251,7 +251,7 @@ def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
         row.keep = data.get("keep", row.keep)
         if "map" in data and map_id != row.map_id:
             if map_id is not None and shares.list_shares(session, row):
-                # Who opens the mission's links sees the image of its map: that is for owners of the map.
+                # Links to the mission show the image of its map, and only the map's owners may share that.
                 maps.find(session, data["map"], account=who, role="owner")
             row.map_id = map_id
         missions.count_change(row)
@@ -262,7 +262,7 @@ def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(MissionDeleteQuery, location="query", arg_name="query")
 @blueprint.output(MissionSummary)
 def put_into_bin(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
-    """Put a mission into the bin, from where it can be restored; or delete one there for good."""
+    """Move a mission to the bin, from which it can be restored; or delete one there permanently."""
     if not query["forever"]:
         return _binned(mission_id, into=True)
     mission, who = open_mission(mission_id, "owner", binned=True), account()
@@ -275,7 +275,7 @@ def put_into_bin(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.post(f"/{_ID}/restore")
 @blueprint.output(MissionSummary)
 def restore(mission_id: int) -> dict[str, Any]:
-    """Take a mission out of the bin."""
+    """Restore a mission from the bin."""
     return _binned(mission_id, into=False)
 
 
@@ -306,5 +306,5 @@ def _thumbnail(record: MapRecord | None) -> str | None:
 
 
 def _map_id(slug: str | None) -> int | None:
-    """Find the map that a mission is put on."""
+    """Return the id of a map on which the caller may create missions."""
     return None if slug is None else open_map(slug, "editor").id

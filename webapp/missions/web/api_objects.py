@@ -1,4 +1,4 @@
-"""What was seen on a mission."""
+"""API of the objects of a mission."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MAX_NOTE = 500
 
 
 class ObjectQuery(Schema):
-    """Which objects, in which order."""
+    """Filter, order and page of the list of objects."""
 
     kind = String(load_default=None, metadata={"description": "Only those of that class."})
     state = String(
@@ -47,7 +47,7 @@ class ObjectQuery(Schema):
 
 
 class DetectionOut(Schema):
-    """Where something was seen."""
+    """Position and properties of a detection."""
 
     lat = Float()
     lon = Float()
@@ -63,13 +63,13 @@ class DetectionOut(Schema):
 
 
 class SightingOut(DetectionOut):
-    """One time that an object was seen."""
+    """One sighting of an object."""
 
     time_s = Float()
 
 
 class ObjectOut(DetectionOut):
-    """An object, where it was seen at the latest time; an associated one in the mean of its detections."""
+    """An object at its latest position; an associated one at the weighted mean of its detections."""
 
     id = String()
     kind = String(metadata={"description": "Its class."})
@@ -98,7 +98,7 @@ class ObjectList(Schema):
 
 
 class ChangeOut(Schema):
-    """Somebody has set the state of an object."""
+    """A change of the state of an object."""
 
     state = String(metadata={"enum": list(STATES)})
     time_s = Float()
@@ -107,7 +107,7 @@ class ChangeOut(Schema):
 
 
 class ObjectHistory(ObjectOut):
-    """An object with its history, in the order in which it came."""
+    """An object with its history, in order of arrival."""
 
     sightings = List(
         Nested(SightingOut), metadata={"description": f"The last {MOST_SIGHTINGS}; `count` counts all."}
@@ -116,7 +116,7 @@ class ObjectHistory(ObjectOut):
 
 
 class StateIn(Schema):
-    """How far people are with an object."""
+    """A new state of an object."""
 
     state = String(required=True, validate=OneOf(STATES))
     was = String(
@@ -185,7 +185,7 @@ def listed(mission_id: int, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/<text:object_id>", merge_slashes=False)
 @blueprint.output(ObjectHistory)
 def one(mission_id: int, object_id: str) -> dict[str, Any]:
-    """Get an object, with its sightings."""
+    """Get an object with its sightings and changes of state."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
         return _history(session, missions.find_object(session, mission.id, object_id))
@@ -195,7 +195,7 @@ def one(mission_id: int, object_id: str) -> dict[str, Any]:
 @blueprint.input(StateIn, arg_name="given")
 @blueprint.output(ObjectHistory)
 def set_state(mission_id: int, object_id: str, *, given: dict[str, Any]) -> dict[str, Any]:
-    """Say how far people are with an object; its history has who said so, and when."""
+    """Set the state of an object; its history records by whom and when."""
     mission, who = open_mission(mission_id, "editor"), account()
     with library().database.write() as session:
         row = session.get_one(Mission, mission.id, with_for_update=True)

@@ -1,4 +1,4 @@
-"""Photos of a mission, in and out."""
+"""API of the photos of a mission."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SHA = "<string(length=64):sha256>"
 
 
 class PhotoIn(Schema):
-    """A photo, and what is known of it."""
+    """A photo and its metadata."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     time = Float(validate=Range(-_FAR, _FAR), metadata={"description": "When it was taken, Unix seconds."})
@@ -47,7 +47,7 @@ class PhotoIn(Schema):
 
 
 class AddQuery(Schema):
-    """What is done with a new photo."""
+    """Further processing of a new photo."""
 
     fix = Boolean(load_default=False, metadata={"description": "Localize it on the mission's map, soon."})
 
@@ -68,7 +68,7 @@ class MissionPhotoOut(Schema):
 
 
 class MissionPhotoList(Schema):
-    """The photos of a mission by their time."""
+    """The photos of a mission, ordered by time."""
 
     photos = List(Nested(MissionPhotoOut))
 
@@ -108,7 +108,7 @@ def listed(mission_id: int) -> dict[str, Any]:
 @blueprint.input(AddQuery, location="query", arg_name="query")
 @blueprint.output(MissionPhotoOut, status_code=201)
 def add(mission_id: int, *, given: dict[str, Any], query: dict[str, Any]) -> dict[str, Any]:
-    """Add a photo to a mission; the same content again is the same photo."""
+    """Add a photo to a mission; a photo with the same content is stored only once."""
     mission, file = open_mission(mission_id, "editor"), given["file"]
     if query["fix"]:
         localize_photos.map_of(mission)
@@ -137,14 +137,14 @@ def add(mission_id: int, *, given: dict[str, Any], query: dict[str, Any]) -> dic
 @blueprint.get(f"/{_SHA}/preview")
 @blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(mission_id: int, sha256: str) -> Response:
-    """Get a photo as a picture that fills a screen."""
+    """Get a preview of a photo."""
     return _preview(mission_id, sha256, "preview")
 
 
 @blueprint.get(f"/{_SHA}/thumb")
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(mission_id: int, sha256: str) -> Response:
-    """Get a photo as a small picture."""
+    """Get a thumbnail of a photo."""
     return _preview(mission_id, sha256, "thumb")
 
 

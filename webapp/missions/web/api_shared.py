@@ -1,4 +1,4 @@
-"""Shared missions for visitors: whoever has the end of the address, without a sign-in."""
+"""API of shared missions, for visitors: access by the token in the address, without a sign-in."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _MOST = 2000
 
 
 class SharedMissionOut(Schema):
-    """A shared mission, but its poses, objects and photos themselves."""
+    """A shared mission without its poses, objects and photos."""
 
     id = Integer()
     name = String()
@@ -57,7 +57,7 @@ class SharedMissionOut(Schema):
 
 
 class SharedObjectsQuery(Schema):
-    """Which objects."""
+    """Filter and page of the list of objects."""
 
     since = RecordNumber(least=-1, load_default=-1, metadata={"description": "Changed after that revision."})
     limit = Integer(load_default=1000, validate=Range(1, _MOST))
@@ -65,7 +65,7 @@ class SharedObjectsQuery(Schema):
 
 
 class SharedObjects(Schema):
-    """Objects by their ids."""
+    """Objects, ordered by id."""
 
     objects = List(Nested(ObjectOut))
 
@@ -92,7 +92,7 @@ class SharedPhotos(Schema):
 @public
 @blueprint.output(SharedMissionOut)
 def show(token: str) -> dict[str, Any]:
-    """Get all of a shared mission but its poses, objects and photos themselves."""
+    """Get a shared mission without its poses, objects and photos."""
     with library().database.read() as session:
         return state.shared_mission(session, shares.open_share(session, token), token=token)
 
@@ -102,7 +102,7 @@ def show(token: str) -> dict[str, Any]:
 @blueprint.input(LineQuery, location="query", arg_name="query")
 @blueprint.output(LineOut)
 def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
-    """Get a track, or what of it is in a box, as a line."""
+    """Get a track, or the part of it in a box, as a line."""
     with library().database.read() as session:
         mission = shares.open_share(session, token).mission
         return line_json(session, tracks.find(session, mission.id, track_id), query)
@@ -113,7 +113,7 @@ def line(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(ProfileQuery, location="query", arg_name="query")
 @blueprint.output(ProfileOut)
 def profile(token: str, track_id: int, *, query: dict[str, Any]) -> dict[str, Any]:
-    """Get way, speed and height of a track over time."""
+    """Get distance, speed and height of a track over time."""
     with library().database.read() as session:
         mission = shares.open_share(session, token).mission
         return profile_json(session, tracks.find(session, mission.id, track_id), query)
@@ -135,7 +135,7 @@ def objects(token: str, query: dict[str, int]) -> dict[str, Any]:
 @public
 @blueprint.output(ObjectHistory)
 def one_object(token: str, object_id: str) -> dict[str, Any]:
-    """Get an object, with its sightings."""
+    """Get an object with its sightings and changes of state."""
     with library().database.read() as session:
         opened = shares.open_share(session, token)
         row = missions.find_object(session, opened.mission.id, object_id)
@@ -160,7 +160,7 @@ def photos(token: str) -> dict[str, Any]:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def photo_thumb(token: str, sha256: str) -> Response:
-    """Get a photo as a small picture."""
+    """Get a thumbnail of a photo."""
     return _photo(token, sha256, "thumb")
 
 
@@ -168,7 +168,7 @@ def photo_thumb(token: str, sha256: str) -> Response:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def photo_preview(token: str, sha256: str) -> Response:
-    """Get a photo as a picture that fills a screen."""
+    """Get a preview of a photo."""
     return _photo(token, sha256, "preview")
 
 

@@ -1,4 +1,4 @@
-"""Sharing a mission with everybody who has a link, or with everybody; for its owners."""
+"""API for sharing a mission by link or publicly, for its owners."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></
 
 
 class MissionAllows(Schema):
-    """What the share gives besides tracks and objects."""
+    """What a share shows in addition to tracks and objects."""
 
     photos = Boolean(
         load_default=False,
@@ -38,7 +38,7 @@ class MissionAllows(Schema):
 
 
 class MissionShareIn(MissionAllows):
-    """With whom a mission is shared."""
+    """A share to be created: public, or by a secret link."""
 
     public = Boolean(load_default=False, metadata={"description": "Whether it is listed for everybody."})
 
@@ -61,7 +61,7 @@ class MissionShareOut(Schema):
 
 
 class MissionShareList(Schema):
-    """The shares of a mission, the newest first."""
+    """The shares of a mission, newest first."""
 
     shares = List(Nested(MissionShareOut))
 
@@ -84,10 +84,10 @@ def list_shares(mission_id: int) -> dict[str, Any]:
 @blueprint.input(MissionShareIn, arg_name="data")
 @blueprint.output(MissionShareOut, status_code=201)
 def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
-    """Share a mission; the addresses of a secret link are in this answer and nowhere else."""
+    """Share a mission; the addresses of a secret link are returned only here."""
     mission, who = open_mission(mission_id, "owner"), account()
     with library().database.write() as session:
-        missions.find(session, mission.id, account=who, role="owner")  # it may have come onto another map
+        missions.find(session, mission.id, account=who, role="owner")  # it may have been moved to another map
         share, token = mission_shares.create(
             session, mission, photos=data["photos"], account_id=who.id, public=data["public"]
         )
@@ -98,7 +98,7 @@ def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
 @blueprint.input(MissionAllows, arg_name="data")
 @blueprint.output(MissionShareOut)
 def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]:
-    """Let a share give more, or less; its address stays."""
+    """Change what a share shows; its address stays the same."""
     mission = open_mission(mission_id, "owner")
     with library().database.write() as session:
         share = mission_shares.find(session, mission, id=id)
@@ -109,7 +109,7 @@ def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]
 @blueprint.delete(f"/{_ID}")
 @blueprint.output({}, status_code=204)
 def revoke(mission_id: int, id: int) -> str:
-    """Take a share back: its addresses lead to nothing from now on."""
+    """Revoke a share: its addresses stop working."""
     mission = open_mission(mission_id, "owner")
     with library().database.write() as session:
         session.delete(mission_shares.find(session, mission, id=id))

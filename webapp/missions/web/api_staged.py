@@ -1,4 +1,4 @@
-"""Files with tracks that are looked at before they are imported: sent in chunks, read, taken or dropped."""
+"""API for staged track files: uploaded in chunks, inspected, and then imported or dropped."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ OPERATIONS = {"api_staged.send": chunks.OPERATION}
 
 _MOST_TRACKS = 10_000
 _QUICK_BYTES = 4_000_000
-"""Larger files are read by a job."""
+"""Larger files are inspected by a job."""
 
 
 class StagedFileIn(Schema):
-    """A file that is going to be sent."""
+    """A file to be uploaded."""
 
     name = String(required=True, validate=Length(1, MAX_TEXT))
     size_bytes = Integer(required=True, strict=True, validate=Range(min=0))
 
 
 class FileOut(Schema):
-    """How far it is."""
+    """Progress of an upload."""
 
     id = String()
     offset = Integer(metadata={"description": "Bytes that have arrived: where to resume."})
@@ -53,13 +53,13 @@ class FileOut(Schema):
 
 
 class OffsetOut(Schema):
-    """How far it is."""
+    """Progress of an upload after a chunk."""
 
     offset = Integer(metadata={"description": "Bytes that have arrived."})
 
 
 class ReadingIn(ReadOptionsIn):
-    """How a file is to be read."""
+    """Name of a file, and options for reading it."""
 
     name = String(
         required=True,
@@ -69,7 +69,7 @@ class ReadingIn(ReadOptionsIn):
 
 
 class FullStartIn(Schema):
-    """Where a robot was at first, and which way it looked."""
+    """Start position and heading of a robot."""
 
     lat = Float(required=True, validate=Range(-90, 90))
     lon = Float(required=True, validate=Range(-180, 180))
@@ -79,21 +79,21 @@ class FullStartIn(Schema):
 
 
 class TrackKeyIn(Schema):
-    """A track of the file, as it was listed."""
+    """Key of a track of the file, from its contents."""
 
     source = String(required=True, validate=OneOf(SOURCES))
     track = String(required=True, validate=Length(max=MAX_TEXT))
 
 
 class NewMissionIn(Schema):
-    """The mission that is made for it."""
+    """A mission to be created for a file."""
 
     name = String(required=True, metadata={"example": "Yard, first round"})
     map = String(load_default=None, allow_none=True, metadata={"description": "Slug of its map."})
 
 
 class StagedImportIn(ReadingIn):
-    """How a file is to be imported, and where to: one of `mission` and `new_mission`."""
+    """Options of an import, and its target: either `mission` or `new_mission`."""
 
     mission = RecordNumber(load_default=None, allow_none=True)
     new_mission = Nested(
@@ -153,7 +153,7 @@ class FoundTrackOut(Schema):
 
 
 class RemarkOut(Schema):
-    """What would be left out, or can hardly be true."""
+    """Items that would be left out, or are implausible."""
 
     reason = String()
     count = Integer()
@@ -171,7 +171,7 @@ class TableOut(Schema):
 
 
 class ContentsOut(Schema):
-    """What is in a file; where a job reads it, only the job, whose result it is."""
+    """The content of a file; or only the job that inspects it, whose result is the content."""
 
     job = Integer()
     kind = String(metadata={"description": "What it is, for people."})
@@ -193,7 +193,7 @@ blueprint.errorhandler(WrongOffset)(chunks.tell_offset)
 @blueprint.input(StagedFileIn, arg_name="given")
 @blueprint.output(FileOut, status_code=201)
 def begin(given: dict[str, Any]) -> dict[str, Any]:
-    """Begin to send a file; it is kept for some hours, until it is imported or deleted."""
+    """Begin the upload of a file; it is kept for some hours, until it is imported or deleted."""
     name = _file_name(given["name"])
     staged = staged_file.begin(
         library(), name=name, size_bytes=given["size_bytes"], account_id=account().id, settings=settings()
@@ -204,7 +204,7 @@ def begin(given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/<file_id>")
 @blueprint.output(FileOut)
 def look(file_id: str) -> dict[str, Any]:
-    """Ask how far a file is."""
+    """Get the progress of an upload."""
     return _state(_find(file_id))
 
 
@@ -225,7 +225,7 @@ def send(file_id: str) -> dict[str, int]:
 @blueprint.delete("/<file_id>")
 @blueprint.output({}, status_code=204)
 def drop(file_id: str) -> str:
-    """Delete a file that is not wanted."""
+    """Delete a staged file."""
     staged = _find(file_id)
     with one_at_a_time(staged.path):
         staged_file.drop(staged)
@@ -237,7 +237,7 @@ def drop(file_id: str) -> str:
 @blueprint.output(ContentsOut)
 @blueprint.doc(responses=json_answer("A job reads it; the contents are its result.", TrackJobOut, status=202))
 def contents(file_id: str, given: dict[str, Any]) -> Any:
-    """Say what is in a file, before anything of it is stored."""
+    """Report the content of a file before it is imported."""
     staged = _find(file_id)
     staged_file.check_complete(staged)
     form = given | {"name": _file_name(given["name"])}
@@ -265,7 +265,7 @@ def contents(file_id: str, given: dict[str, Any]) -> Any:
     "same mission, stores nothing twice."
 )
 def import_staged(file_id: str, given: dict[str, Any]) -> dict[str, int]:
-    """Import a file, by a job."""
+    """Import a file in a job."""
     staged, who = _find(file_id), account()
     mission_id, map_id, title = _destination(given)
     staged_file.check_complete(staged)
@@ -313,12 +313,12 @@ def _file_name(given: str) -> str:
 
 
 def _destination(given: dict[str, Any]) -> tuple[int | None, int | None, str | None]:
-    """Return the mission, its map, and the name of one that is to be made.
+    """Return the mission, its map, and the name of a mission to be created.
 
     Raises
     ------
     UsageError
-        None is named, or two, or the name is not valid.
+        Neither or both of `mission` and `new_mission` are given, or the name is invalid.
     NotFound, NotAllowed
     """
     new = given["new_mission"]
@@ -332,7 +332,7 @@ def _destination(given: dict[str, Any]) -> tuple[int | None, int | None, str | N
 
 
 def _form(given: dict[str, Any]) -> dict[str, Any]:
-    """Return how it is to be read, as jobs have it."""
+    """Convert the options of an import to the arguments of a job."""
     start, tracks = given["start"], given["tracks"]
     return {
         **{key: given[key] for key in ("columns", "source", "axes", "min_move")},

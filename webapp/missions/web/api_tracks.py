@@ -1,4 +1,4 @@
-"""The tracks of a mission, for display: as a line, and as a profile."""
+"""API of the tracks of a mission for display, as a line and as a profile."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _POINT = {
 
 
 class LineQuery(Schema):
-    """What of a track is asked for."""
+    """The requested part of a track, and its resolution."""
 
     tolerance_m = Float(
         load_default=0.0, validate=Range(min=0), metadata={"description": "So far a pose may lie from it."}
@@ -64,13 +64,13 @@ class LineOut(Schema):
 
 
 class ProfileQuery(Schema):
-    """How fine."""
+    """Resolution of a profile."""
 
     points = Integer(load_default=1000, validate=Range(2, _MOST_POINTS))
 
 
 class ProfileOut(Schema):
-    """A track over time: of each part of it the lowest and the highest pose."""
+    """A track over time: the lowest and the highest pose of each part."""
 
     time_s = List(Float())
     travelled_m = List(Float())
@@ -88,7 +88,7 @@ def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
 
 
 def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
-    """Return a track as a line, as `LineQuery` asks for it; the fields of `LineOut`.
+    """Return a track as a line for the fields of a `LineQuery`; the fields of `LineOut`.
 
     Raises
     ------
@@ -109,10 +109,10 @@ def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str
 
 
 def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
-    """Return the profile of a track, as `ProfileQuery` asks for it; the fields of `ProfileOut`."""
+    """Return the profile of a track for the fields of a `ProfileQuery`; the fields of `ProfileOut`."""
     samples = track_display.track_profile(session, track, points=query["points"])
     if not track.timed:
-        samples[:, 2] = np.nan  # no speed comes of times that only keep the order
+        samples[:, 2] = np.nan  # such times only give the order, not a speed
     columns = samples.T.tolist()
     time, travelled, speed, height = ([None if v != v else v for v in column] for column in columns)
     return {"time_s": time, "travelled_m": travelled, "speed_mps": speed, "height_m": height}
@@ -122,7 +122,7 @@ def profile_json(session: Session, track: Track, query: dict[str, Any]) -> dict[
 @blueprint.input(LineQuery, location="query", arg_name="query")
 @blueprint.output(LineOut)
 def line(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
-    """Get a track, or what of it is in a box, as a line."""
+    """Get a track, or the part of it in a box, as a line."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
         return line_json(session, tracks.find(session, mission.id, track_id), query)
@@ -132,7 +132,7 @@ def line(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any
 @blueprint.input(ProfileQuery, location="query", arg_name="query")
 @blueprint.output(ProfileOut)
 def profile(mission_id: int, track_id: int, query: dict[str, Any]) -> dict[str, Any]:
-    """Get way, speed and height of a track over time."""
+    """Get distance, speed and height of a track over time."""
     mission = open_mission(mission_id, binned=True)
     with library().database.read() as session:
         return profile_json(session, tracks.find(session, mission.id, track_id), query)

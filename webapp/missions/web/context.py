@@ -1,4 +1,4 @@
-"""What requests about missions share: the mission, and parts of addresses."""
+"""Helpers for requests about missions: access to the mission, and path parameters."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mis
 
 
 class AnyText(BaseConverter):
-    """Any text at the end of an address, with slashes too; of rules with `merge_slashes=False`."""
+    """Any text at the end of a URL, including slashes; for rules with `merge_slashes=False`."""
 
     regex = ".+"
     part_isolating = False
 
 
 def allow_any_text(setup: BlueprintSetupState) -> None:
-    """Let the addresses of a blueprint use these; for `blueprint.record`, before its first address."""
+    """Register the converter `text` for a blueprint; call by `blueprint.record` before its first route."""
     setup.app.url_map.converters["text"] = AnyText

@@ -1,4 +1,4 @@
-"""Pages of missions: the list, and one live on the map; for visitors, a shared one and its files."""
+"""Pages of missions: the list, a live mission on its map, and shared missions with their files."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 @mission_pages.get("")
 def index() -> str:
-    """List the missions; the list itself comes from the API."""
+    """Show the page of the list of missions, which is loaded from the API."""
     return _list(binned=False)
 
 
 @mission_pages.get("/bin")
 def trash() -> str:
-    """List the missions in the bin."""
+    """Show the page of the missions in the bin."""
     return _list(binned=True)
 
 
 @mission_pages.get("/<id:mission_id>")
 def show(mission_id: int) -> str:
-    """Show a mission; `?with=2,3` lays others over it."""
+    """Show a mission; scripts overlay others by `?with=2,3`."""
     mission, who = open_mission(mission_id), account()
     with library().database.read() as session:
         role = missions.role_of(session, mission, account=who)
@@ -83,7 +83,7 @@ def shared(token: str) -> tuple[str, int, dict[str, str]]:
 @public_pages.get("/embed")
 @public
 def embedded(token: str) -> tuple[str, int, dict[str, str]]:
-    """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
+    """Show a shared mission in a frame of another site, without sign-in, cookies or actions."""
     allow_framing()
     return _page(token, framed=True)
 
@@ -92,7 +92,7 @@ def embedded(token: str) -> tuple[str, int, dict[str, str]]:
 @public
 @public_pages.input(ExportQuery, location="query", arg_name="query")
 def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
-    """Take a shared mission away; `?points=` thins its tracks."""
+    """Export a shared mission; `?points=` limits the poses of each track."""
     mission = _opened(token).mission
     return api_exports.export(mission.id, ending=ending, query=query)
 
@@ -100,7 +100,7 @@ def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
 @public_pages.get("/objects.csv")
 @public
 def objects(token: str) -> Response:
-    """Take the objects of a shared mission away."""
+    """Export the objects of a shared mission."""
     return api_exports.export(_opened(token).mission.id, ending="objects.csv", query={"points": None})
 
 
@@ -108,7 +108,7 @@ def objects(token: str) -> Response:
 @public
 @public_pages.input(LinkQuery, location="query", arg_name="query")
 def network_link(token: str, query: dict[str, int]) -> Response:
-    """Take a KML link away that programs fetch again and again, each `?every=` seconds."""
+    """Get a KML link that programs fetch every `?every=` seconds."""
     mission = _opened(token).mission
     return api_exports.link(mission.name, token=token, every=query["every"])
 

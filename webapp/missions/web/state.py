@@ -1,4 +1,4 @@
-"""Missions as JSON, for pages, programs and visitors, who get nothing that the share does not give."""
+"""Missions as JSON for pages and programs, and for visitors, who get only what the share shows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from webapp.web.maps import state as map_state
 from webapp.web.sharing.shared_state import answer_for_visitors
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
-"""Of a georeference: how it was found is left out."""
+"""Fields of a georeference that visitors get; its control points, for instance, are left out."""
 
 
 def summary(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def summary(session: Session, mission: Mission, *, account: Account) -> dict[str
 
 
 def entry_json(entry: Entry) -> dict[str, Any]:
-    """Return the summary of a list's entry; the fields of `MissionSummary`."""
+    """Return the summary of a list entry; the fields of `MissionSummary`."""
     mission = entry.mission
     return {
         "id": mission.id,
@@ -55,7 +55,7 @@ def entry_json(entry: Entry) -> dict[str, Any]:
 
 
 def whole(session: Session, mission: Mission, *, account: Account) -> dict[str, Any]:
-    """Get all of a mission but its poses, objects and photos themselves; the fields of `MissionState`."""
+    """Return a mission without its poses, objects and photos; the fields of `MissionState`."""
     entry = missions.entry(session, mission, account=account)
     return {
         **entry_json(entry),
@@ -112,12 +112,12 @@ def satellite(session: Session, mission: Mission, *, base: str | None = None) ->
 
 
 def cursor(revision: int, poses: dict[int, int]) -> str:
-    """Return the cursor of a mission: its revision, and how many poses of each track."""
+    """Return the cursor of a mission: its revision, and the number of poses of each track."""
     return "-".join([str(revision), *(f"{id}.{count}" for id, count in sorted(poses.items()))])
 
 
 def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
-    """Read what `cursor` has made; None for anything else."""
+    """Parse the result of `cursor`; return None for any other text."""
     revision, *parts = text.split("-")
     pairs = [part.split(".") for part in parts]
     numbers = [revision, *(number for pair in pairs for number in pair)]
@@ -129,7 +129,7 @@ def read_cursor(text: str) -> tuple[int, dict[int, int]] | None:
 
 
 def _way(found: list[Track]) -> dict[str, float]:
-    """Return the length and duration of a mission, by its best track."""
+    """Return the length and duration of a mission, from its best track."""
     best = tracks.best(found)
     if best is None:
         return {"distance_m": 0.0, "duration_s": 0.0}
@@ -173,9 +173,9 @@ def _closing(track: Track, ends: Poses) -> dict[str, float] | None:
 
 
 def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> dict[str, Any]:
-    """Get all of a shared mission but its poses, objects and photos themselves.
+    """Return a shared mission without its poses, objects and photos.
 
-    What the page of a mission needs has the names that its owners see; the note is the owners' own.
+    Fields that the page of a mission needs have the same names as for its owners; the note is left out.
     """
     mission = opened.mission
     found = tracks.list_tracks(session, mission.id)
@@ -194,7 +194,7 @@ def shared_mission(session: Session, opened: OpenedMission, *, token: str) -> di
 
 
 def shared_object(opened: OpenedMission, row: MissionObject) -> dict[str, Any]:
-    """Return an object as JSON; its photo only where photos are shown, and nobody's name."""
+    """Return an object as JSON, without names of people; its photo only if the share shows photos."""
     photo = row.photo_sha if opened.share.photos else None
     return {**object_json(row), "photo": photo, "state_by": None}
 
@@ -224,12 +224,12 @@ def shared_photos(session: Session, opened: OpenedMission) -> list[MissionPhoto]
 
 
 def find_shared_photo(session: Session, opened: OpenedMission, *, sha256: str) -> MissionPhoto:
-    """Find a photo whose pictures a share gives.
+    """Find a photo that a share shows.
 
     Raises
     ------
     NotFound
-        The share gives no pictures of it.
+        The share does not show it.
     """
     if not opened.share.photos:
         raise NotFound("photos are not shared here")

@@ -1,4 +1,4 @@
-"""What a sheet of paper is drawn with: shapes and text in points, as PDF or as pixels."""
+"""Drawing on a sheet of paper: shapes and text in points, as PDF or as pixels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Anchor = Literal["left", "middle", "right"]
 _HALO: RGB = (255, 255, 255)
 _JPEG_QUALITY = 90
 _MEASURED_PT = 100
-"""Size at which widths are measured; they grow evenly with the size."""
+"""Font size at which widths are measured; they are proportional to it."""
 
 _registering = threading.Lock()
 
@@ -40,7 +40,7 @@ class TextStyle(NamedTuple):
     size : float
         Of the font, points.
     anchor : {"left", "middle", "right"}
-        Which part of the line is at its position; its baseline is there too.
+        Which part of the line is at its position, on the baseline.
     halo : float
         Width of a white rim, points.
     """
@@ -71,19 +71,19 @@ class Drawing(Protocol):
         """Draw a straight line."""
 
     def text(self, at: Point, text: str, *, style: TextStyle) -> None:
-        """Write one line; in a picture it stands above everything else."""
+        """Write one line; in a PNG it is above everything else."""
 
     def finish(self) -> bytes:
         """Return the file."""
 
 
 def text_width(text: str, size: float, *, bold: bool = False) -> float:
-    """Width of one line, points."""
+    """Return the width of a line, points."""
     return float(_font(_MEASURED_PT, bold).getlength(text)) * size / _MEASURED_PT
 
 
 def shorten(text: str, size: float, *, width: float, bold: bool = False) -> str:
-    """Cut the end of a text off until it is at most `width` points wide."""
+    """Truncate the end of a text until it is at most `width` points wide."""
     if text_width(text, size, bold=bold) <= width:
         return text
     least, most = 0, len(text)
@@ -102,7 +102,7 @@ class PngDrawing:
     size : (float, float)
         Width and height, points.
     dpi : int
-        Pixels an inch.
+        Pixels per inch.
     """
 
     def __init__(self, size: tuple[float, float], *, dpi: int) -> None:
@@ -173,7 +173,7 @@ class PngDrawing:
 
 
 class PdfDrawing:
-    """A sheet of a PDF, with shapes and text that are sharp at any size.
+    """A PDF, with vector shapes and text.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class PdfDrawing:
         self._canvas.setLineCap(1)
 
     def page(self, size: tuple[float, float], *, first: bool) -> None:
-        """Begin a page of this size; the first one is there already."""
+        """Begin a page of this size; the first one exists already."""
         if not first:
             self._canvas.showPage()
         self._height = size[1]
@@ -268,7 +268,7 @@ def _font(size: float, bold: bool) -> ImageFont.FreeTypeFont:
 
 
 def _pdf_fonts() -> tuple[str, str]:
-    """Name the plain and the bold font of PDFs."""
+    """Register the regular and the bold font for PDFs; return their names."""
     names = ("ExperienceMap", "ExperienceMap-Bold")
     with _registering:
         for bold, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""Finds room for labels next to their marks."""
+"""Places labels next to their marks without overlaps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 _CELL = 16.0
-"""Side of the cells by which boxes are found, points."""
+"""Side of the cells of the grid in which boxes are looked up, points."""
 
 
 class Box(NamedTuple):
@@ -56,7 +56,7 @@ class LabelWanted(NamedTuple):
 
 
 class _Taken:
-    """The boxes that are on the sheet already."""
+    """The boxes that are already on the sheet, in a grid."""
 
     def __init__(self, boxes: Iterable[Box]) -> None:
         self._cells: dict[tuple[int, int], list[Box]] = defaultdict(list)
@@ -77,14 +77,14 @@ def place_labels(wanted: Sequence[LabelWanted], *, taken: Iterable[Box], frame: 
     Parameters
     ----------
     wanted : sequence of LabelWanted
-        In the order in which they choose.
+        In the order of priority.
     taken : iterable of Box
-        What must stay visible: the marks.
+        Areas that must stay visible: the marks.
 
     Returns
     -------
     list of Box or None
-        None where there is no room.
+        None for labels that do not fit.
     """
     there, found = _Taken(taken), list[Box | None]()
     for label in wanted:
@@ -96,7 +96,7 @@ def place_labels(wanted: Sequence[LabelWanted], *, taken: Iterable[Box], frame: 
 
 
 def _around(label: LabelWanted) -> Iterator[Box]:
-    """Yield the places of a label: right, left, above, below, then the corners."""
+    """Yield the possible places of a label: right, left, above, below, then the corners."""
     x, y, reach, width, height = label
     near = 0.75 * reach
     beside = [(reach, -height / 2), (-reach - width, -height / 2)]

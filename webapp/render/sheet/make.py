@@ -29,10 +29,10 @@ _FAINT = 0.35
 """Opacity of the map's image around a floor."""
 
 _MOST_PX = 12_000
-"""Longer side of the image that is read, however small the part of it that is printed."""
+"""Maximum longer side at which the image is read, even if only a small part of it is printed."""
 
 _MOST_BOOK_PX = 400_000_000
-"""Pixels of all pages of a PDF: they are in memory, compressed, until it is sent."""
+"""Maximum pixels of all pages of a PDF, which is held in memory until it is sent."""
 
 
 def print_map(
@@ -67,7 +67,7 @@ def print_map(
     _check_size(len(source.map.floors), options)
     floors = sorted(source.map.floors, key=lambda floor: floor.level)
     contents = map(draw, [floor.id for floor in floors] or [BASE_FLOOR])
-    # Each page says its floor, whatever its title is.
+    # No title in the options: each page has that of its content, which names the floor.
     return draw_book(contents, title=title, options=replace(options, title=None), words=words)
 
 
@@ -79,7 +79,7 @@ def _content(
     answers: tuple[SheetAnswer, ...],
     settings: Settings,
 ) -> SheetContent:
-    """Read what is printed of a floor."""
+    """Read the content of the sheet of a floor."""
     source, floor = _of_floor(source, id)
     map_, side = source.map, _side(source, options)
     satellite = _read(source, map_.satellite.path, lambda raster: reduced(raster, side), settings=settings)
@@ -101,7 +101,7 @@ def _check_size(pages: int, options: SheetOptions) -> None:
 
 
 def _of_floor(source: Source, id: int) -> tuple[Source, Floor | None]:
-    """Leave out the photos and notes of other floors."""
+    """Return a floor, and the source without the photos and notes of other floors."""
     map_ = source.map
     floor = map_.floor_named(id)
     if floor is None and (map_.floors or id != BASE_FLOOR):
@@ -115,7 +115,7 @@ def _of_floor(source: Source, id: int) -> tuple[Source, Floor | None]:
 def _with_floor(
     source: Source, satellite: Pixels, image: FloorImage, *, side: int, settings: Settings
 ) -> Pixels:
-    """Lay the image of a floor over that of the map, which is faint around it."""
+    """Overlay the image of a floor on that of the map, which is faint around it."""
     size = source.map.satellite.width, source.map.satellite.height
     laid = _read(
         source, image.path, lambda raster: laid_on_map(raster, image, size=size, side=side), settings=settings
@@ -134,7 +134,7 @@ def _read(source: Source, name: str, read: Callable[[Raster], Pixels], *, settin
 
 
 def _side(source: Source, options: SheetOptions) -> int:
-    """Choose how large the image is read: as fine as the printed part of it needs."""
+    """Return the longer side at which to read the image, for the resolution of its printed part."""
     part, image = printed_part(source.map, options), source.map.satellite
     needed = max(options.page_sizes()[0]) / 72 * options.dpi
     share = max((part.right - part.left) / image.width, (part.bottom - part.top) / image.height)

@@ -1,4 +1,4 @@
-"""The marks on a printed map, and what is measured on it: scale and north."""
+"""The marks on a printed map, and its scale and direction of north."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ ANSWER_PT = 5.0
 CROSS_PT = 4.0
 NOTE_PT = 5.0
 _POINTER = 3.2
-"""Length of what shows where a photo looks, in radii of its dot."""
+"""Length of the pointer in a photo's viewing direction, in radii of its dot."""
 
 _STEP_DEG = 1e-5
-"""About a metre, by which north is found."""
+"""Step northward, about a metre, for computing the direction of north."""
 
 _UNEVEN = 1.05
-"""A scale that varies more across the image is said to be about so."""
+"""A scale that varies more across the image is printed as approximate."""
 
 _POINTS_PER_METRE = 72 / 0.0254
 
@@ -55,11 +55,11 @@ class SheetView:
 
     @property
     def scale(self) -> float:
-        """Points a map pixel."""
+        """Points per map pixel."""
         return (self.frame.right - self.frame.left) / (self.part.right - self.part.left)
 
     def shown(self, position: MapPixel) -> Point:
-        """Where a map position is on the paper."""
+        """Return a map position on the paper."""
         x = self.frame.left + (position.x - self.part.left) * self.scale
         return x, self.frame.top + (position.y - self.part.top) * self.scale
 
@@ -80,11 +80,11 @@ class Scale:
     metres : float
         A round distance.
     length : float
-        Of it on the paper, points.
+        Length of that distance on the paper, points.
     ratio : float
-        1 to so much.
+        Denominator of the scale, as in 1 : 1000.
     even : bool
-        Whether it is the same all over the map.
+        Whether it is nearly the same all over the map.
     """
 
     metres: float
@@ -94,12 +94,12 @@ class Scale:
 
 
 def scale_of(georeference: Georeference, view: SheetView, *, longest: float) -> Scale | None:
-    """Measure the scale in the middle of a view; None where the image has none there.
+    """Compute the scale in the middle of a view; None if the image has none there.
 
     Parameters
     ----------
     longest : float
-        The round distance is at most so long on the paper, points.
+        Maximum length of the round distance on the paper, points.
     """
     left, top, right, bottom = view.part
     corners = [MapPixel(x, y) for x in (left, right) for y in (top, bottom)]
@@ -115,7 +115,7 @@ def scale_of(georeference: Georeference, view: SheetView, *, longest: float) -> 
 
 
 def norths(georeference: Georeference | None, positions: Sequence[MapPixel]) -> NDArray[np.float64]:
-    """Direction of north at map positions, degrees clockwise from image-up; up where it is not known."""
+    """Return the direction of north at map positions, degrees clockwise from image-up; 0 if unknown."""
     if georeference is None or not positions:
         return np.zeros(len(positions))
     pixels = np.asarray(positions, np.float64)
@@ -125,7 +125,7 @@ def norths(georeference: Georeference | None, positions: Sequence[MapPixel]) -> 
 
 
 def dot_radius(at: NDArray[np.float64]) -> float:
-    """Radius of the dots, points: smaller where they are dense; (n, 2) positions on the paper."""
+    """Return the radius of dots at (n, 2) positions on the paper, points; smaller if they are dense."""
     distinct = np.unique(np.round(at, 1), axis=0)
     if len(distinct) < 2:
         return MOST_DOT_PT
@@ -135,7 +135,7 @@ def dot_radius(at: NDArray[np.float64]) -> float:
 
 
 def draw_photo(drawing: Drawing, at: Point, *, radius: float, angle_deg: float | None) -> None:
-    """Draw a dot, and where the photo looks: `angle_deg` is clockwise from up on the paper."""
+    """Draw a dot with a pointer in the viewing direction: `angle_deg` is clockwise from up on the paper."""
     rim = max(0.4, 0.25 * radius)
     if angle_deg is not None:
         angle = math.radians(angle_deg)

@@ -1,4 +1,4 @@
-"""What a printed map shows, on which paper, and in which words."""
+"""Options of a printed map: its content, paper and language."""
 
 from __future__ import annotations
 
@@ -45,21 +45,21 @@ class SheetOptions:
     dpi : int
         Of a PNG, and of the satellite image in a PDF.
     labels : {"none", "numbers", "names"}
-        What is written next to the photos; numbers are their ids.
+        Labels of the photos; numbers are their ids.
     headings : bool
-        Whether it is shown where the photos look.
+        Whether the viewing directions of the photos are shown.
     control_points : bool
         Whether control points are shown, with their names.
     notes : bool
-        Whether notes on spots are shown, and what they say below the map.
+        Whether notes are shown on the map, with their texts below it.
     extent : {"image", "photos"}
         The whole image, or the surroundings of the photos.
     title : str or None
-        Instead of the map's.
+        Replaces that of the map.
     attribution : str
-        Whom the image is from.
+        Attribution of the image.
     floor : int or None
-        Id of the floor, on a map that has several; None prints each on a page of its own.
+        Id of the floor, on a map that has several; None prints each on its own page.
     """
 
     paper: Paper = "a4"
@@ -75,7 +75,7 @@ class SheetOptions:
     floor: int | None = BASE_FLOOR
 
     def page_sizes(self) -> list[tuple[float, float]]:
-        """Width and height of the paper in points, in each orientation that it may have."""
+        """Return width and height of the paper in points, for each allowed orientation."""
         width, height = _SIZES[self.paper]
         sizes = {"portrait": (width, height), "landscape": (height, width)}
         return list(sizes.values()) if self.orientation == "auto" else [sizes[self.orientation]]
@@ -94,14 +94,14 @@ class SheetAnswer:
 
 
 def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer, ...]:
-    """Take the best places of answers as `localize --json` prints them.
+    """Read the best places from answers as printed by `localize --json`.
 
-    Photos that are rather not on the map are left out.
+    Photos that are more probably not on the map are left out.
 
     Raises
     ------
     KeyError, TypeError
-        They are no answers.
+        These are not answers.
     """
     found = []
     for answer in answers:
@@ -128,7 +128,7 @@ class SheetWords:
     Attributes
     ----------
     photos : callable
-        Says a number of photos.
+        Formats a number of photos.
     labels_left_out : str
         With `{n}`.
     """
@@ -149,5 +149,5 @@ class SheetWords:
 
 
 def english(date: str) -> SheetWords:
-    """Return the English words, with a date as it shall be printed."""
+    """Return the English words, with the date as printed."""
     return SheetWords(lambda n: f"{n} photo{'s' * (n != 1)}", date)

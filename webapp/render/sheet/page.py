@@ -30,25 +30,25 @@ _FOOT = 62.0
 """Height of legend, scale and attribution."""
 
 _MEASURES = 190.0
-"""Width that scale and north take at the right of the foot."""
+"""Width of scale and north at the right of the foot."""
 
 _BAR = 120.0
 _LABEL = 7.0
 _LABEL_WIDTH = 110.0
 _AROUND = 0.06
-"""Margin round the photos, as a share of what they take."""
+"""Margin around the photos, as a share of their extent."""
 
 
 @dataclass(frozen=True, slots=True)
 class SheetContent:
-    """What is printed.
+    """The content of a sheet.
 
     Attributes
     ----------
     satellite : (h, w, 3) uint8
         Red, green, blue; it may have another size than the map states.
     title : str
-        Unless the options have another one.
+        Used unless the options have a title.
     answers : tuple of SheetAnswer
         Those outside of the image are left out.
     """
@@ -77,7 +77,7 @@ def draw_sheet(
 
 
 def page_size(map_: Map, options: SheetOptions) -> tuple[float, float]:
-    """Choose the size of the paper in points: of those that it may have, that on which the map is largest."""
+    """Return the size of the paper in points: the allowed one on which the map is largest."""
     part = printed_part(map_, options)
     return max(options.page_sizes(), key=lambda size: _map_scale(part, size, top=_MARGIN + 50))
 
@@ -90,18 +90,18 @@ def compose(
     options: SheetOptions,
     words: SheetWords,
 ) -> None:
-    """Draw the parts of a sheet of a size in points, from the top to the bottom."""
+    """Draw the parts of a sheet; `size` is in points."""
     _Page(drawing, size, content, options, words).draw(printed_part(content.map, options))
 
 
 def _map_scale(part: Box, size: tuple[float, float], *, top: float) -> float:
-    """Return how large a part of the image can be on a sheet of a size, points a map pixel."""
+    """Return the scale at which a part of the image fits on a sheet, points per map pixel."""
     room_x, room_y = size[0] - 2 * _MARGIN, size[1] - top - _FOOT - _MARGIN + 6
     return min(room_x / (part.right - part.left), room_y / (part.bottom - part.top))
 
 
 def printed_part(map_: Map, options: SheetOptions) -> Box:
-    """Choose the part of the image, map pixels: with photos alone at least a tenth of it."""
+    """Return the part of the image to print, map pixels; around photos, at least a tenth of its side."""
     width, height = map_.satellite.width, map_.satellite.height
     if options.extent == "image" or not map_.experiences:
         return Box(0, 0, width, height)
@@ -142,7 +142,7 @@ class _Page:
         self._notes(view, foot + _FOOT)
 
     def _head(self) -> float:
-        """Write title, number of photos and date; gives where the map begins."""
+        """Write title, number of photos and date; return where the map begins."""
         width = self.size[0] - 2 * _MARGIN
         y = _MARGIN - 6
         for line in _wrapped(self.options.title or self.content.title, width=width):
@@ -154,7 +154,7 @@ class _Page:
         return y + 10
 
     def _map(self, part: Box, *, top: float) -> SheetView:
-        """Put the image as large as it fits, in the middle of the width."""
+        """Draw the image as large as it fits, in the middle of the width."""
         scale = _map_scale(part, self.size, top=top)
         width, height = (part.right - part.left) * scale, (part.bottom - part.top) * scale
         left = (self.size[0] - width) / 2
@@ -170,7 +170,7 @@ class _Page:
         return SheetView(part, frame)
 
     def _marks(self, view: SheetView) -> int:
-        """Draw photos, points and answers with their labels; gives how many labels had no room."""
+        """Draw photos, points and answers with their labels; return how many labels did not fit."""
         answers = [answer for answer in self.content.answers if view.shows(answer.position)]
         for answer in answers:
             marks.draw_answer_area(self.drawing, answer, view=view)
@@ -209,7 +209,7 @@ class _Page:
     def _photo_labels(
         self, photos: Sequence[Experience], at: Sequence[Point], *, reach: float
     ) -> list[_Label]:
-        """Name the photos; those on one spot have one label."""
+        """Make the labels of the photos; photos at the same position share one."""
         spots: dict[Point, list[Experience]] = defaultdict(list)
         for e, (x, y) in zip(photos, at, strict=True):
             spots[round(x, 1), round(y, 1)].append(e)
@@ -223,14 +223,14 @@ class _Page:
         return [(note, note.position) for note in found if note.position and view.shows(note.position)]
 
     def _draw_notes(self, view: SheetView) -> list[MapPixel]:
-        """Draw the notes as numbers, from 1 on; gives where they are."""
+        """Draw the notes as numbers, from 1 on; return their positions."""
         found = self._shown_notes(view)
         for number, (_, position) in enumerate(found, start=1):
             marks.draw_note(self.drawing, view.shown(position), number=number)
         return [position for _, position in found]
 
     def _notes(self, view: SheetView, top: float) -> None:
-        """Write what the notes say in the room below the map, and say how many have none."""
+        """Write the texts of the notes below the map, and how many of them do not fit there."""
         found = self._shown_notes(view)
         bottom, width = self.size[1] - _MARGIN + 6, self.size[0] - 2 * _MARGIN - 22
         y = top
@@ -268,7 +268,7 @@ class _Page:
         return sum(box is None for box in boxes)
 
     def _legend(self, top: float, *, left_out: int) -> None:
-        """Explain the marks that are there, from left to right and in as many rows as are needed."""
+        """Draw the legend of the marks in use, in as many rows as are needed."""
         width = self.size[0] - 2 * _MARGIN - (_MEASURES if self.content.map.georeference else 0.0)
         x, y = _MARGIN, top
         for draw, text in self._legend_items():
@@ -309,7 +309,7 @@ class _Page:
             self.drawing.disc((at[0] - 5 + 5 * n, at[1]), 3.4, colour=probability_colour(probability))
 
     def _measures(self, view: SheetView, top: float) -> None:
-        """Draw scale and north at the right, where they are known."""
+        """Draw scale and north at the right, if they are known."""
         georeference = self.content.map.georeference
         scale = None if georeference is None else marks.scale_of(georeference, view, longest=_BAR)
         if georeference is None or scale is None:
@@ -337,7 +337,7 @@ def _rounded(ratio: float) -> str:
 
 
 def _wrapped(text: str, *, width: float) -> list[str]:
-    """Break a title into at most two lines; what does not fit is cut off."""
+    """Break a title into at most two lines, and truncate it."""
     lines: list[str] = []
     rest = text.split()
     while rest and len(lines) < _TITLE_LINES - 1:
@@ -380,7 +380,7 @@ def _cut(content: SheetContent, part: Box, *, most: int) -> NDArray[np.uint8]:
 
 
 def _fitted(label: _Label) -> str:
-    """Cut the beginning of a long label off: names of photos differ at their ends."""
+    """Truncate the beginning of a long label: names of photos differ at their ends."""
     text, width = label.text, text_width(label.text, _LABEL, bold=label.bold)
     while width > _LABEL_WIDTH:
         text = f"…{text.lstrip('…')[1:]}"

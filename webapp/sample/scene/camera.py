@@ -1,4 +1,4 @@
-"""The pinhole camera that photographs the park, and where the photographer stands and looks."""
+"""The pinhole camera that photographs the park, and the poses of its photos."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class SceneCamera:
         return np.stack([right, np.sin(pitch) * ahead - np.cos(pitch) * up, forward])
 
     def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Turn world points into camera coordinates.
+        """Transform world points to camera coordinates.
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class SceneCamera:
         return np.asarray((points - np.array(self.position)) @ self.camera_from_world.T, np.float64)
 
     def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find where world points appear.
+        """Project world points to pixels.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class SceneCamera:
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """A place and a direction.
+    """Position and direction of a photo.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class CameraView:
     heading_deg : float
         Degrees clockwise from north, 0 to 360.
     pitch_deg : float
-        Degrees above the horizon: nobody holds a camera quite level.
+        Degrees above the horizon: a camera in the hand is never quite level.
     """
 
     east: float
@@ -131,24 +131,24 @@ class CameraView:
     pitch_deg: float
 
     def camera(self, *, fov_deg: float, width: int, height: int) -> SceneCamera:
-        """Hold a camera there at eye height."""
+        """Return a camera there, at eye height."""
         position = (self.east, self.north, EYE_HEIGHT_M)
         return SceneCamera(position, self.heading_deg, fov_deg, width, height, self.pitch_deg)
 
 
 def map_views(rng: np.random.Generator, plan: ParkPlan, *, count: int) -> list[CameraView]:
-    """Walk all paths and take `count` photos, evenly spread."""
+    """Return `count` views, evenly spread over all paths."""
     return [_view(rng, plan, float(stop), stops=count, stray=0.5) for stop in range(count)]
 
 
 def query_views(rng: np.random.Generator, plan: ParkPlan, *, count: int, stops: int) -> list[CameraView]:
-    """Walk the same way another day: `count` photos between the `stops` of the map, on other lines."""
+    """Return `count` views between the `stops` of the map, farther from the middle of the paths."""
     between = [int((number + 0.5) * stops / count) + 0.5 for number in range(count)]
     return [_view(rng, plan, stop, stops=stops, stray=1.0) for stop in between]
 
 
 def _view(rng: np.random.Generator, plan: ParkPlan, stop: float, *, stops: int, stray: float) -> CameraView:
-    """Look ahead, turned to one side and the other; `stray` says how far from the middle and the rule."""
+    """Return a view along the path, swinging to both sides; `stray` scales its random deviations."""
     paths = plan.paths
     at = min(max(int((stop + 0.5) / stops * len(paths)), 1), len(paths) - 2)
     line, at = (plan.loop, at) if at < len(plan.loop) else (plan.link, at - len(plan.loop))
@@ -163,7 +163,7 @@ def _view(rng: np.random.Generator, plan: ParkPlan, stop: float, *, stops: int, 
 
 
 def _clear(plan: ParkPlan, spot: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Step back from the monument in the middle of the square."""
+    """Move a position away from the monument in the middle of the square."""
     away = spot - plan.square
     distance = float(np.linalg.norm(away))
     if distance >= _MONUMENT_M:

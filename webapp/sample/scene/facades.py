@@ -1,4 +1,4 @@
-"""Pictures of house fronts."""
+"""Textures of house fronts."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _glass(rng: np.random.Generator, wall: NDArray[np.uint8], box: _Box) -> None
         return
     fall = np.linspace(1.25, 0.7, height, dtype=np.float32)[:, None, None]
     glass = np.array(jitter(rng, (62, 76, 88), amount=8), np.float32) * fall
-    # the sky and trees that each pane mirrors
+    # reflections of sky and trees
     line = height * (rng.uniform(0.2, 0.7) + 0.16 * fractal(rng, (2, width), cell_px=20, octaves=3)[0])
     sky = np.arange(height)[:, None] < line[None, :]
     clouds = 1 + 0.4 * fractal(rng, (height, width), cell_px=24, octaves=3)
@@ -96,7 +96,7 @@ def _glass(rng: np.random.Generator, wall: NDArray[np.uint8], box: _Box) -> None
 
 
 def _behind(rng: np.random.Generator, glass: NDArray[np.float32], fall: NDArray[np.float32]) -> None:
-    """Curtains, a blind, a plant, or nothing."""
+    """Paint curtains, a blind, a plant, or nothing behind the glass."""
     height, width = glass.shape[:2]
     kind = rng.random()
     if kind < 0.35:  # curtains to both sides
@@ -105,7 +105,7 @@ def _behind(rng: np.random.Generator, glass: NDArray[np.float32], fall: NDArray[
         folds = 1 + 0.12 * np.sin(np.arange(width) * rng.uniform(0.5, 1.1))[None, :, None]
         drawn = np.broadcast_to(cloth * folds * fall, glass.shape)
         glass[:, :share], glass[:, -share:] = drawn[:, :share], drawn[:, -share:]
-    elif kind < 0.6:  # a blind, somewhere down
+    elif kind < 0.6:  # a blind, partly down
         depth = int(height * rng.uniform(0.15, 0.75))
         slats = 0.85 + 0.15 * (np.arange(depth) % 5 > 0)[:, None, None]
         glass[:depth] = np.array(jitter(rng, (205, 200, 186), amount=12), np.float32) * slats
@@ -234,12 +234,12 @@ def front(
     size_m : tuple of float
         Width and height.
     entrance : bool
-        With a door and the sign; other fronts get something else to be known by.
+        With a door and the sign; other fronts get other distinctive features.
 
     Returns
     -------
     (h, w, 3) uint8
-        `PIXELS_PER_METRE` pixels a metre.
+        `PIXELS_PER_METRE` pixels per metre.
     """
     width, height = (round(side * PIXELS_PER_METRE) for side in size_m)
     wall = surface(rng, (height, width), material=style.material, colour=style.wall)

@@ -36,11 +36,11 @@ class Foliage:
         Metres.
     colour : (n, 3) uint8
     normal : (n, 3) float32
-        Outwards from the crown; says how much light the clump gets.
+        Outwards from the crown; determines how much light the clump gets.
     depth : (n,) float32
-        How deep inside its crown it is: 0 at the surface, 1 in the middle.
+        Depth inside its crown: 0 at the surface, 1 in the middle.
     plant : (n,) int32
-        Which tree or bush it belongs to.
+        Number of its tree or bush.
     evergreen : (n,) bool
     """
 
@@ -105,7 +105,7 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
 
 
 def cut_leaves(rng: np.random.Generator) -> Leaves:
-    """Paint the clumps of a park at all sizes."""
+    """Make the sprites of clumps, at all sizes."""
     pictures = [_leaves(rng) for _ in range(_VARIANTS)]
     table = []
     for side in _SIDES:
@@ -124,7 +124,7 @@ def cut_leaves(rng: np.random.Generator) -> Leaves:
 
 
 def _leaves(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Paint one clump: where there is leaf (0 or 1), and how bright it is (0-1)."""
+    """Paint one clump; return its mask (0 or 1) and its brightness (0-1)."""
     side = 192
     mask, tone = np.zeros((side, side), np.float32), np.full((side, side), 0.2, np.float32)
     for number in range(110):
@@ -141,12 +141,12 @@ def _leaves(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.f
 def draw_foliage(
     frame: Frame, camera: SceneCamera, *, foliage: Foliage, leaves: Leaves, sun: NDArray[np.float32]
 ) -> None:
-    """Draw all clumps that are nearer than what is drawn already.
+    """Draw all clumps where they are nearer than the surface in the frame.
 
     Parameters
     ----------
     frame : Frame
-        Changed.
+        Changed in place.
     sun : (n,) float32
         Share of the sun's light on each clump.
     """
@@ -198,6 +198,6 @@ def _stamp(
     distance = near[source]
     front = np.nonzero(distance < depth[index])[0]
     index, source = index[front], source[front]
-    depth[index] = distance[front]  # of equal places the last one counts, and that is the nearest
+    depth[index] = distance[front]  # of equal indices the last one is written, the nearest
     frame.colour.reshape(-1)[index] = palette[source * len(_TONES) + tones[spot[front]]]
     frame.sun.reshape(-1)[index] = lit[source]

@@ -48,14 +48,14 @@ def _bark(rng: np.random.Generator, colour: tuple[int, int, int], *, marks: bool
 
 
 def fence_corners() -> NDArray[np.float64]:
-    """Corners of the fence, (4, 2) metres, counter-clockwise."""
+    """Return the corners of the fence, (4, 2) metres, counter-clockwise."""
     inset = 0.8
     east, north = WIDTH_M - inset, DEPTH_M - inset
     return np.array([[inset, inset], [east, inset], [east, north], [inset, north]])
 
 
 def fence(rng: np.random.Generator) -> list[Quad]:
-    """Run a wooden fence around the park, each board in its own tone."""
+    """Build a wooden fence around the park, each board in its own tone."""
     corners = fence_corners()
     quads = []
     for left, right in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -118,7 +118,7 @@ def _free(plan: ParkPlan, spot: NDArray[np.float64]) -> bool:
 
 
 def _bench(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.float64]) -> list[Quad]:
-    """A bench that looks at the path."""
+    """Build a bench that faces the path."""
     side = np.array([-out[1], out[0]])  # the path is on the side of -out
     tone, joint = courses(rng, (28, 100), size_px=(1e6, 7.0, 1.3), spread=0.1)
     tone[joint] *= 0.35
@@ -146,7 +146,7 @@ def _lamp(rng: np.random.Generator, spot: NDArray[np.float64], side: NDArray[np.
 
 
 def _board(rng: np.random.Generator, spot: NDArray[np.float64], out: NDArray[np.float64]) -> list[Quad]:
-    """A notice board with a picture and some lines, no two alike."""
+    """Build a notice board with a random picture and some lines of text."""
     paper = np.full((76, 104, 3), jitter(rng, (222, 214, 190), amount=14), np.uint8)
     for _ in range(12):
         spots = rng.integers((6, 8), (60, 70), (int(rng.integers(3, 6)), 2)).astype(np.int32)

@@ -14,10 +14,10 @@ from webapp.sample.scene.plan import DEPTH_M, PATH_WIDTH_M, WIDTH_M, ParkPlan
 from webapp.sample.scene.raster import Quad, Texture
 
 GRASS, PAVED, WATER = 0, 128, 255
-"""What the fourth channel of a ground texture says."""
+"""Kinds of ground in the fourth channel of a ground texture."""
 
 BORDER_M = 5.0
-"""How far the detailed ground reaches beyond the park."""
+"""Width of the detailed ground around the park."""
 
 METRES_PER_PIXEL = 0.06
 DETAIL_METRES_PER_PIXEL = 0.01
@@ -32,9 +32,9 @@ class Ground:
     park : Quad
         The park and `BORDER_M` around it.
     country : Quad
-        What lies around, just below, coarse.
+        The surroundings, slightly lower and coarse.
     detail : (3, 512, 512) uint8
-        Repeating brightness (128 leaves it as it is) seen from near: grass, gravel, waves.
+        Tiling brightness (128 for no change), seen from near: grass, gravel, waves.
     """
 
     park: Quad
@@ -43,7 +43,7 @@ class Ground:
 
 
 def pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Turn (n, 2) metres into whole pixels of the park's texture."""
+    """Convert (n, 2) metres to whole pixels of the park's texture."""
     x = (points[:, 0] + BORDER_M) / METRES_PER_PIXEL
     y = (DEPTH_M + BORDER_M - points[:, 1]) / METRES_PER_PIXEL
     return np.stack([x, y], axis=1).astype(np.int32)
@@ -94,14 +94,14 @@ def _paint(rng: np.random.Generator, plan: ParkPlan) -> NDArray[np.uint8]:
 
 
 def _stripes(picture: NDArray[np.uint8]) -> None:
-    """Lanes of the mower, two metres each."""
+    """Paint lanes of a mower, each two metres wide."""
     lanes = np.arange(picture.shape[1]) * METRES_PER_PIXEL
     tone = np.where((lanes // 2) % 2 == 0, 1.045, 0.965).astype(np.float32)
     picture[..., :3] = np.clip(picture[..., :3] * tone[None, :, None], 0, 255).astype(np.uint8)
 
 
 def _daisies(rng: np.random.Generator, picture: NDArray[np.uint8]) -> None:
-    """Flowers and weeds in patches: each patch is to be seen at its place only."""
+    """Paint flowers and weeds in patches, which are distinctive of their places."""
     height, width = picture.shape[:2]
     for colour in ((236, 234, 222), (232, 204, 70), (62, 96, 44), (132, 104, 70)):
         spread = fractal(rng, (height // 8, width // 8), cell_px=40, octaves=3)

@@ -17,13 +17,13 @@ class Light:
     Attributes
     ----------
     sun_azimuth_deg : float
-        Where the sun stands, degrees clockwise from north.
+        Direction of the sun, degrees clockwise from north.
     sun_elevation_deg : float
         Above the horizon.
     sun, ambient : tuple of float
         Light of the sun, and of the whole sky.
     zenith, horizon : tuple of float
-        Colours of the sky overhead and low down (the haze has the latter).
+        Colours of the sky overhead and low down (the latter also of haze).
     clouds : float
         Share of the sky, 0-1.
     noise : float
@@ -60,7 +60,7 @@ AFTERNOON = Light(
     clouds=0.45,
     noise=1.2,
 )
-"""Of all photos of the sample map."""
+"""The light of all photos of the sample map."""
 
 EVENING = Light(
     sun_azimuth_deg=280,

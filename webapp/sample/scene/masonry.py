@@ -1,4 +1,4 @@
-"""Wall and roof surfaces: bricks, stones, boards, plaster, tiles; and how the fronts of a building look."""
+"""Wall and roof surfaces (bricks, stones, boards, plaster, tiles), and the style of a building."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from webapp.sample.scene.noise import fractal, jitter, tint
 
 PIXELS_PER_METRE = 45
-"""Of the textures of walls."""
+"""Resolution of the textures of walls."""
 
 Material = Literal["brick", "stone", "boards", "plaster"]
 Colour = tuple[int, int, int]
@@ -65,9 +65,9 @@ def courses(
     Returns
     -------
     tone : (h, w) float32
-        One tone a block, about 1.
+        One tone per block, about 1.
     joint : (h, w) bool
-        Between the blocks.
+        Joints between the blocks.
     """
     height, width = shape
     long, high, gap = size_px
@@ -96,7 +96,7 @@ def _grain(rng: np.random.Generator, shape: tuple[int, int]) -> NDArray[np.float
 
 
 def _weathered(rng: np.random.Generator, wall: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Dirt at the foot, shade under the eaves, streaks of rain."""
+    """Add dirt at the foot, shade under the eaves, streaks of rain."""
     height, width = wall.shape[:2]
     from_top = np.arange(height, dtype=np.float32)[:, None] / PIXELS_PER_METRE
     from_foot = from_top[::-1]

@@ -1,4 +1,4 @@
-"""Random patterns that textures are made of."""
+"""Random patterns for textures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def fractal(
     octaves : int
         Each further one has half the size and 0.55 of the strength.
     tiling : bool
-        The right edge continues at the left one, and the bottom at the top.
+        Whether opposite edges match, so that the pattern can be repeated.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def tint(colour: tuple[int, int, int], tone: NDArray[np.float32]) -> NDArray[np.
     colour : tuple of int
         Red, green, blue.
     tone : (h, w) float32
-        1 leaves the colour as it is.
+        1 keeps the colour.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Where everything in the park stands: drawn at random, without things in each other's way."""
+"""The layout of the park, drawn at random without overlaps."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Footprint:
 
     @property
     def side(self) -> NDArray[np.float64]:
-        """Unit vector along the front, to the right of who looks at it."""
+        """Unit vector along the front, to the right as seen from outside."""
         return np.array([-self.facing[1], self.facing[0]])
 
     def corners(self, *, margin: float = 0.0) -> NDArray[np.float64]:
-        """The (4, 2) corners counter-clockwise, the left one of the front first."""
+        """Return the (4, 2) corners counter-clockwise, the left one of the front first."""
         across, out = self.side * (self.width / 2 + margin), self.facing * (self.depth / 2 + margin)
         return np.stack(
             [
@@ -51,7 +51,7 @@ class Footprint:
         )
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Metres from (n, 2) points to the walls, 0 inside."""
+        """Return the distances of (n, 2) points from the walls, metres; 0 inside."""
         local = points - self.centre
         beyond = np.stack(
             [np.abs(local @ self.side) - self.width / 2, np.abs(local @ self.facing) - self.depth / 2],
@@ -62,7 +62,7 @@ class Footprint:
 
 @dataclass(frozen=True, slots=True)
 class Tree:
-    """A tree or a bush: where, how high, how wide, and of what kind."""
+    """A tree, a bush or flowers: position, height, radius, and kind."""
 
     east: float
     north: float
@@ -112,14 +112,14 @@ def draw_plan(rng: np.random.Generator) -> ParkPlan:
 
 
 def evenly(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Walk a (n, 2) polyline and stop every `step` metres."""
+    """Resample an (n, 2) polyline every `step` metres."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     at = np.arange(0.0, lengths[-1], step)
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def nearest(points: NDArray[np.float64], to: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres from each of (n, 2) points to the nearest of (m, 2) others."""
+    """Return the distance of each of (n, 2) points from the nearest of (m, 2) others, metres."""
     gaps = np.linalg.norm(points[:, None, :] - to[None, :, :], axis=2)
     return np.asarray(gaps.min(axis=1), np.float64)
 
@@ -136,7 +136,7 @@ def _loop(rng: np.random.Generator) -> NDArray[np.float64]:
 def _link(
     rng: np.random.Generator, loop: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A bent path across, and the square on its way."""
+    """Draw a curved path across the park, and the centre of the square on it."""
     start = int(rng.integers(len(loop)))
     ends = loop[start], loop[(start + len(loop) // 2) % len(loop)]
     square = _CENTRE + rng.uniform(-1, 1, 2) * (9, 6)
@@ -164,7 +164,7 @@ def _buildings(
     *,
     square: NDArray[np.float64],
 ) -> tuple[Footprint, ...]:
-    """Up to eight houses, each facing a path a few metres away."""
+    """Place up to eight houses, each facing a path a few metres away."""
     placed: list[Footprint] = []
     for _ in range(500):
         if len(placed) == 8:
@@ -224,7 +224,7 @@ def _trees(rng: np.random.Generator, plan: ParkPlan) -> tuple[Tree, ...]:
 
 
 def _flowers(rng: np.random.Generator, plan: ParkPlan) -> tuple[Tree, ...]:
-    """A ring of flowers around the square, open where the path comes in."""
+    """Place a ring of flowers around the square, open where a path comes in."""
     angle = np.arange(0, 2 * np.pi, 0.085)
     ring = plan.square + (plan.square_radius + 0.9) * np.stack([np.cos(angle), np.sin(angle)], 1)
     free = nearest(ring, plan.paths) > PATH_WIDTH_M / 2 + 0.7

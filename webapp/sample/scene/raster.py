@@ -1,4 +1,4 @@
-"""Draw flat textured quadrilaterals into a frame with a depth buffer."""
+"""Draws flat textured quadrilaterals into a frame with a depth buffer."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ NEAR_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """A picture at full, half, quarter ... size.
+    """A picture at full, half, quarter ... size (mipmap).
 
     Attributes
     ----------
     levels : tuple of (h, w, 4) uint8
-        Red, green, blue, and how much of the surface is there (drawn where it is above one half).
+        Red, green, blue, opacity (drawn where it is above one half).
     """
 
     levels: tuple[NDArray[np.uint8], ...]
 
     @staticmethod
     def of(image: NDArray[np.uint8]) -> Texture:
-        """Make the smaller sizes of a picture, (h, w, 3) or (h, w, 4) uint8."""
+        """Make a texture of a picture, (h, w, 3) or (h, w, 4) uint8."""
         if image.shape[2] == 3:
             image = np.dstack([image, np.full(image.shape[:2], 255, np.uint8)])
         levels = [np.ascontiguousarray(image)]
@@ -46,11 +46,11 @@ class Quad:
     Attributes
     ----------
     corner : (3,) float64
-        Where the bottom left of the texture is, metres.
+        Bottom left of the texture, metres.
     along, up : (3,) float64
         From there to the bottom right and to the top left, metres.
     two_sided : bool
-        Seen from behind too (mirrored).
+        Also visible from behind (mirrored).
     """
 
     corner: NDArray[np.float64]
@@ -61,14 +61,14 @@ class Quad:
 
     @cached_property
     def normal(self) -> NDArray[np.float64]:
-        """The (3,) unit vector towards those who can see it."""
+        """The (3,) unit normal of its visible side."""
         normal = np.cross(self.along, self.up)
         return np.asarray(normal / np.linalg.norm(normal), np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """What is seen at each pixel, before it is lit.
+    """The surface seen at each pixel, before it is lit.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Frame:
     sun : (h, w) float32
         Share of the sun's light that arrives, 0-1.
     depth : (h, w) float32
-        Metres along the optical axis; infinite where there is sky.
+        Metres along the optical axis; infinite for the sky.
     """
 
     colour: NDArray[np.uint32]
@@ -86,27 +86,27 @@ class Frame:
 
     @staticmethod
     def empty(camera: SceneCamera) -> Frame:
-        """Make a frame in which there is only sky."""
+        """Make a frame with only sky."""
         shape = (camera.height, camera.width)
         return Frame(
             np.zeros(shape, np.uint32), np.zeros(shape, np.float32), np.full(shape, np.inf, np.float32)
         )
 
     def rgba(self) -> NDArray[np.uint8]:
-        """The colours as (h, w, 4) uint8; the fourth means nothing."""
+        """Return the colours as (h, w, 4) uint8; the fourth channel is unused."""
         return self.colour.view(np.uint8).reshape(*self.colour.shape, 4)
 
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """The pixels at which a quad is the nearest thing so far.
+    """The pixels at which a quad is the nearest surface so far.
 
     Attributes
     ----------
     index : (n,) int64
         Into the flattened frame.
     across, down : (n,) float32
-        Place on the quad, 0-1 from its left and from its top.
+        Position on the quad, 0-1 from its left and from its top.
     depth : (n,) float32
         Metres.
     texels : (n,) float32
@@ -121,7 +121,7 @@ class Hits:
 
 
 def hit_quad(frame: Frame, camera: SceneCamera, *, quad: Quad) -> Hits | None:
-    """Find the pixels where a quad is seen; None where it is seen nowhere."""
+    """Find the pixels where a quad is seen; None if there are none."""
     to_camera = np.array(camera.position) - quad.corner
     if not quad.two_sided and to_camera @ quad.normal <= 0:
         return None
@@ -136,7 +136,7 @@ def hit_quad(frame: Frame, camera: SceneCamera, *, quad: Quad) -> Hits | None:
     quad_from_pixel = np.linalg.inv(camera.intrinsics @ axes)
     x, y = np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32)[:, None]
     u, v, w = (row[0] * x + (row[1] * y + row[2]) for row in quad_from_pixel.astype(np.float32))
-    # u and v are still to be divided by w, which is one over the depth
+    # homogeneous coordinates: u and v are yet to be divided by w, the inverse depth
     nearer = np.float32(1) / frame.depth[top:bottom, left:right]
     seen = (u >= 0) & (v >= 0) & (u <= w) & (v <= w) & (w > nearer)
     rows, columns = np.nonzero(seen)
@@ -151,12 +151,12 @@ def hit_quad(frame: Frame, camera: SceneCamera, *, quad: Quad) -> Hits | None:
 
 
 def sample(texture: Texture, hits: Hits) -> NDArray[np.uint32]:
-    """Look up the texture at each hit, at the level that fits its distance.
+    """Look up the texture at each hit, at the level that fits its texels per pixel.
 
     Returns
     -------
     (n,) uint32
-        Red, green, blue, presence, in memory order.
+        Red, green, blue, opacity, in memory order.
     """
     level = np.clip(np.log2(np.maximum(hits.texels, 1e-6)) + 0.3, 0, len(texture.levels) - 1).astype(np.int8)
     out = np.empty(hits.index.size, np.uint32)
@@ -172,7 +172,7 @@ def sample(texture: Texture, hits: Hits) -> NDArray[np.uint32]:
 
 
 def look_up(image: NDArray[np.uint8], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Read a four-channel picture between its pixels, (n,) positions in pixel centres."""
+    """Interpolate a four-channel picture at (n,) positions; pixel centres are whole numbers."""
     pixels = remap(image, x, y)
     return np.ascontiguousarray(pixels).view(np.uint32).ravel()
 
@@ -184,7 +184,7 @@ def remap(
     *,
     border: int = cv2.BORDER_REPLICATE,
 ) -> NDArray[np.uint8]:
-    """Read a picture between its pixels at (n,) positions, and beyond its edges as `border` says.
+    """Interpolate a picture at (n,) positions; `border` is OpenCV's mode beyond its edges.
 
     Returns
     -------
@@ -205,12 +205,12 @@ def remap(
 
 
 def draw_quad(frame: Frame, camera: SceneCamera, *, quad: Quad, sun: float) -> None:
-    """Draw a quad where it is nearer than what is drawn already.
+    """Draw a quad where it is nearer than the surface in the frame.
 
     Parameters
     ----------
     frame : Frame
-        Changed.
+        Changed in place.
     sun : float
         Share of the sun's light on it, 0-1.
     """
@@ -226,7 +226,7 @@ def draw_quad(frame: Frame, camera: SceneCamera, *, quad: Quad, sun: float) -> N
 
 
 def _bounding_box(camera: SceneCamera, quad: Quad) -> tuple[int, int, int, int] | None:
-    """Pixels that can show the quad: left, top, right, bottom (exclusive)."""
+    """Return the box of the pixels that can show the quad: left, top, right, bottom (exclusive)."""
     corners = np.stack(
         [quad.corner, quad.corner + quad.along, quad.corner + quad.along + quad.up, quad.corner + quad.up]
     )

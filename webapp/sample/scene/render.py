@@ -1,4 +1,4 @@
-"""Take a photo of the park, also from straight above, as a satellite sees it."""
+"""Renders photos of the park, also from straight above, as a satellite image."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ALTITUDE_M = 4000.0
 
 
 def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Take a photo.
+    """Render a photo.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def visible(stage: Stage, camera: SceneCamera) -> NDArray[np.intp]:
 
 
 def draw_ground(frame: Frame, camera: SceneCamera, *, stage: Stage, quad: Quad) -> None:
-    """Draw level ground with its fine detail, its shadows, and the sky on its water; changes the frame."""
+    """Draw level ground with fine detail, shadows, and reflections of the sky; changes the frame."""
     hits = hit_quad(frame, camera, quad=quad)
     if hits is None:
         return
@@ -97,7 +97,7 @@ def draw_ground(frame: Frame, camera: SceneCamera, *, stage: Stage, quad: Quad) 
 def _detail(
     stage: Stage, east: NDArray[np.float32], north: NDArray[np.float32], *, kind: NDArray[np.uint8]
 ) -> NDArray[np.float32]:
-    """Brightness of the fine structure: two turned copies of a tile, which repeat nowhere together."""
+    """Return the brightness of the fine structure: two rotated copies of a tile hide its repetition."""
     layer = (kind > PAVED // 2).astype(np.int8) + (kind > (PAVED + WATER) // 2)
     tone = np.ones(east.size, np.float32)
     for number, tile in enumerate(stage.ground.detail):
@@ -112,9 +112,9 @@ def _detail(
 
 
 def _lit(frame: Frame, camera: SceneCamera, stage: Stage) -> NDArray[np.float32]:
-    """Bring the frame to the camera's size and light it; linear colours."""
+    """Scale the frame to the camera's size and light it; return linear colours."""
     light, size = stage.light, (camera.width, camera.height)
-    thin = min(1.0, _HAZE_TOP_M / camera.position[2])  # this share of the way to the ground is in the haze
+    thin = min(1.0, _HAZE_TOP_M / camera.position[2])  # share of the way to the ground that is in the haze
     clear = _shrink(np.exp(frame.depth * np.float32(-thin / _HAZE_M)), size)[..., None]
     cover = _shrink(np.isfinite(frame.depth).astype(np.float32), size)[..., None]
     albedo = np.square(_shrink(frame.rgba(), size)[..., :3].astype(np.float32) / 255)
@@ -131,7 +131,7 @@ def _shrink(image: NDArray[np.generic], size: tuple[int, int]) -> NDArray[np.flo
 
 
 def _sky(camera: SceneCamera, stage: Stage) -> NDArray[np.float32]:
-    """The sky behind the whole photo, (h, w, 3); smooth, so a quarter of the pixels will do."""
+    """Render the sky of the whole photo, (h, w, 3); at a quarter of the resolution, as it is smooth."""
     light, coarse = stage.light, camera.resized(0.25)
     y, x = np.mgrid[: coarse.height, : coarse.width]
     rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(coarse.intrinsics).T
@@ -150,7 +150,7 @@ def _sky(camera: SceneCamera, stage: Stage) -> NDArray[np.float32]:
 
 
 def _develop(lit: NDArray[np.float32], stage: Stage, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """From linear light to a photo: response, lens, noise."""
+    """Convert linear light to a photo: response, lens, noise."""
     height, width = lit.shape[:2]
     y, x = np.linspace(-1, 1, height, dtype=np.float32)[:, None], np.linspace(-1, 1, width, dtype=np.float32)
     vignette = 1 - 0.10 * (x**2 + y**2)
@@ -161,7 +161,7 @@ def _develop(lit: NDArray[np.float32], stage: Stage, rng: np.random.Generator) -
 
 
 def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Take a picture from so high above that roofs hardly hide their walls.
+    """Render a picture from so high above that it is nearly orthographic.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator)
     Returns
     -------
     (h, w, 3) uint8
-        Red, green, blue; north is up, and the ground fills the park's rectangle exactly.
+        Red, green, blue; north is up, and it shows exactly the park's rectangle on the ground.
     """
     width, height = round(WIDTH_M / metres_per_pixel), round(DEPTH_M / metres_per_pixel)
     fov = 2 * np.degrees(np.arctan(WIDTH_M / 2 / _ALTITUDE_M))

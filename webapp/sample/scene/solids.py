@@ -12,21 +12,21 @@ from webapp.sample.scene.raster import Quad, Texture
 
 _UP = np.array([0.0, 0.0, 1.0])
 EAVES_M, RISE = 0.45, 0.62
-"""How far a roof reaches over the walls, and how steep it is (metres up a metre in)."""
+"""Overhang of a roof over the walls, and its slope (rise over run)."""
 
 
 def lift(point: NDArray[np.float64], height: float) -> NDArray[np.float64]:
-    """Put a (2,) point on the ground at a height."""
+    """Return a (2,) point of the ground at a height."""
     return np.array([point[0], point[1], height])
 
 
 def wall_height(house: Footprint) -> float:
-    """Height of the eaves, metres."""
+    """Return the height of the eaves, metres."""
     return house.floors * FLOOR_M + 0.35
 
 
 def ridge_height(house: Footprint) -> float:
-    """Height of the ridge, metres."""
+    """Return the height of the ridge, metres."""
     return wall_height(house) + RISE * house.depth / 2
 
 
@@ -39,7 +39,7 @@ def house_quads(rng: np.random.Generator, house: Footprint, *, style: Style) -> 
         along = lift(right - left, 0.0)
         size = (float(np.linalg.norm(along)), height)
         picture = front(rng, size, style=style, entrance=number == 0)
-        # walls are listed counter-clockwise from above, so each is read from left to right from outside
+        # corners are counter-clockwise from above: seen from outside, a wall goes from left to right
         quads.append(Quad(lift(left, 0.0), along, _UP * height, Texture.of(picture)))
         if number in (1, 3):
             gable = _gable(rng, size[0], style)
@@ -59,7 +59,7 @@ def _gable(rng: np.random.Generator, width: float, style: Style) -> NDArray[np.u
 
 
 def _roof(rng: np.random.Generator, house: Footprint, style: Style) -> list[Quad]:
-    """Two slopes that meet over the middle, with eaves on all sides."""
+    """Build two slopes that meet over the middle, with eaves on all sides."""
     reach = house.depth / 2 + EAVES_M
     length = house.width + 2 * EAVES_M
     slope_px = round(reach * np.hypot(1, RISE) * PIXELS_PER_METRE)
@@ -93,7 +93,7 @@ def box_quads(
     Parameters
     ----------
     foot : (3,) float64
-        Middle of its lower side.
+        Centre of its base.
     side : (2,) float64
         Unit vector along its width.
     size : tuple of float

@@ -24,14 +24,14 @@ _MARGIN_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """All that a photo needs.
+    """Everything that is needed to render a photo.
 
     Attributes
     ----------
     ground : Ground
-        As the season has it.
+        In the season of the light.
     foliage : Foliage
-        As the season has it.
+        In the season of the light.
     foliage_sun : (n,) float32
         Share of the sun's light on each clump.
     quad_sun : (n,) float64
@@ -39,7 +39,7 @@ class Stage:
     shadow : (h, w) uint8
         255 where the sun reaches the ground.
     clouds : (512, 512) uint8
-        Repeats; 255 is all cloud.
+        Tiling; 255 is full cloud cover.
     """
 
     world: World
@@ -53,7 +53,7 @@ class Stage:
 
 
 def set_stage(rng: np.random.Generator, world: World, *, light: Light) -> Stage:
-    """Put a park under a light; `rng` moves the clouds and drops the leaves."""
+    """Set the light of a park; `rng` determines the clouds and the autumn leaves."""
     foliage, ground = world.foliage, world.ground
     if light.autumn:
         foliage, ground = _autumn_leaves(rng, foliage), _fallen_leaves(rng, world)
@@ -80,13 +80,13 @@ def set_stage(rng: np.random.Generator, world: World, *, light: Light) -> Stage:
 def shadow_pixels(
     east: NDArray[np.float32], north: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Turn metres into pixels of the shadow picture, all (n,)."""
+    """Convert metres to pixels of the shadow picture, all (n,)."""
     scale = np.float32(1 / SHADOW_METRES_PER_PIXEL)
     return (east + np.float32(_MARGIN_M)) * scale, (np.float32(DEPTH_M + _MARGIN_M) - north) * scale
 
 
 def _spots(points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Turn (n, 2) metres into whole pixels of the shadow picture."""
+    """Convert (n, 2) metres to whole pixels of the shadow picture."""
     x, y = shadow_pixels(points[:, 0].astype(np.float32), points[:, 1].astype(np.float32))
     return np.stack([x, y], axis=1).astype(np.int32)
 
@@ -109,7 +109,7 @@ def _shadow(world: World, foliage: Foliage, light: Light) -> NDArray[np.uint8]:
     fence = fence_corners() + shift * FENCE_M / 2
     cv2.polylines(dark, [_spots(fence)], True, 110, max(2, int(np.hypot(*shift) * 8)))
     soft = cv2.GaussianBlur(dark, (0, 0), 1.6)
-    soft[[0, -1]], soft[:, [0, -1]] = 0, 0  # what lies beyond is lit
+    soft[[0, -1]], soft[:, [0, -1]] = 0, 0  # beyond the picture, everything is lit
     return np.asarray(255 - soft, np.uint8)
 
 
@@ -130,7 +130,7 @@ def _clouds(rng: np.random.Generator, light: Light) -> NDArray[np.uint8]:
 
 
 def _autumn_leaves(rng: np.random.Generator, foliage: Foliage) -> Foliage:
-    """A third of the leaves has fallen, the others have turned, each tree in its own colour."""
+    """Remove a third of the leaves, except evergreens', and recolour the others tree by tree."""
     palette = np.array([[198, 128, 40], [176, 84, 36], [206, 164, 62], [140, 112, 50], [112, 124, 54]])
     turned = palette[rng.integers(len(palette), size=int(foliage.plant.max()) + 1)][foliage.plant]
     tone = foliage.colour.mean(axis=1, keepdims=True) / 92

@@ -1,4 +1,4 @@
-"""The park as it stands, whatever the light."""
+"""The park, independently of the light."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PIXELS_PER_METRE = 12
 
 
 def ring(rng: np.random.Generator) -> list[Quad]:
-    """Build the ring, its pictures turned inwards."""
+    """Build a backdrop of woods and houses around the park, facing inwards."""
     angle = -np.arange(_PIECES + 1) * 2 * np.pi / _PIECES  # clockwise, as seen from the middle
     middle = np.array([WIDTH_M / 2, DEPTH_M / 2])
     posts = middle + _RADIUS_M * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -52,7 +52,7 @@ def _panorama(rng: np.random.Generator, width: int) -> NDArray[np.uint8]:
 def _woods(
     rng: np.random.Generator, picture: NDArray[np.uint8], *, top: float, colour: tuple[int, int, int]
 ) -> None:
-    """A row of tree tops over the whole width, `top` of the height in the mean."""
+    """Paint tree tops over the whole width; their mean height is the share `top` of the picture's."""
     height, width = picture.shape[:2]
     hills = top + 0.16 * fractal(rng, (2, width), cell_px=700, octaves=2)[0]
     crowns = np.abs(fractal(rng, (2, width), cell_px=44, octaves=2)[0])
@@ -70,7 +70,7 @@ def _woods(
 
 
 def _house(rng: np.random.Generator, picture: NDArray[np.uint8], left: int) -> None:
-    """A distant house: wall, windows, roof."""
+    """Paint a distant house: wall, windows, roof."""
     height, width = picture.shape[:2]
     wide, high = int(rng.integers(70, 150)), int(rng.integers(92, 132))
     right, top = min(left + wide, width - 1), height - high
@@ -112,11 +112,11 @@ class World:
     Attributes
     ----------
     quads : tuple of Quad
-        Everything flat that stands on the ground.
+        All flat surfaces above the ground.
     corners : (n, 4, 3) float64
         Of the quads, metres.
     normals : (n, 3) float64
-        Of the quads; zero for those seen from both sides.
+        Of the quads; zero for two-sided ones.
     leaves : tuple
         Pictures of clumps of leaves.
     """
@@ -131,7 +131,7 @@ class World:
 
 
 def build_world(rng: np.random.Generator) -> World:
-    """Invent a park.
+    """Generate a park.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Accounts, members of maps, and ways to sign in."""
+"""Accounts, members of maps, and sign-in."""

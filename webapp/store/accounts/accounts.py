@@ -1,4 +1,4 @@
-"""Accounts, the tokens of their programs, and with whom maps are shared."""
+"""Accounts, their API tokens, and the members of maps."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from webapp.store.maps.maps import ROLES, Role
 from webapp.store.schema import Account, ApiToken, MapRecord, Member
 
 OWNER = "owner"
-"""Name of the account that a new library begins with."""
+"""Name of the first account of a new library."""
 
 _MAX_NAME = 60
-_TOKEN_PREFIX = "expmap_"  # so that scanners of leaked secrets can know it
+_TOKEN_PREFIX = "expmap_"  # so that scanners for leaked secrets recognise it
 
 
 def ensure_owner(session: Session) -> Account:
-    """Return the first account that owns the library; a new library gets one."""
+    """Return the first account that owns the library; create it for a new library."""
     found = session.scalars(select(Account).where(Account.is_owner).order_by(Account.id)).first()
     return found or create(session, OWNER, is_owner=True)
 
 
 def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
-    """Make an account, which nobody can sign in to before it has a link or a password.
+    """Create an account; signing in requires a link or a password, which it does not have yet.
 
     Parameters
     ----------
     is_owner : bool
-        Of the whole library.
+        Whether it owns the whole library.
 
     Raises
     ------
     UsageError
         The name is empty or too long.
     Conflict
-        Somebody has the name.
+        The name is taken.
     """
     account = Account(name=_free_name(session, name), is_owner=is_owner)
     session.add(account)
@@ -61,7 +61,7 @@ def rename(session: Session, account: Account, *, name: str) -> None:
 
 
 def named(session: Session, name: str) -> Account:
-    """Find an account; capital letters do not matter.
+    """Find an account by its name, ignoring case.
 
     Raises
     ------
@@ -76,12 +76,12 @@ def named(session: Session, name: str) -> Account:
 
 
 def list_accounts(session: Session) -> list[Account]:
-    """List all accounts by name."""
+    """List all accounts, sorted by name."""
     return list(session.scalars(select(Account).order_by(Account.name)))
 
 
 def remove(session: Session, account: Account) -> None:
-    """Delete an account; its maps stay, and the owners of the library have them.
+    """Delete an account; its maps are kept, and accessible to the owners of the library.
 
     Raises
     ------
@@ -95,24 +95,24 @@ def remove(session: Session, account: Account) -> None:
 
 
 def end_sessions(account: Account) -> None:
-    """Sign an account out everywhere; tokens stay."""
+    """Sign an account out everywhere; tokens stay valid."""
     account.epoch += 1
 
 
 def new_token(session: Session, account: Account, *, name: str) -> str:
-    """Make a token for a program.
+    """Create an API token.
 
     Returns
     -------
     str
-        The token: it is kept nowhere, only its hash.
+        The token; only its hash is stored.
 
     Raises
     ------
     UsageError
         The name is empty or too long.
     Conflict
-        The account has a token of that name.
+        The account already has a token of that name.
     """
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
@@ -133,21 +133,21 @@ def tokens(session: Session, account: Account) -> list[ApiToken]:
 
 
 def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
-    """Find whose token this is; None for an unknown one."""
+    """Find the account of a token, and its record; None for an unknown one."""
     found = select(Account, ApiToken).join(ApiToken).where(ApiToken.token_hash == hashed(token))
     row = session.execute(found).first()
     return None if row is None else (row[0], row[1])
 
 
 def note_use(session: Session, token_id: int) -> None:
-    """Remember that a token was used now."""
+    """Record that a token has just been used."""
     token = session.get(ApiToken, token_id, with_for_update=True)
     if token is not None:
         token.used_at = now()
 
 
 def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
-    """Make a token worthless.
+    """Revoke a token.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
 
 
 def hashed(secret: str) -> str:
-    """Hash what is too random to be guessed, so that a plain hash is enough."""
+    """Hash a random secret, which cannot be guessed, so that a plain hash is enough."""
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
@@ -169,7 +169,7 @@ def _named(session: Session, name: str) -> Account | None:
     wanted = texts.plain(name)
     there = session.scalars(select(Account).order_by(Account.id))
     alike = [account for account in there if texts.plain(account.name) == wanted]
-    # Older versions distinguished names that are alike now: the exact name means that account.
+    # Older versions distinguished names that are equivalent now: an exact match takes precedence.
     return next((account for account in alike if account.name == name), alike[0] if alike else None)
 
 
@@ -189,13 +189,13 @@ def _checked_name(name: str) -> str:
 
 
 def members_of(session: Session, record: MapRecord) -> list[tuple[Account, Role]]:
-    """List who may use a map, by name, with the role of each."""
+    """List the members of a map, sorted by name, with their roles."""
     found = select(Account, Member).join(Member).where(Member.map_id == record.id).order_by(Account.name)
     return [(account, _role(member)) for account, member in session.execute(found)]
 
 
 def set_member_role(session: Session, record: MapRecord, *, account: Account, role: str) -> None:
-    """Share a map with an account, or change what it may do.
+    """Share a map with an account, or change its role.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
 
 
 def remove_member(session: Session, record: MapRecord, *, account: Account) -> None:
-    """Share a map no longer with an account; somebody it was not shared with is no error.
+    """Stop sharing a map with an account; no error if it was not shared with it.
 
     Raises
     ------

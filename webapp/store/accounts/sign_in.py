@@ -1,4 +1,4 @@
-"""Ways to sign in: a link that works once, or name and password; too many failures make people wait."""
+"""Ways to sign in: a one-time link, or name and password; failures are limited."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _SIGNED_IN = select(Account).where(
 
 
 def new_link(session: Session, account: Account, *, hours: int) -> str:
-    """Make a link for an account.
+    """Create a sign-in link for an account.
 
     Returns
     -------
     str
-        The secret end of its address: it is kept nowhere, only its hash.
+        The secret end of its URL; only its hash is stored.
     """
     token = secrets.token_urlsafe(24)
     session.execute(delete(SignInLink).where(SignInLink.expires_at < now() - timedelta(days=30)))
@@ -47,12 +47,12 @@ def new_link(session: Session, account: Account, *, hours: int) -> str:
 
 
 def link_account(session: Session, token: str) -> Account:
-    """Return whom a link would sign in, without using it up.
+    """Return the account of a sign-in link, without using it up.
 
     Raises
     ------
     NotSignedIn
-        The link is unknown, used or too old.
+        The link is unknown, used or expired.
     """
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
@@ -64,12 +64,12 @@ def link_account(session: Session, token: str) -> Account:
 
 
 def redeem_link(session: Session, token: str) -> Account:
-    """Use a link up.
+    """Use up a sign-in link, and return its account.
 
     Raises
     ------
     NotSignedIn
-        The link is unknown, used or too old.
+        The link is unknown, used or expired.
     """
     account = link_account(session, token)
     session.get_one(SignInLink, accounts.hashed(token)).used_at = now()
@@ -77,7 +77,7 @@ def redeem_link(session: Session, token: str) -> Account:
 
 
 def password_hash(password: str, *, minimum: int) -> str:
-    """Hash a password that somebody chose; takes a tenth of a second, so not while others wait to write.
+    """Hash a password; this takes a tenth of a second, so do not do it in a write transaction.
 
     Raises
     ------
@@ -99,25 +99,25 @@ def by_password(
     Parameters
     ----------
     address : str
-        Where the request came from.
+        Client address of the request.
     limits : WebSettings
-        How many failures are too many.
+        Sets the limit of failures and its time window.
 
     Raises
     ------
     NotSignedIn
         Wrong name or password; the error does not say which is wrong.
     TooMany
-        Of this name or from this address there were too many failures.
+        There were too many failures for this name or from this address.
     """
     tried = [f"name:{texts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
-    # Counted as a failure before it is tried: of many at the same time, no more are tried than are allowed.
+    # Counted as a failure before it is checked, so that the limit holds for parallel attempts, too.
     with database.write() as session:
         _check_failures(session, tried, limits=limits)
         counted = _note_failure(session, tried, limits=limits)
         account = _named(session, name)
     known = account.password_hash if account is not None else None
-    # An unknown name takes as long as a wrong password, or the response time would reveal who has an account.
+    # An unknown name takes as long as a wrong password: the response time does not reveal which names exist.
     right = check_password_hash(known or _nobodys_hash(), password[: _MAX_PASSWORD + 1])
     if account is None or known is None or not right:
         raise NotSignedIn(
@@ -164,7 +164,7 @@ def _check_failures(session: Session, tried: list[str], *, limits: WebSettings) 
 
 
 def _note_failure(session: Session, subjects: list[str], *, limits: WebSettings) -> list[int]:
-    """Record a failure of each name or address; returns the ids of the records."""
+    """Record a failure for each name or address; return the ids of the records."""
     old = now() - timedelta(minutes=limits.sign_in_minutes)
     session.execute(delete(FailedSignIn).where(FailedSignIn.at < old))
     rows = [FailedSignIn(who=subject) for subject in subjects]
@@ -174,21 +174,21 @@ def _note_failure(session: Session, subjects: list[str], *, limits: WebSettings)
 
 
 def end_session(session: Session, session_id: str, *, days: int) -> None:
-    """Note that a session was signed out of.
+    """Record that a session has been signed out.
 
     Parameters
     ----------
     session_id : str
-        As its cookie holds it.
+        As in its cookie.
     days : int
-        So long the cookie would be valid: earlier notes are forgotten.
+        Validity of cookies: older records are deleted.
     """
     session.execute(delete(EndedSession).where(EndedSession.at < now() - timedelta(days=days)))
     session.merge(EndedSession(id_hash=accounts.hashed(session_id)))
 
 
 def account_of_session(session: Session, session_id: str, *, account_id: int) -> Account | None:
-    """Return the account of a session; None if it was signed out of, or the account is gone."""
+    """Return the account of a session; None if the session was signed out or the account is gone."""
     return session.scalars(
         _SIGNED_IN, {"account_id": account_id, "id_hash": accounts.hashed(session_id)}
     ).first()

@@ -1,1 +1,1 @@
-"""What differs between SQLite and PostgreSQL; all else of the program is the same on both."""
+"""The differences between SQLite and PostgreSQL; all other code is the same for both."""

@@ -1,4 +1,4 @@
-"""What the program needs of a database, besides SQL that all of them understand."""
+"""The interface to a kind of database, for all that goes beyond portable SQL."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import Listener
 
 WAIT_S = 30
-"""How long a writer waits for the others."""
+"""Seconds for which a writer waits for others."""
 
 LOCK_MODE = "lock_mode"
-"""Option of connections that write: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
+"""Option of writing connections: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
 
 ALONE, TOGETHER = "alone", "together"
 
 MOVING = "moving"
-"""As `ALONE`, also in a database that the records have left."""
+"""Like `ALONE`, but also in a database from which the records have moved."""
 
 MOVED = "library_moved"
-"""Table that marks a database that the records have left: nobody writes there any more."""
+"""Table that marks a database from which the records have moved: writing is refused."""
 
 
 class Backend(ABC):
     """A kind of database."""
 
     reading: ClassVar[Mapping[str, Any]] = {}
-    """Options of connections that only read, so that they see one state of the database."""
+    """Options of read-only connections, so that each sees a consistent snapshot."""
 
     @abstractmethod
     def make_engine(self, url: URL, *, threads: int) -> Engine:
-        """Make the engine; nothing is connected yet.
+        """Create the engine, without connecting yet.
 
         Parameters
         ----------
         threads : int
-            That use it at once.
+            Number of threads that use it in parallel.
 
         Raises
         ------
@@ -55,11 +55,11 @@ class Backend(ABC):
 
     @abstractmethod
     def writer_lock(self) -> AbstractContextManager[object]:
-        """Make what the threads of a process that write take turns by."""
+        """Create the lock by which the writing threads of a process take turns."""
 
     @abstractmethod
     def migration(self, connection: Connection) -> AbstractContextManager[None]:
-        """Check the database, and keep others from migrating it at the same time.
+        """Check the database, and prevent concurrent migrations.
 
         Raises
         ------
@@ -69,68 +69,68 @@ class Backend(ABC):
 
     @abstractmethod
     def expanded_since(self, connection: Connection) -> str | None:
-        """Return the version of tables which those that are there have only added to, as `note_expanded`
-        has kept it; None where nobody has."""
+        """Return the schema version since which the tables have only been expanded, as stored by
+        `note_expanded`; None if it was not stored."""
 
     @abstractmethod
     def note_expanded(self, connection: Connection, since: str) -> None:
-        """Keep that version with the tables, for older programs on other machines."""
+        """Store that version in the database, for older programs on other machines."""
 
     @abstractmethod
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
-        """Say in words what the database refused; None for a bug of the program."""
+        """Convert an error of the database to one of the program; None for a bug of the program."""
 
     @abstractmethod
     def moment(self, session: Session) -> datetime:
-        """Return the time by the one clock that all who use the database share."""
+        """Return the time by the clock that all processes using the database share."""
 
     @abstractmethod
     def time_limit(self, session: Session, seconds: float) -> AbstractContextManager[None]:
-        """Make the database stop its work on the statements of the block.
+        """Let the database cancel the statements of the block after some seconds.
 
         Raises
         ------
         TimeoutError
-            It took longer.
+            They took longer.
         """
 
     @abstractmethod
     def announce(self, connection: Connection, topic: str) -> None:
-        """Wake who watches a topic, once the transaction is kept."""
+        """Notify the watchers of a topic once the transaction is committed."""
 
     @abstractmethod
     def listener(self, engine: Engine) -> Listener | None:
-        """Make what hears announcements; None for a database that has none, where one has to look."""
+        """Create a listener for announcements; None for a database without them, which must be polled."""
 
     @abstractmethod
     def request_counts(self, engine: Engine) -> RequestCounts | None:
-        """Make what counts requests for all machines; None for a database of one, which counts in memory."""
+        """Create the counter of requests of all machines; None: a single machine counts in memory."""
 
     @abstractmethod
     def photo_search(self, engine: Engine) -> PhotoSearch | None:
-        """Make what searches for similar photos; None for a database that cannot: it is done in memory."""
+        """Create the search for similar photos; None if the database has none: it is done in memory."""
 
     @abstractmethod
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
-        """Insert many rows of plain values, in the driver's own way; names are quoted where SQL needs it."""
+        """Insert many rows of plain values by the driver's bulk method; names are quoted where necessary."""
 
     @abstractmethod
     def unlimited(self, connection: Connection) -> None:
-        """Let a transaction take as long as it needs."""
+        """Lift the time limit of a transaction."""
 
     @abstractmethod
     def is_open_elsewhere(self, connection: Connection) -> bool:
-        """Return whether other processes are connected; False where the database does not know."""
+        """Return whether other processes are connected; False if that is unknown."""
 
     @abstractmethod
     def last_ids(self, connection: Connection) -> dict[str, int]:
-        """Return the last id that was given, deleted ones included, by the names of tables that keep it."""
+        """Return the last id issued, including deleted ones, for each table that keeps track of it."""
 
     @abstractmethod
     def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
-        """Have tables go on after their last ids, or after the largest that is there."""
+        """Make tables continue after their last ids, or after the largest existing id."""
 
 
 def has_moved() -> StorageError:
@@ -142,5 +142,5 @@ def has_moved() -> StorageError:
 
 
 def too_large() -> NotFound:
-    """Make the error for an id that no column can hold, and that therefore nothing has: clients send any."""
+    """Return the error for an id from a client that is too large for any column, so that nothing has it."""
     return NotFound("the number is too large", hint="check the address")

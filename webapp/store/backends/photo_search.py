@@ -1,7 +1,7 @@
-"""Search for similar photos in a PostgreSQL database, by pgvector: no process holds the vectors in memory.
+"""Search for similar photos in PostgreSQL by pgvector, so that no process holds the vectors in memory.
 
-The rows are made from the library's records (`map_vectors`), and brought up to date after these. They are no
-records themselves: a map whose rows are missing, or old, is compared in memory until they are there.
+The rows are derived from the library's records (`map_vectors`) and updated after them. Until the rows of a
+map exist and are up to date, it is compared in memory.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Connection, Engine, text
 from sqlalchemy.exc import DBAPIError
 
-if TYPE_CHECKING:  # processes that make others do without NumPy
+if TYPE_CHECKING:  # processes that only start others do without NumPy
     import numpy as np
     from numpy.typing import NDArray
 
 _log = logging.getLogger(__name__)
 
 TABLES = frozenset({"photo_vector", "searchable_map"})
-"""Are no records of the library: not copied."""
+"""Derived tables, which are not copied with the records."""
 
 NEAREST = 1000
-"""Photos of all maps together by which maps are compared; the index keeps as many candidates."""
+"""Nearest photos of all maps by which likely maps are found; the index keeps as many candidates."""
 
 COMPARED = 3
-"""Photos by which a map counts, in the mean: one may be alike by chance."""
+"""The likeness of a map is the mean of this many best photos: a single one may be similar by chance."""
 
 _FEW = 50_000
-"""Photos up to which all are compared instead of asking the index."""
+"""Number of photos up to which all are compared, without the index."""
 
 _NOT_COMPARED = -2.0
-"""Added to the likeness of a map that is only estimated, so that it comes after those that are compared."""
+"""Added to the estimated likeness of a map, so that it is ranked after the maps that were compared."""
 
 _OLDEST = (0, 8)
-"""Version of pgvector that goes on searching where permissions leave out what it has found."""
+"""Oldest supported pgvector: its iterative scans continue when the filter by maps drops results."""
 
 _DIMENSIONS, _SHA256_BYTES, _LOCK = 128, 32, 0x657870
 _NO_EXTENSION = ("0A000", "42501", "58P01")
-"""Codes of PostgreSQL: the server does not have it, or the account may not add it to the database."""
+"""Error codes of PostgreSQL: the server lacks the extension, or the account may not create it."""
 
 _UNLIMITED = "SET LOCAL statement_timeout = 0"
 _IS_THERE = """
@@ -118,7 +118,7 @@ SELECT map_id, avg(likeness) FROM (
 class PhotoSearch:
     """The vectors of photos in the database.
 
-    Errors are those of SQLAlchemy: see `Database.translated_errors`.
+    It raises errors of SQLAlchemy: see `Database.translated_errors`.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -126,14 +126,14 @@ class PhotoSearch:
         self._said = False
 
     def stale(self) -> list[tuple[int, int]] | None:
-        """List maps and bases whose vectors the search does not have as they are; None: it has nothing."""
+        """List the maps and bases whose vectors are missing or outdated; None if there are no tables."""
         with self._engine.connect() as connection:
             if not self._is_there(connection):
                 return None
             return [(int(map_id), int(basis_id)) for map_id, basis_id in connection.exec_driver_sql(_STALE)]
 
     def is_behind(self) -> bool:
-        """Return whether `refresh` has something to do: not where the server lacks the extension."""
+        """Return whether `refresh` has something to do; False if the server lacks the extension."""
         if self._said:
             return False
         with self._engine.connect() as connection:
@@ -143,14 +143,14 @@ class PhotoSearch:
             return bool(can) and connection.exec_driver_sql(_ANY).first() is not None
 
     def refresh(self, *, check: Callable[[], None] = lambda: None) -> None:
-        """Take over what has changed in the records; a map at a time, so that nothing is done twice.
+        """Update the rows after changes of the records, committing map by map so that no work is repeated.
 
-        Does nothing, and says so once, where the server does not have the extension.
+        If the server lacks the extension, this does nothing, and logs that once.
 
         Parameters
         ----------
         check : callable
-            Called before each map; may raise, and what is left is done the next time.
+            Called before each map; may raise to stop, and the rest is done the next time.
         """
         if not self._prepare():
             return
@@ -162,7 +162,7 @@ class PhotoSearch:
             connection.exec_driver_sql(_UNLIMITED)
             connection.exec_driver_sql(_TIDY)
             if connection.exec_driver_sql(_LACKS_INDEX).scalar_one():
-                for statement in _MAKE_INDEX:  # when the first rows are there: that is much faster
+                for statement in _MAKE_INDEX:  # built after the first rows are there, which is much faster
                     connection.exec_driver_sql(statement)
 
     def likeness(
@@ -173,16 +173,16 @@ class PhotoSearch:
         Parameters
         ----------
         query : (128,) float32
-            Of length 1.
+            A unit vector.
         map_ids : collection of int
-            Maps that one may see: the photos of no others are looked at.
+            Maps that the user may see: only their photos are compared.
 
         Returns
         -------
         dict of int to float
-            Mean cosine of the photos of each map that are most alike. Where there are too many to compare
-            all, those of the maps that the index finds likely are compared; others are below -1, in the order
-            of what the index found of them. Maps that the search does not have are left out.
+            Mean cosine similarity of the most similar photos of each map. If there are too many photos, only
+            maps that the index finds likely are compared; others have estimates below -1, in the order of
+            their photos found by the index. Maps without rows are left out.
         """
         values = {
             "query": f"[{','.join(map(repr, query.tolist()))}]",
@@ -209,7 +209,7 @@ class PhotoSearch:
         return bool(connection.exec_driver_sql(_IS_THERE).scalar_one())
 
     def _prepare(self) -> bool:
-        """Make the tables where the server has the extension; return whether it has."""
+        """Create the tables if the server has the extension; return whether it has."""
         try:
             with self._engine.begin() as connection:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK}, 0)")
@@ -234,12 +234,12 @@ class PhotoSearch:
 
 
 def _refresh_map(connection: Connection, map_id: int, basis_id: int) -> None:
-    """Add the rows of photos that are new, and delete those of photos that are gone."""
+    """Add the rows of new photos, and delete those of photos that are gone."""
     connection.exec_driver_sql(_UNLIMITED)  # a large map takes minutes
     connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_LOCK}, {map_id})")
     key = {"map": map_id, "basis": basis_id}
     record = connection.execute(_RECORD, key).one_or_none()
-    if record is None:  # gone, or taken over by another worker meanwhile
+    if record is None:  # deleted, or refreshed by another worker meanwhile
         return
     where = "WHERE map_id = :map AND basis_id = :basis"
     rows = connection.execute(text(f"SELECT content FROM photo_vector {where}"), key)
@@ -262,7 +262,7 @@ def _refresh_map(connection: Connection, map_id: int, basis_id: int) -> None:
 
 
 def _binary_rows(new: Iterable[tuple[bytes, int]], vectors: bytes, *, map_id: int, basis_id: int) -> bytes:
-    """Give rows as `COPY` takes them: each value after its length, all big-endian."""
+    """Encode rows for `COPY`: each value after its length, all big-endian."""
     import numpy as np
 
     values = np.frombuffer(vectors, "<f2").reshape(-1, _DIMENSIONS)
@@ -299,33 +299,33 @@ def _copy(connection: Connection, rows: bytes) -> None:
     try:
         with driver.cursor() as cursor, cursor.copy(_COPY) as copy:
             copy.write(_COPY_BEGIN + rows + _COPY_END)
-    except dialect.loaded_dbapi.Error as error:  # of the driver itself, as SQLAlchemy raises others
+    except dialect.loaded_dbapi.Error as error:  # raised by the driver itself: wrap it like SQLAlchemy
         raise DBAPIError.instance(_COPY, None, error, dialect.loaded_dbapi.Error, dialect=dialect) from error
 
 
 def _nearest(connection: Connection, values: Mapping[str, Any]) -> list[tuple[int, float]]:
-    """Ask the index for the photos that are most alike: the ids of their maps, and how much."""
+    """Query the index for the most similar photos: the ids of their maps, and their similarity."""
     connection.exec_driver_sql("SET LOCAL hnsw.iterative_scan = relaxed_order")
     connection.exec_driver_sql(f"SET LOCAL hnsw.ef_search = {NEAREST}")
     return [(int(id), float(likeness)) for id, likeness in connection.execute(_BY_INDEX, values)]
 
 
 def _by_nearest(nearest: list[tuple[int, float]], photos: Mapping[int, int]) -> dict[int, float]:
-    """Estimate the likeness of maps from the photos that are most alike of all, shifted below -1."""
+    """Estimate the likeness of maps from the most similar photos of all maps, shifted below -1."""
     each: dict[int, list[float]] = {}
     for id, likeness in nearest:
         each.setdefault(id, []).append(likeness)
     farthest = min(likeness for _, likeness in nearest)
     found = dict.fromkeys(photos, _NOT_COMPARED - 1.0)
     for id, some in each.items():
-        # Photos of it that were not found are at most as much alike as the last one that was.
+        # Its photos that were not found are at most as similar as the last one found.
         best = sorted(some, reverse=True)[:COMPARED] + [farthest] * (min(COMPARED, photos[id]) - len(some))
         found[id] = sum(best) / len(best) + _NOT_COMPARED
     return found
 
 
 def _likely(found: Mapping[int, float], photos: Mapping[int, int]) -> list[int]:
-    """List the maps that are likely by what was found, as many as can be compared photo by photo."""
+    """List the most likely maps, as many as can be compared photo by photo."""
     ordered = sorted(found, key=found.__getitem__, reverse=True)
     sums = itertools.accumulate(photos[id] for id in ordered)
     return [id for id, total in zip(ordered, sums, strict=True) if total <= _FEW] or ordered[:1]

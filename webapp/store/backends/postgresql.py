@@ -33,15 +33,15 @@ from webapp.store.backends.watching import CHANNEL, Listener
 _log = logging.getLogger(__name__)
 
 _OLDEST = 15
-"""Version of the server, at least."""
+"""Minimum version of the server."""
 
 _LOCK, _MIGRATION_LOCK = 0x657870_6D6170, 0x657870_6D6171
-"""Numbers of advisory locks of the database: that of writers, and that of who migrates."""
+"""Numbers of the database's advisory locks: for writing, and for migrating."""
 
 _LIMITS = {
     "statement_timeout": "60s",
     "lock_timeout": f"{WAIT_S}s",
-    # Of a machine that is cut off, the server lets go after half a minute; of a process that hangs, later.
+    # The server drops the connections of a disconnected machine after half a minute, of a hung process later.
     "idle_in_transaction_session_timeout": "600s",
     "tcp_keepalives_idle": "10",
     "tcp_keepalives_interval": "5",
@@ -52,17 +52,17 @@ _KEEPALIVE = {
     "keepalives_idle": 10,
     "keepalives_interval": 5,
     "keepalives_count": 3,
-    # While something that was sent is not acknowledged, none of these counts.
+    # The options above have no effect while sent data is unacknowledged; this one has.
     "tcp_user_timeout": 25_000,
 }
 
 _CONNECT_S = 10
 _POOL_S = 10
-"""A thread waits so long for a connection."""
+"""Seconds for which a thread waits for a connection."""
 
 _RECYCLE_S = 1800
 _SPARE = 4
-"""Connections besides those of threads that answer requests, which may need two each."""
+"""Connections in addition to those of threads that answer requests, which may need two each."""
 
 _AGAIN_S = 2
 
@@ -89,7 +89,7 @@ _SQLSTATES: Mapping[str, DatabaseUnavailable] = {
     "55P03": _BUSY,
     "57014": _TOO_SLOW,
 }
-"""What passes, by its code in PostgreSQL."""
+"""Temporary errors, by their code in PostgreSQL."""
 
 _OTHERS = """
 SELECT count(*) FROM pg_stat_activity
@@ -113,16 +113,16 @@ _TOO_LARGE = "22003"
 _DAMAGED = ("XX001", "XX002")
 _FULL = "53100"
 _PASSING = ("08", "53", "57")
-"""Classes of codes: no connection, too few resources, an operator's intervention."""
+"""Classes of codes of temporary errors: connection, insufficient resources, operator intervention."""
 
 
 class Postgresql(Backend):
-    """Writers hold a lock of the whole database, or share it and lock the rows that they change."""
+    """PostgreSQL, where writers hold a lock of the whole database, or share it and lock rows."""
 
     reading: ClassVar[Mapping[str, Any]] = {"isolation_level": "REPEATABLE READ"}
 
     def make_engine(self, url: URL, *, threads: int) -> Engine:
-        """Make the engine, with a pool for as many threads."""
+        """Create the engine, with a pool for that many threads."""
         with extra("cluster"):
             import psycopg  # noqa: F401 - the driver, which SQLAlchemy imports
         options = " ".join(f"-c {name}={value}" for name, value in _LIMITS.items())
@@ -146,12 +146,12 @@ class Postgresql(Backend):
         return engine
 
     def writer_lock(self) -> AbstractContextManager[object]:
-        """Let all threads ask: the server has them wait."""
+        """Return a no-op: the server makes writers take turns."""
         return nullcontext()
 
     @contextmanager
     def migration(self, connection: Connection) -> Iterator[None]:
-        """Hold a lock of the database."""
+        """Hold the migration lock of the database."""
         _check(connection)
         connection.exec_driver_sql("SET statement_timeout = 0")
         connection.exec_driver_sql(f"SELECT pg_advisory_lock({_MIGRATION_LOCK})")
@@ -165,17 +165,17 @@ class Postgresql(Backend):
             connection.commit()
 
     def expanded_since(self, connection: Connection) -> str | None:
-        """Read the comment on the table that has the version."""
+        """Read the comment on Alembic's table."""
         found: str | None = connection.exec_driver_sql(_EXPANDED).scalar_one()
         return found
 
     def note_expanded(self, connection: Connection, since: str) -> None:
-        """Write the comment, where it is another one."""
+        """Write the comment if it differs."""
         if self.expanded_since(connection) != since:
             connection.exec_driver_sql(f"COMMENT ON TABLE alembic_version IS '{since}'")
 
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
-        """Say in words what the server refused, or that it is not there."""
+        """Convert an error of the server, or of the connection to it."""
         code = getattr(error.orig, "sqlstate", None) or ""
         if code == _TOO_LARGE:
             return too_large()
@@ -195,18 +195,18 @@ class Postgresql(Backend):
         if lost or code[:2] in _PASSING:
             _log.info("the database server cannot be reached: %s", _first_line(error))
             return _at(_AWAY, where)
-        if code[:2] in ("28", "3D", "42") and error.statement is None:  # it refused to connect
+        if code[:2] in ("28", "3D", "42") and error.statement is None:  # refused when connecting
             return StorageError(f"the database refused: {_first_line(error)}", where=where)
         return None
 
     def moment(self, session: Session) -> datetime:
-        """Return the time of the server: the clocks of machines may differ."""
+        """Return the time of the server, as the clocks of machines may differ."""
         found: datetime = session.execute(text("SELECT clock_timestamp()")).scalar_one()
         return found.astimezone(UTC)
 
     @contextmanager
     def time_limit(self, session: Session, seconds: float) -> Iterator[None]:
-        """Have the server stop each statement, and whoever fetches rows slowly, when the time is over."""
+        """Let the server cancel each statement, including slow fetching of its rows, after that time."""
         until = time.monotonic() + seconds
         session.execute(text(f"SET LOCAL statement_timeout = {max(int(seconds * 1000), 1)}"))
         try:
@@ -217,11 +217,11 @@ class Postgresql(Backend):
             raise TimeoutError from error
 
     def announce(self, connection: Connection, topic: str) -> None:
-        """Notify who listens."""
+        """Notify the listeners."""
         connection.execute(text("SELECT pg_notify(:channel, :topic)"), {"channel": CHANNEL, "topic": topic})
 
     def listener(self, engine: Engine) -> Listener:
-        """Make what listens, on a connection of its own."""
+        """Create a listener with its own connection."""
 
         def connect() -> Any:
             connection = engine.raw_connection()
@@ -233,17 +233,17 @@ class Postgresql(Backend):
         return Listener(connect, error=engine.dialect.loaded_dbapi.Error)
 
     def request_counts(self, engine: Engine) -> RequestCounts:
-        """Make what counts in a table of its own."""
+        """Create the counter, which has its own table."""
         return RequestCounts(engine)
 
     def photo_search(self, engine: Engine) -> PhotoSearch:
-        """Make what searches by pgvector."""
+        """Create the search by pgvector."""
         return PhotoSearch(engine)
 
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
-        """Copy rows, the fastest way in."""
+        """Insert rows by `COPY`, which is fastest."""
         driver: Any = connection.connection.driver_connection
         dialect = connection.dialect
         statement = f"COPY {table} ({', '.join(columns)}) FROM STDIN"
@@ -251,22 +251,22 @@ class Postgresql(Backend):
             with driver.cursor() as cursor, cursor.copy(statement) as copy:
                 for row in rows:
                     copy.write_row(row)
-        except dialect.loaded_dbapi.Error as error:  # of the driver itself, as SQLAlchemy raises others
+        except dialect.loaded_dbapi.Error as error:  # raised by the driver itself: wrap it like SQLAlchemy
             raise DBAPIError.instance(
                 statement, None, error, dialect.loaded_dbapi.Error, dialect=dialect
             ) from error
 
     def unlimited(self, connection: Connection) -> None:
-        """Lift the limits, until the end of the transaction."""
+        """Lift the time limits until the end of the transaction."""
         for name in ("statement_timeout", "idle_in_transaction_session_timeout"):
             connection.exec_driver_sql(f"SET LOCAL {name} = 0")
 
     def is_open_elsewhere(self, connection: Connection) -> bool:
-        """Return whether a process of the program is connected, on any machine."""
+        """Return whether another process of the program is connected, on any machine."""
         return bool(connection.exec_driver_sql(_OTHERS).scalar_one())
 
     def last_ids(self, connection: Connection) -> dict[str, int]:
-        """Return those of all tables that number their rows."""
+        """Return those of all tables with a sequence."""
         found = {}
         for table, _, counter in connection.exec_driver_sql(_COUNTERS).all():
             last, called = connection.exec_driver_sql(f"SELECT last_value, is_called FROM {counter}").one()
@@ -274,7 +274,7 @@ class Postgresql(Backend):
         return found
 
     def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
-        """Set the sequences; one that gave nothing yet stays as it is."""
+        """Set the sequences; unused ones of empty tables are left alone."""
         for table, column, counter in connection.exec_driver_sql(_COUNTERS).all():
             query = f'SELECT coalesce(max("{column}"), 0) FROM "{table}"'
             at_least = max(last.get(table, 0), connection.exec_driver_sql(query).scalar_one())
@@ -288,13 +288,13 @@ def _begin(connection: Connection) -> None:
         return
     kind = "_shared" if mode == TOGETHER else ""
     connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock{kind}({_LOCK})")
-    # Only now, by a statement of its own: it sees what was kept while this one waited for the lock.
+    # A separate statement after the lock, so that it sees what was committed while waiting for it.
     if mode != MOVING and connection.exec_driver_sql(_HAS_MOVED).scalar_one():
         raise has_moved()
 
 
 def _check(connection: Connection) -> None:
-    """Refuse a server that is too old, and a database whose texts have another order than Python's."""
+    """Refuse a server that is too old, and a database not in UTF-8 or whose text order is not Python's."""
     version = int((connection.dialect.server_version_info or (0,))[0])
     if version < _OLDEST:
         raise StorageError(
@@ -310,7 +310,7 @@ def _check(connection: Connection) -> None:
 
 
 def _is_of_connection(error: DBAPIError) -> bool:
-    """Return whether the driver itself says that there is no connection, or no longer."""
+    """Return whether the driver itself reports that there is no connection, or that it was lost."""
     return type(error.orig).__name__ in ("OperationalError", "InterfaceError", "ConnectionTimeout")
 
 

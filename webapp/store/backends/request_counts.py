@@ -1,4 +1,4 @@
-"""Counts of requests, for limits on their rate, in a PostgreSQL database: all machines count together."""
+"""Counts of requests for rate limits in PostgreSQL, shared by all machines."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from sqlalchemy import Engine, text
 from sqlalchemy.exc import DBAPIError
 
 TABLE = "request_count"
-"""Is no record of the library: not copied, and empty after a crash of the server (`UNLOGGED`)."""
+"""Not among the library's records: not copied, and empty after a crash of the server (`UNLOGGED`)."""
 
 _LOCK = 0x657870_6D6172
-"""Number of the advisory lock of who makes the table."""
+"""Number of the advisory lock for creating the table."""
 
 _TIDY_S = 60.0
 
 _READ_ONLY = "25006"
-"""Of the errors of PostgreSQL: `read_only_sql_transaction`."""
+"""Error code of PostgreSQL: `read_only_sql_transaction`."""
 
 _MAKE = (
-    f"SELECT pg_advisory_xact_lock({_LOCK})",  # or two that make it at the same time would fail
+    f"SELECT pg_advisory_xact_lock({_LOCK})",  # concurrent creation would fail
     f"CREATE UNLOGGED TABLE IF NOT EXISTS {TABLE} "
     "(key text PRIMARY KEY, hits integer NOT NULL, ends_at timestamptz NOT NULL) WITH (fillfactor = 50)",
 )
@@ -43,9 +43,9 @@ DELETE FROM {TABLE} WHERE key IN
 
 
 class RequestCounts:
-    """Counts in windows of fixed length, by the clock of the server; a request costs one statement.
+    """Counts in windows of fixed length, by the clock of the server; each hit takes one statement.
 
-    Errors are those of SQLAlchemy: see `Database.translated_errors`.
+    It raises errors of SQLAlchemy: see `Database.translated_errors`.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -56,9 +56,9 @@ class RequestCounts:
         self._tidy_at = time.monotonic() + _TIDY_S
 
     def hit(self, key: str, *, seconds: float, amount: int = 1) -> int | None:
-        """Count, in a window that begins with its first request; returns how many it has now.
+        """Count a request, in a window that begins with its first one; return the count.
 
-        None where the database is read-only, and nothing was counted.
+        None if the database is read-only, so that nothing was counted.
         """
         try:
             self._prepare()
@@ -74,14 +74,14 @@ class RequestCounts:
         return hits
 
     def look(self, key: str) -> tuple[int, float]:
-        """Return how many were counted, and the seconds until the window ends; zeros where there is none."""
+        """Return the count, and the seconds until its window ends; zeros if there is none."""
         self._prepare()
         with self._engine.connect() as connection:
             found = connection.execute(_GET, {"key": key}).one_or_none()
         return (0, 0.0) if found is None else (int(found[0]), float(found[1]))
 
     def forget(self, key: str | None = None) -> int:
-        """Delete a count, or all; returns how many there were."""
+        """Delete a count, or all; return how many were deleted."""
         self._prepare()
         where = "" if key is None else " WHERE key = :key"
         with self._engine.connect() as connection:
@@ -90,7 +90,7 @@ class RequestCounts:
             ).rowcount
 
     def _prepare(self) -> None:
-        """Make the table where there is none."""
+        """Create the table if it does not exist."""
         with self._turn:
             if not self._is_made:
                 with self._making.begin() as connection:

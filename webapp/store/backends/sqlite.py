@@ -19,36 +19,36 @@ from webapp.store.backends.backend import LOCK_MODE, MOVED, MOVING, WAIT_S, Back
 from webapp.store.clock import now
 
 _STEPS = 20_000
-"""Of SQLite's machine between two looks at the clock: some milliseconds."""
+"""Instructions of SQLite's virtual machine between two checks of the clock: some milliseconds."""
 
 
 class Sqlite(Backend):
-    """One writer at a time: the database is locked from the first statement on."""
+    """SQLite, with one writer at a time: it locks the database from the first statement on."""
 
     def make_engine(self, url: URL, *, threads: int) -> Engine:
-        """Make the engine; SQLite has no limit of connections."""
+        """Create the engine; `threads` does not matter, as SQLite does not limit connections."""
         engine = create_engine(url, connect_args={"timeout": WAIT_S})
         event.listen(engine, "connect", _prepare)
         event.listen(engine, "begin", _begin)
         return engine
 
     def writer_lock(self) -> AbstractContextManager[object]:
-        """Let one thread at a time ask SQLite, which would have all that wait ask again and again."""
+        """Create a lock, so that waiting threads do not poll SQLite."""
         return threading.RLock()
 
     @contextmanager
     def migration(self, connection: Connection) -> Iterator[None]:
-        """Do nothing: who opens a library holds a lock in its folder."""
+        """Do nothing: a library is opened under a file lock in its folder."""
         yield
 
     def expanded_since(self, connection: Connection) -> None:
-        """Know nothing: one machine has one version of the program."""
+        """Return None: a single machine has a single version of the program."""
 
     def note_expanded(self, connection: Connection, since: str) -> None:
-        """Keep nothing."""
+        """Do nothing."""
 
     def error(self, error: DBAPIError, *, where: str) -> ExpMapError | None:
-        """Say in words what SQLite refused."""
+        """Convert an error of SQLite."""
         if type(error) not in (DatabaseError, OperationalError):
             return None
         if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
@@ -66,7 +66,7 @@ class Sqlite(Backend):
         )
 
     def moment(self, session: Session) -> datetime:
-        """Return the time of this machine, the only one."""
+        """Return the time of this machine, which is the only one."""
         return now()
 
     @contextmanager
@@ -89,18 +89,18 @@ class Sqlite(Backend):
         """Do nothing."""
 
     def listener(self, engine: Engine) -> None:
-        """Make nothing: looking costs little in a file of this machine."""
+        """Return None: polling a local file costs little."""
 
     def request_counts(self, engine: Engine) -> None:
-        """Make nothing: each process counts for itself, which costs no write."""
+        """Return None: each process counts on its own, which saves writing."""
 
     def photo_search(self, engine: Engine) -> None:
-        """Make nothing: the photos of one machine are compared in its memory."""
+        """Return None: photos are compared in memory."""
 
     def insert(
         self, connection: Connection, table: str, *, columns: Sequence[str], rows: Sequence[Sequence[Any]]
     ) -> None:
-        """Insert rows; SQLAlchemy takes three times as long to prepare as many."""
+        """Insert rows by the driver; SQLAlchemy would take three times as long to prepare them."""
         marks = ", ".join("?" * len(columns))
         statement = f"INSERT INTO {table} ({', '.join(columns)}) VALUES ({marks})"
         connection.exec_driver_sql(statement, [tuple(row) for row in rows])
@@ -109,16 +109,16 @@ class Sqlite(Backend):
         """Do nothing: there is no limit."""
 
     def is_open_elsewhere(self, connection: Connection) -> bool:
-        """Return False: a file does not know."""
+        """Return False: SQLite does not know."""
         return False
 
     def last_ids(self, connection: Connection) -> dict[str, int]:
-        """Return those of tables that never give an id again; others go on after the largest."""
+        """Return those of tables that never reuse ids (AUTOINCREMENT); others continue after the largest."""
         rows = connection.exec_driver_sql("SELECT name, seq FROM sqlite_sequence")
         return {str(name): int(last) for name, last in rows}
 
     def keep_last_ids(self, connection: Connection, last: Mapping[str, int]) -> None:
-        """Set those of tables that never give an id again."""
+        """Set those of tables that never reuse ids."""
         tables = connection.exec_driver_sql("SELECT name FROM sqlite_master WHERE sql LIKE '%AUTOINCREMENT%'")
         there = self.last_ids(connection)
         for (name,) in tables.all():
@@ -128,7 +128,7 @@ class Sqlite(Backend):
 
 
 def _prepare(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # the driver's own way of beginning would come too late
+    connection.isolation_level = None  # the driver would begin transactions too late
     for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {pragma}")
 

@@ -1,4 +1,4 @@
-"""Waiting for changes: who watches a topic is woken when a session that announces it is kept."""
+"""Waiting for changes: watchers of a topic are woken when a transaction that announces it is committed."""
 
 from __future__ import annotations
 
@@ -16,41 +16,41 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 _log = logging.getLogger(__name__)
 
 CHANNEL = "expmap"
-"""Of PostgreSQL, on which topics are announced."""
+"""Channel of PostgreSQL (`NOTIFY`) on which topics are announced."""
 
 _AGAIN_S = 1.0
 _TURN_S = 0.5
-"""After so long it is checked whether to go on listening."""
+"""Seconds after which the listener checks whether it was closed."""
 
 
 class Watch(Protocol):
     """Waits for a topic."""
 
     def wait(self, seconds: float) -> bool:
-        """Wait until it is time to look again, at most so long; returns whether a change was announced."""
+        """Wait until it is time to look again, at most `seconds`; return whether a change was announced."""
 
 
 class Polling:
-    """Looks again after a pause: for a database that announces nothing."""
+    """Polls at an interval, for a database without announcements."""
 
     def __init__(self, look_s: float) -> None:
         self._look_s = look_s
 
     def wait(self, seconds: float) -> bool:
-        """Wait a little."""
+        """Wait for the interval, or for `seconds` if that is shorter."""
         time.sleep(min(self._look_s, seconds))
         return False
 
 
 class Listener:
-    """Hears what is announced in a PostgreSQL database, for all threads of a process.
+    """Receives the announcements of a PostgreSQL database, for all threads of a process.
 
     Parameters
     ----------
     connect : callable
         Opens a connection of psycopg in autocommit mode.
     error : type
-        Of the errors of psycopg.
+        Base class of the errors of psycopg.
     """
 
     def __init__(self, connect: Callable[[], Any], *, error: type[Exception]) -> None:
@@ -64,7 +64,7 @@ class Listener:
 
     @contextmanager
     def watch(self, topic: str, *, look_s: float) -> Iterator[Watch]:
-        """Watch a topic, in the block."""
+        """Watch a topic in the block."""
         woken = threading.Event()
         with self._lock:
             self._waiting[topic].add(woken)
@@ -81,7 +81,7 @@ class Listener:
 
     @property
     def listening(self) -> bool:
-        """Whether what is announced is heard; else who watches has to look."""
+        """Whether announcements are received; otherwise watchers have to poll."""
         return self._listening
 
     def close(self) -> None:
@@ -125,13 +125,13 @@ class Listener:
 
 
 class _Listening:
-    """Waits for an announcement, and looks by itself while none can be heard."""
+    """Waits for an announcement, and polls while none can be received."""
 
     def __init__(self, listener: Listener, woken: threading.Event, look_s: float) -> None:
         self._listener, self._woken, self._look_s = listener, woken, look_s
 
     def wait(self, seconds: float) -> bool:
-        """Wait, at least for a pause between two looks."""
+        """Wait, at least for the pause between two looks."""
         until = time.monotonic() + seconds
         time.sleep(min(self._look_s, seconds))
         if self._listener.listening:

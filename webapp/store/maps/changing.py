@@ -1,4 +1,4 @@
-"""The unit of work for changes of a map: all of them come with the job that they make necessary, or none."""
+"""The unit of work for changes of a map: they are committed together with the job that they require."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ INDEX_JOB = "index"
 
 @dataclass(slots=True)
 class MapChange:
-    """A change of a map under way.
+    """A change of a map in progress.
 
     Attributes
     ----------
     record : MapRecord
-        Of this session.
+        Loaded in `session`.
     job : int or None
-        Set at the end of the block: the job that updates the index, where other photos are on the map now.
+        Set at the end of the block if the photos on the map have changed: the job that updates the index.
     """
 
     session: Session
@@ -34,16 +34,16 @@ class MapChange:
 
 @contextmanager
 def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
-    """Change a map in a session that writes, and queue what follows from the change.
+    """Change a map in a writing session, and queue the job that the change requires.
 
-    The index depends on which photos are on the map, not on where they are: only where the set of placed
-    photos has changed, which the record's `photos_revision` says, the index job is queued. `map.cfg` and
-    `map.json` are written by the worker, which finds the maps whose files are older than their records.
+    The index depends on which photos are on the map, not on their positions: the index job is queued only if
+    the set of placed photos has changed, that is, the record's `photos_revision`. `map.cfg` and `map.json`
+    are written by the worker, which finds the maps whose files are older than their records.
 
     Parameters
     ----------
     session : Session
-        That writes; its owner commits it.
+        A writing one, which the caller commits.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Why an edit cannot be made, undone or redone: somebody else has built on what it changes."""
+"""Reasons why an edit cannot be made, undone or redone: later changes depend on what it changes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo
 def placed_on_present_image(
     session: Session, record: MapRecord, edit: Edit, *, image: Mapping[str, Any]
 ) -> str | None:
-    """Say who has placed photos on the present image since an edit set or removed it, if anybody has.
+    """Return why an earlier image cannot be restored; None if it can.
+
+    Others have placed photos on the present image since an edit set or removed it, or photos would lie
+    outside the restored image.
 
     Parameters
     ----------
     edit : Edit
-        Is about to be undone or redone, which brings another image back.
+        To be undone or redone, which brings another image back.
     image : mapping of str to Any
         Fields of that image.
     """
@@ -46,7 +49,7 @@ def placed_on_present_image(
 def without_floor(
     session: Session, record: MapRecord, changes: Mapping[str, Mapping[str, Any] | None]
 ) -> str | None:
-    """Say why a change would leave floors that do not fit together, or something on one that is not there."""
+    """Return why changes would make the floors inconsistent, or leave something on a missing one; or None."""
     if any(target.startswith("floor/") for target in changes) and _floors_clash(record, changes):
         return "the floors have been changed in the meantime"
     floors = {f"floor/{floor['id']}" for floor in record.floors or ()} | {"floor/0"}
@@ -66,7 +69,7 @@ def without_floor(
 
 
 def _floors_clash(record: MapRecord, changes: Mapping[str, Mapping[str, Any] | None]) -> bool:
-    """Return whether the floors would not fit together once they are changed."""
+    """Return whether the floors would be inconsistent after the changes."""
     after: dict[str, Mapping[str, Any] | None] = {f"floor/{f['id']}": f for f in record.floors or ()}
     after |= {target: fields for target, fields in changes.items() if target.startswith("floor/")}
     left = [Floor(int(t.split("/")[1]), f["name"], f["level"]) for t, f in after.items() if f]

@@ -1,9 +1,8 @@
-"""Edits of a map: applied, undone and redone, with conflicts between people and tabs noticed.
+"""Edits of a map are applied, undone and redone, and conflicts between people and tabs are detected.
 
-An edit is a list of changes, each a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`,
-`note/2`, `floor/1`) with the
-values of its fields before and after. Undo brings the values before back, but only where nobody has changed
-them since. Everyone undoes their own edits.
+An edit is a list of changes, each with a target (`map`, `photo/3`, `placed/clusters/3`, `point/gate`,
+`note/2`, `floor/1`) and the values of its fields before and after. Undo restores the values before, but only
+if they have not been changed since. All users undo their own edits.
 """
 
 from __future__ import annotations
@@ -46,13 +45,13 @@ FLOORS_KIND = "floors"
 """Kind of an edit of the list of floors."""
 
 _LISTED = {"point": ("control_points", "name"), "note": ("notes", "id"), "floor": ("floors", "id")}
-"""What is kept as a list in the record: the column, and by what the items of the list are known."""
+"""Targets that are items of a list in the record: the column of the list, and the key of its items."""
 
 OUTSIDE_KIND = "outside"
-"""Of the edit that takes over what was changed in the files of a map."""
+"""Kind of an edit that takes over changes in the files of a map."""
 
 _KINDS_OF_LISTED = (POINTS_KIND, NOTES_KIND, FLOORS_KIND, "satellite", "georeference", OUTSIDE_KIND)
-"""Of edits that change what is kept as a list."""
+"""Kinds of edits that can change these lists."""
 
 MAP_FIELDS = frozenset({"satellite_path", "satellite_width", "satellite_height", "georeference"})
 
@@ -66,7 +65,7 @@ def _oldest_undone(columns: Any) -> Select[Any]:
 
 
 def _own(columns: Any, state: str) -> Select[Any]:
-    """Select what an account has edited on a map: those that are in a state."""
+    """Select the edits of an account on a map that are in a state."""
     there = Edit.map_id == bindparam("map_id"), Edit.account_id == bindparam("account_id")
     return select(columns).where(*there, Edit.state == state)
 
@@ -90,13 +89,13 @@ _CLOSE_UNDONE = (  # a parameter of an UPDATE cannot have the name of a column
 
 @dataclass(frozen=True, slots=True)
 class UndoResult:
-    """What undo or redo did.
+    """The result of an undo or redo.
 
     Attributes
     ----------
     clash : str or None
-        Why it was not done: somebody has changed the same thing since. The edit is out of the way then, so
-        that the next undo takes the one before.
+        Why it was not done: the same thing has been changed since. The edit is then closed, so that the
+        next undo takes the one before.
     """
 
     edit: Edit
@@ -105,7 +104,7 @@ class UndoResult:
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """What an undo or redo would be about: a word, and how many photos."""
+    """The edit that an undo or redo would affect: its kind, and its number of changes."""
 
     kind: str
     count: int
@@ -130,20 +129,19 @@ def apply(
     Parameters
     ----------
     changes : mapping of str to mapping or None
-        New values of fields by target; None takes a position in another placement, a control
-        point, a note or a floor away.
-        The position of a photo is exact where it comes without `radius_px`.
+        New values of fields by target; None removes a position in another placement, a control point, a
+        note or a floor. A photo's position without `radius_px` is exact.
     kind : str
-        A word for the step: `place`, `move`, `turn`, `remove`, `satellite` ...
+        A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
     account_id : int or None
-        Who does it.
+        Author of the edit.
     seen : int or None
-        Newest revision that who does it knows of. A target that changed later is a conflict.
+        Newest revision that the author has seen. A target that changed later is a conflict.
 
     Returns
     -------
     Edit or None
-        None when every field has its value already: nothing happened.
+        None if all fields already have these values.
 
     Raises
     ------
@@ -186,27 +184,27 @@ def apply(
 
 
 def undo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
-    """Take back the account's last edit of the map; None when there is none."""
+    """Undo the account's last edit of the map; None if there is none."""
     return _undo_or_redo(session, record, newest_done(session, record, account_id=account_id), back=True)
 
 
 def redo(session: Session, record: MapRecord, *, account_id: int) -> UndoResult | None:
-    """Do the account's last undone edit of the map again; None when there is none."""
+    """Redo the account's last undone edit of the map; None if there is none."""
     return _undo_or_redo(session, record, oldest_undone(session, record, account_id=account_id), back=False)
 
 
 def newest_done(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
-    """Find the edit that undo would take back."""
+    """Find the edit that `undo` would undo."""
     return session.scalars(_NEWEST_DONE, {"map_id": record.id, "account_id": account_id}).first()
 
 
 def oldest_undone(session: Session, record: MapRecord, *, account_id: int) -> Edit | None:
-    """Find the edit that redo would do again: undone edits are always the account's last ones."""
+    """Find the edit that `redo` would redo: undone edits are always the account's last ones."""
     return session.scalars(_OLDEST_UNDONE, {"map_id": record.id, "account_id": account_id}).first()
 
 
 def next_steps(session: Session, record: MapRecord, *, account_id: int) -> dict[str, NextStep | None]:
-    """Say what `undo` and `redo` would be about, without reading the edits: they may name every photo."""
+    """Describe what `undo` and `redo` would affect, without loading the edits, which may name every photo."""
     rows = session.execute(_NEXT_STEPS, {"map_id": record.id, "account_id": account_id})
     steps = {state: NextStep(kind, count) for state, kind, count in rows}
     return {"undo": steps.get("done"), "redo": steps.get("undone")}
@@ -238,7 +236,7 @@ def _undo_or_redo(session: Session, record: MapRecord, edit: Edit | None, *, bac
 
 
 def revision_of_listed(session: Session, record: MapRecord, target: str) -> int:
-    """Return the revision that last changed a control point or a note, which have no row of their own."""
+    """Return the last revision of a control point, a note or a floor, which have no row of their own."""
     of_map = (Edit.map_id == record.id, Edit.kind.in_(_KINDS_OF_LISTED))
     for edit in session.scalars(select(Edit).where(*of_map).order_by(Edit.revision.desc())):
         if any(change["target"] == target for change in edit.changes):
@@ -252,16 +250,16 @@ def _next_revision(record: MapRecord) -> None:
 
 
 def _close_undone(session: Session, record: MapRecord, account_id: int | None) -> None:
-    """A new edit ends what could be redone; without an account nothing can.
+    """Close the undone edits of an account, so that they cannot be redone after a new edit.
 
-    Edits that the session has loaded before keep their state there.
+    Edits that the session has already loaded keep their state there.
     """
     if account_id is not None:
         session.execute(_CLOSE_UNDONE, {"of_map": record.id, "of_account": account_id})
 
 
 class _Rows:
-    """The rows that an edit names, fetched together: one by one, ten thousand photos take seconds."""
+    """The rows that an edit names, fetched in bulk: one by one, ten thousand photos take seconds."""
 
     def __init__(self, session: Session, record: MapRecord, targets: Iterable[str]) -> None:
         self.session = session
@@ -288,14 +286,14 @@ class _Rows:
         return photo
 
     def with_radius(self, target: str, fields: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-        """Add that a photo which is placed anew has no radius any more."""
+        """Reset the radius of a photo that gets a new position without one."""
         if fields is None or "x_px" not in fields or "radius_px" in fields or not target.startswith("photo/"):
             return fields
         known = self.photo(target.split("/")[1]).radius_px is not None
         return {**fields, "radius_px": None} if known else fields
 
     def elsewhere(self, placement: str, number: str) -> PlacedElsewhere | None:
-        """Return where a further placement has a photo."""
+        """Return the position of a photo in a further placement."""
         return self._elsewhere.get((placement, int(number)))
 
     def revision(self, target: str) -> int:
@@ -308,7 +306,7 @@ class _Rows:
 
 
 def _value(rows: _Rows, *, target: str, fields: Mapping[str, Any] | None) -> Fields | None:
-    """Read the present values of the named fields; None for no position in a placement."""
+    """Read the current values of the named fields; None for a missing placement position or list item."""
     match target.split("/"):
         case ["map"]:
             return {name: getattr(rows.record, name) for name in _known(fields, MAP_FIELDS)}
@@ -370,7 +368,7 @@ def _assign(row: MapRecord | Photo | PlacedElsewhere, fields: Fields | None) -> 
 
 
 def _who_changed(rows: _Rows, *, target: str) -> str:
-    """Say who changed a target last, for people."""
+    """Return a sentence about who changed a target last."""
     found = (
         select(Account.name)
         .join(Edit, Edit.account_id == Account.id)

@@ -1,4 +1,4 @@
-"""Maps of the library, who may do what with them, and their photos' records."""
+"""Maps of the library, the roles of accounts on them, and the records of their photos."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from webapp.store.schema import Account, MapRecord, Member, Photo
 
 Role = Literal["owner", "editor", "viewer"]
 ROLES: tuple[Role, ...] = ("viewer", "editor", "owner")
-"""Each may do what those before it may."""
+"""In ascending order: each includes the permissions of those before it."""
 
 _MAX_NAME = 120
 _MAX_SLUG = 60
 _MOST_PARAMETERS = 5000
-"""Of one statement; SQLite takes 32766."""
+"""Maximum parameters of one statement; SQLite allows 32766."""
 _LAST_CHANGED_FIRST = last_changed_first(MapRecord.changed_at, MapRecord.id)
 RESERVED = frozenset({"new", "import", "bin"})
 
 
 def create(session: Session, name: str, *, account_id: int, folders: Collection[str] = ()) -> MapRecord:
-    """Make an empty map; who makes it owns it.
+    """Create an empty map, owned by the account.
 
     Parameters
     ----------
     folders : collection of str
-        That are in the library already; the map's slug is none of them.
+        Existing folders of the library, whose names cannot become the map's slug.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
 
 def checked_name(name: str) -> str:
-    """Return a map's name as it is kept.
+    """Check a map's name, and return it as it is stored.
 
     Raises
     ------
@@ -66,12 +66,12 @@ def checked_name(name: str) -> str:
 
 
 def rename(record: MapRecord, name: str) -> None:
-    """Give a map another name; its files follow, which name it too.
+    """Rename a map; this is a new revision, as its files contain the name, too.
 
     Raises
     ------
     UsageError
-        It is empty or too long.
+        The name is empty or too long.
     """
     record.name = checked_name(name)
     record.revision += 1
@@ -79,14 +79,14 @@ def rename(record: MapRecord, name: str) -> None:
 
 
 def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
-    """Find a map that an account may use in a role; maps in the bin count too.
+    """Find a map that an account may use in a role; maps in the bin are included.
 
     Raises
     ------
     NotFound
         There is none, or it is not shared with the account.
     NotAllowed
-        The account may see it, but not do this.
+        The account may see it, but its role is too low.
     """
     record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).first()
     own = None if record is None else role_of(session, record, account=account)
@@ -98,7 +98,7 @@ def find(session: Session, slug: str, *, account: Account, role: Role = "viewer"
 
 
 def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | None:
-    """Return the role of an account on a map; who owns the library owns every map."""
+    """Return the role of an account on a map; an owner of the library owns every map."""
     if account.is_owner:
         return "owner"
     member = session.get(Member, (record.id, account.id))
@@ -106,7 +106,7 @@ def role_of(session: Session, record: MapRecord, *, account: Account) -> Role | 
 
 
 def roles_of(session: Session, records: Sequence[MapRecord], *, account: Account) -> dict[int, Role]:
-    """Return the roles of an account on some maps, by their ids; `role_of` says more."""
+    """Return the roles of an account on some maps, by their ids; see `role_of`."""
     if account.is_owner:
         return dict.fromkeys((record.id for record in records), "owner")
     mine = select(Member.map_id, Member.role).where(Member.account_id == account.id)
@@ -122,7 +122,7 @@ _ALL = ListPart()
 
 
 def list_maps(session: Session, account: Account, *, part: ListPart = _ALL) -> list[MapRecord]:
-    """List maps that an account may see, the last changed first."""
+    """List maps that an account may see, last changed first."""
     ids = visible(account, binned=part.binned)
     if part.after is not None:
         ids = ids.where(part.after.follow(MapRecord.changed_at, MapRecord.id))
@@ -142,14 +142,14 @@ def list_maps(session: Session, account: Account, *, part: ListPart = _ALL) -> l
 
 
 def cursor(record: MapRecord) -> ListCursor:
-    """Return where the list continues after a map."""
+    """Return the position in the list after a map."""
     return ListCursor(record.changed_at, record.id)
 
 
 def _searched(session: Session, ids: Select[Any], *, text: str, most: int | None) -> list[int]:
-    """Return the ids of maps that a search finds, in the order of the list.
+    """Return the ids of maps that match a search, in the order of the list.
 
-    Names are compared here: what a database takes for the same letter depends on the database.
+    Names are compared in Python, as databases differ in which letters they take as equal.
     """
     wanted = texts.folded(text)
     rows = session.execute(ids.add_columns(MapRecord.name))
@@ -171,23 +171,23 @@ def count_binned(session: Session, account: Account) -> int:
 
 
 def put_into_bin(record: MapRecord) -> None:
-    """Take a map out of the list; nothing is deleted."""
+    """Move a map to the bin; nothing is deleted."""
     record.binned_at = now()
 
 
 def take_from_bin(record: MapRecord) -> None:
-    """Bring a map back into the list."""
+    """Restore a map from the bin."""
     record.binned_at = None
 
 
 def photos(session: Session, record: MapRecord, *, since: int = -1) -> list[Photo]:
-    """List the photos that changed after a revision, removed ones included, by id."""
+    """List the photos that changed after a revision, including removed ones, sorted by id."""
     found = select(Photo).where(Photo.map_id == record.id, Photo.revision > since)
     return list(session.scalars(found.order_by(Photo.id)))
 
 
 class Dot(NamedTuple):
-    """What is drawn of a photo on the image; x and y are None for one in the tray."""
+    """The data of a photo that are drawn on the image; x and y are None for one in the tray."""
 
     id: int
     x_px: float | None
@@ -198,12 +198,12 @@ class Dot(NamedTuple):
 
 
 def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
-    """List the photos that a page shows first: by time, and those in the tray before others.
+    """List the photos that a page shows first: those in the tray, then the others, each by time.
 
     Parameters
     ----------
     placed : bool
-        Only those that have a place.
+        Whether to list only photos with a position.
     """
     found = select(Photo).where(*_present(record, placed=placed))
     order = (Photo.x_px.is_not(None), Photo.taken_at.is_(None), Photo.taken_at, Photo.name, Photo.id)
@@ -213,13 +213,13 @@ def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool
 def photos_after(
     session: Session, record: MapRecord, id: int, *, most: int, placed: bool = False
 ) -> list[Photo]:
-    """List the photos after an id that are not removed, by id; `placed` as for `first_photos`."""
+    """List the photos after an id, except removed ones, sorted by id; `placed` as for `first_photos`."""
     found = select(Photo).where(*_present(record, placed=placed), Photo.id > id)
     return list(session.scalars(found.order_by(Photo.id).limit(most)))
 
 
 def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[Dot]:
-    """List what is drawn of all photos that are not removed, by id; `placed` as for `first_photos`."""
+    """List the dots of all photos, except removed ones, sorted by id; `placed` as for `first_photos`."""
     columns = select(Photo.id, Photo.x_px, Photo.y_px, Photo.heading_deg, Photo.fov_deg, Photo.floor)
     rows = session.execute(columns.where(*_present(record, placed=placed)).order_by(Photo.id))
     return [Dot._make(row) for row in rows]
@@ -228,7 +228,7 @@ def dots(session: Session, record: MapRecord, *, placed: bool = False) -> list[D
 def some_positions(
     session: Session, records: Sequence[MapRecord], *, most: int
 ) -> dict[int, list[tuple[float, float]]]:
-    """List where photos of some maps are placed, map pixels; of more than `most` of one, some, evenly."""
+    """List positions of photos by map, map pixels; an even sample of `most` if a map has more."""
     found: dict[int, list[tuple[float, float]]] = {record.id: [] for record in records}
     number = func.row_number().over(partition_by=Photo.map_id, order_by=Photo.id).label("number")
     count = func.count().over(partition_by=Photo.map_id).label("count")
@@ -236,7 +236,7 @@ def some_positions(
     for some in _blocks(records):
         of_all = Photo.map_id.in_(some), ~Photo.removed, Photo.x_px.is_not(None)
         one = there.where(*of_all).subquery().c
-        # As lines are drawn on a screen: true of `most` numbers, or of all where there are fewer.
+        # As in Bresenham's algorithm: true for `most` of the numbers, evenly spread, or for all if fewer.
         is_taken = one.number * most % one.count < most
         rows = select(one.map_id, one.x_px, one.y_px).where(is_taken).order_by(one.map_id, one.number)
         for map_id, x, y in session.execute(rows):
@@ -250,9 +250,9 @@ def _present(record: MapRecord, *, placed: bool) -> list[ColumnElement[bool]]:
 
 
 def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
-    """Fetch many photos together, removed ones included; those that the map has not are missing.
+    """Fetch many photos in bulk, including removed ones; unknown ids are left out.
 
-    Photos that the session holds are not asked for again.
+    Photos already loaded in the session are not fetched again.
     """
     map_id = record.id
     known = {id: session.identity_map.get(identity_key(Photo, (map_id, id))) for id in ids}
@@ -266,12 +266,12 @@ def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> d
 
 
 def present_photos(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
-    """Fetch many photos that are not removed.
+    """Fetch many photos, none of which may be removed.
 
     Raises
     ------
     NotFound
-        The map has one of them not, or not any more.
+        The map does not have one of them, or it was removed.
     """
     found = photos_by_id(session, record, ids)
     for id in ids:
@@ -282,7 +282,7 @@ def present_photos(session: Session, record: MapRecord, ids: Collection[int]) ->
 
 
 def photo(session: Session, record: MapRecord, id: int) -> Photo:
-    """Find a photo that is not removed.
+    """Fetch a photo, which must not be removed.
 
     Raises
     ------
@@ -295,20 +295,19 @@ def photo(session: Session, record: MapRecord, id: int) -> Photo:
 
 
 def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
-    """Add a photo, or give back the one with the same content.
+    """Add a photo, or return the existing one with the same content.
 
-    A photo that was removed comes back where it was. Either way the map's revision goes up where
-    something changed.
+    A removed photo is restored at its old position. The map's revision is increased if anything changes.
 
     Parameters
     ----------
     row : Photo
-        Without map and revision; without an id, it gets the next one.
+        Without map and revision; if it has no id, it gets the next one.
 
     Returns
     -------
     Photo
-        `row`, or the one that was there already.
+        `row`, or the existing photo.
     """
     same = select(Photo).where(Photo.map_id == record.id, Photo.sha256 == row.sha256)
     there = session.scalars(same).first()
@@ -329,7 +328,7 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
 
 def reserve_id(record: MapRecord) -> int:
-    """Take the next id of a map."""
+    """Reserve the next photo id of a map."""
     record.next_id += 1
     return record.next_id - 1
 
@@ -345,7 +344,7 @@ def counts(session: Session, record: MapRecord) -> tuple[int, int]:
 
 
 def counts_of(session: Session, records: Sequence[MapRecord]) -> dict[int, tuple[int, int]]:
-    """Count the photos of some maps, and how many of them are placed, by the ids of the maps."""
+    """Count the photos of some maps, and how many of them are placed, by map id."""
     found = dict.fromkeys((record.id for record in records), (0, 0))
     numbers = select(Photo.map_id, func.count(), func.count(Photo.x_px)).where(~Photo.removed)
     for some in _blocks(records):
@@ -355,7 +354,7 @@ def counts_of(session: Session, records: Sequence[MapRecord]) -> dict[int, tuple
 
 
 def _blocks(records: Sequence[MapRecord]) -> Iterator[list[int]]:
-    """Give the ids of maps, as many at a time as a statement takes."""
+    """Yield the ids of maps in blocks that fit into one statement."""
     for start in range(0, len(records), _MOST_PARAMETERS):
         yield [record.id for record in records[start : start + _MOST_PARAMETERS]]
 

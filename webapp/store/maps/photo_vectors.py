@@ -1,6 +1,7 @@
-"""Vectors of photos, map by map, and the bases that they are made with.
+"""Vectors of photos, map by map, and the bases (VLAD codebook, principal axes) by which they are computed.
 
-There is one basis that searches use, and for a while a new one that does not know all maps yet.
+Searches use one basis; while it is being replaced, there is a new one, too, by which not all maps are
+described yet.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ _FLOAT16 = np.dtype("<f2")
 
 
 class VectorBasis(Base):
-    """What vectors are made with."""
+    """The basis by which vectors are computed."""
 
     __tablename__ = "vector_basis"
 
     id: Mapped[int] = mapped_column(primary_key=True)
     photos: Mapped[int]
-    """That the library had when it was trained."""
+    """Number of photos of the library when it was trained."""
     ready: Mapped[bool] = mapped_column(default=False)
-    """Whether the photos of all maps are described with it."""
+    """Whether the photos of all maps are described by it."""
     arrays: Mapped[bytes]
 
 
@@ -44,7 +45,7 @@ class MapVectors(Base):
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
     basis_id: Mapped[int] = mapped_column(ForeignKey("vector_basis.id", ondelete="CASCADE"), primary_key=True)
     version: Mapped[str]
-    """Another one whenever they change."""
+    """Changes whenever the vectors change."""
     photos: Mapped[int]
     contents: Mapped[bytes]
     """SHA-256 of the photos, 32 bytes each."""
@@ -59,9 +60,9 @@ class StoredBasis:
     Attributes
     ----------
     photos : int
-        That the library had when it was trained.
+        Number of photos of the library when it was trained.
     ready : bool
-        The photos of all maps are described with it.
+        Whether the photos of all maps are described by it.
     """
 
     id: int
@@ -77,7 +78,7 @@ def bases(session: Session) -> list[StoredBasis]:
 
 
 def ready_basis(session: Session, *, known: StoredBasis | None = None) -> StoredBasis | None:
-    """Return the basis that searches use: `known` where it still is that."""
+    """Return the basis that searches use: `known` itself if that has not changed."""
     id = session.scalar(
         select(VectorBasis.id).where(VectorBasis.ready).order_by(VectorBasis.id.desc()).limit(1)
     )
@@ -88,7 +89,7 @@ def ready_basis(session: Session, *, known: StoredBasis | None = None) -> Stored
 
 
 def add_basis(session: Session, basis: Basis, *, photos: int) -> int:
-    """Keep a new basis, which no map is described with yet; returns its id."""
+    """Store a new basis, by which no map is described yet; return its id."""
     file = io.BytesIO()
     codebook = basis.codebook
     np.savez(file, centres=codebook.centres, mean=codebook.mean, axes=basis.axes.astype(_FLOAT16))
@@ -99,9 +100,9 @@ def add_basis(session: Session, basis: Basis, *, photos: int) -> int:
 
 
 def use_basis(session: Session, id: int) -> None:
-    """Have searches use a basis, and delete the others with all that is described with them.
+    """Let searches use a basis, and delete the others with their vectors.
 
-    Nothing happens where the basis is gone: another worker was faster with one of its own.
+    Does nothing if the basis is gone, because another worker was faster with its own.
     """
     row = session.get(VectorBasis, id)
     if row is not None:
@@ -110,7 +111,7 @@ def use_basis(session: Session, id: int) -> None:
 
 
 def vectors(session: Session, map_id: int, *, basis_id: int) -> dict[str, NDArray[np.float16]]:
-    """Return the vectors of a map's photos by their SHA-256, hexadecimal."""
+    """Return the vectors of a map's photos by hexadecimal SHA-256."""
     row = session.get(MapVectors, (map_id, basis_id))
     if row is None:
         return {}
@@ -121,7 +122,7 @@ def vectors(session: Session, map_id: int, *, basis_id: int) -> dict[str, NDArra
 def keep_vectors(
     session: Session, map_id: int, *, basis_id: int, vectors: Mapping[str, NDArray[np.float16]]
 ) -> None:
-    """Replace the vectors of a map's photos; nothing happens where the map, or the basis, is gone."""
+    """Replace the vectors of a map's photos; does nothing if the map or the basis is gone."""
     if session.get(MapRecord, map_id) is None or session.get(VectorBasis, basis_id) is None:
         return
     rows = np.array(list(vectors.values()), _FLOAT16).reshape(-1, DIMENSIONS)
@@ -138,7 +139,7 @@ def keep_vectors(
 
 
 def versions(session: Session, *, basis_id: int) -> dict[int, str]:
-    """Return the versions of all maps' vectors, by the ids of the maps."""
+    """Return the versions of all maps' vectors, by map id."""
     rows = session.execute(
         select(MapVectors.map_id, MapVectors.version).where(MapVectors.basis_id == basis_id)
     )
@@ -148,7 +149,7 @@ def versions(session: Session, *, basis_id: int) -> dict[int, str]:
 def matrices(
     session: Session, map_ids: Collection[int], *, basis_id: int
 ) -> dict[int, tuple[str, NDArray[np.float16]]]:
-    """Return versions and (n, `DIMENSIONS`) vectors of some maps."""
+    """Return versions and (n, `DIMENSIONS`) vectors of some maps, by map id."""
     rows = session.execute(
         select(MapVectors.map_id, MapVectors.version, MapVectors.vectors).where(
             MapVectors.basis_id == basis_id, MapVectors.map_id.in_(map_ids)
@@ -158,7 +159,7 @@ def matrices(
 
 
 def described_photos(session: Session, *, basis_id: int) -> int:
-    """Count the photos that are described with a basis."""
+    """Count the photos that are described by a basis."""
     total = select(func.coalesce(func.sum(MapVectors.photos), 0)).where(MapVectors.basis_id == basis_id)
     return int(session.scalar(total) or 0)
 

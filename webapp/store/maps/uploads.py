@@ -1,4 +1,4 @@
-"""Files on their way in: their records. What has arrived of them is in the uploads folder."""
+"""Records of uploads in progress; the bytes received are in the uploads folder."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from webapp.store.schema import MapRecord, Upload
 def begin(
     session: Session, record: MapRecord, *, account_id: int, name: str, size_bytes: int, fingerprint: str
 ) -> Upload:
-    """Begin an upload, or find the one that the account has begun with the same fingerprint.
+    """Begin an upload, or return the one that the account has begun with the same fingerprint.
 
-    The photo's id is reserved now: photos are numbered in the order in which they were begun, however long
-    each takes.
+    The photo's id is reserved now, so that photos are numbered in the order in which their uploads began.
 
     Parameters
     ----------
     name : str
-        As the sender calls the file.
+        The sender's name of the file.
     size_bytes : int
         Of the whole file.
     fingerprint : str
-        By which the sender finds it again: from name, size and time of the file.
+        Identifies the file for its sender: made of name, size and time of the file.
     """
     same = select(Upload).where(
         Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
@@ -67,7 +66,7 @@ def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
 
 
 def finish(session: Session, id: str) -> None:
-    """Delete the record of an upload that is in, refused or given up; one that is gone already is fine."""
+    """Delete the record of an upload that is complete, refused or abandoned; no error if it is gone."""
     upload = session.get(Upload, id)
     if upload is not None:
         session.delete(upload)

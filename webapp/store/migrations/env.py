@@ -1,8 +1,8 @@
-"""Runs the migrations on the connection that `webapp.store.library` gives.
+"""Runs the migrations on the connection that `webapp.store.library` passes.
 
-The first one makes the tables of 0.7.0. A new migration: change `schema.py`, then write
-`versions/000N_what_it_does.py`; a test compares the two. If it does not only add what older programs need not
-write, `EXPANDED_SINCE` in `webapp.store.library` has to follow.
+The first one creates the tables of 0.7.0. To add a migration, change `schema.py` and write
+`versions/000N_what_it_does.py`; a test compares the two. If it does more than add what older programs need
+not write, `EXPANDED_SINCE` in `webapp.store.library` must be set to it.
 """
 
 from alembic import context

@@ -1,1 +1,1 @@
-"""Copies of all records from one kind of database to the other, exact and compared."""
+"""Moves all records from one kind of database to the other, and verifies that the copy is exact."""

@@ -1,7 +1,7 @@
 """Copies all records of a library from one database to another, table by table, and compares them.
 
-A table is kept when it is complete and both sides have the same rows. So a copy that was killed goes on with
-the next table.
+A table is committed when it is complete and both sides have the same rows, so that an interrupted copy
+resumes with the next table.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from webapp.store.library import has_tables, migrate
 from webapp.store.moving import marks
 
 _ROWS, _LARGE_ROWS = 2000, 50
-"""At once, of plain tables and of those with rows of any size."""
+"""Rows per batch, for plain tables and for those with rows of any size."""
 
 _NOT_RECORDS = marks.MARKS | photo_search.TABLES | {"alembic_version", request_counts.TABLE}
 
@@ -48,12 +48,12 @@ Convert = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class TableCopy:
-    """A table that both databases have.
+    """A table that has been copied, or compared.
 
     Attributes
     ----------
     sha256 : str
-        Of its rows, in the order of their keys.
+        Hash of its rows, in the order of their keys.
     """
 
     name: str
@@ -62,25 +62,25 @@ class TableCopy:
 
 
 class OtherRows(Exception):
-    """A table that was copied earlier has other rows by now: the copy has to begin again."""
+    """The rows of a table have changed since it was copied: the copy has to start again."""
 
 
 def prepare(target: Database, *, key: str, again: bool = False) -> None:
-    """Make the tables in an empty database, marked as being filled.
+    """Create the tables in an empty database, and mark it as being filled.
 
     Parameters
     ----------
     key : str
-        Of the move; one of that key that was killed goes on.
+        Of the move; an interrupted move with the same key is resumed.
     again : bool
-        Throw away what the move has copied so far.
+        Whether to discard what the move has copied so far.
 
     Raises
     ------
     UsageError
         The database is not empty.
     StorageError
-        It cannot hold a library, or cannot be written.
+        The database cannot hold a library, or cannot be written.
     """
     has_tables(target)  # checks the database itself
     with target.moving() as connection:
@@ -103,21 +103,21 @@ def prepare(target: Database, *, key: str, again: bool = False) -> None:
 
 
 def copy_records(source: Connection, target: Database, *, progress: Progress) -> tuple[TableCopy, ...]:
-    """Copy all tables to a database that `prepare` has made ready; those that are there are compared.
+    """Copy all tables to a database after `prepare`; tables that were copied earlier are compared.
 
     Parameters
     ----------
     source : Connection
-        In a transaction that sees one state of the database.
+        In a transaction that sees a consistent snapshot.
     progress : Progress
-        One step a row.
+        One step per row.
 
     Raises
     ------
     OtherRows
         The source has changed since an earlier copy.
     StorageError, DiskFull
-        The database refused rows, or gives other ones back.
+        The database refused rows, or returns different ones.
     Cancelled
     """
     tables = _tables(source)
@@ -136,14 +136,14 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
 
 
 def _tables(source: Connection) -> list[Table]:
-    """Read which tables there are, those that others refer to first."""
+    """Return the tables of the library, those to which others refer first."""
     there = MetaData()
     there.reflect(source, only=lambda name, _: name not in _NOT_RECORDS)
     return there.sorted_tables
 
 
 def _copied(source: Connection, target: Connection, table: Table, *, progress: Progress) -> TableCopy:
-    """Copy a table that is not there yet, and compare what the database then has."""
+    """Copy a table unless it has rows already, and compare both sides."""
     is_new = not _count(target, table)
     digest, rows = _Digest(table), 0
     with closing(_batches(source, table)) as batches:
@@ -179,7 +179,7 @@ def _count(connection: Connection, table: Table) -> int:
 
 
 def _batches(connection: Connection, table: Table) -> Generator[Sequence[Row]]:
-    """Read all rows in the order of their keys; JSON as the text that is stored."""
+    """Read all rows in the order of their keys, with JSON as the stored text."""
     columns = [cast(c, Text).label(c.name) if isinstance(c.type, JSON) else c for c in table.columns]
     large = any(isinstance(c.type, JSON | LargeBinary) for c in table.columns)
     query = select(*columns).order_by(*table.primary_key.columns)
@@ -189,7 +189,7 @@ def _batches(connection: Connection, table: Table) -> Generator[Sequence[Row]]:
 
 
 def _insert(connection: Connection, table: Table, batch: Sequence[Row]) -> None:
-    """Insert rows; of times SQLite has the text that SQLAlchemy makes of them."""
+    """Insert rows; times are first converted like by SQLAlchemy, for SQLite to text."""
     quote = connection.dialect.identifier_preparer.quote
     names = [quote(column.name) for column in table.columns]
     write = [
@@ -215,7 +215,7 @@ def _insert(connection: Connection, table: Table, batch: Sequence[Row]) -> None:
 
 
 class _Digest:
-    """Hashes rows so that they have the same hash in every database."""
+    """A hash of rows that is the same for every kind of database."""
 
     def __init__(self, table: Table) -> None:
         self._hash = hashlib.sha256()
@@ -228,12 +228,12 @@ class _Digest:
 
     @property
     def sha256(self) -> str:
-        """Of all rows so far, hexadecimal."""
+        """Hash of all rows so far, hexadecimal."""
         return self._hash.hexdigest()
 
 
 def _plain(kind: TypeEngine[Any]) -> Convert | None:
-    """Return what makes a value of a column the same in all databases; None where it is already."""
+    """Return a function that normalises a column's values across databases; None if not needed."""
     if isinstance(kind, Float):
         return _without_sign_of_zero
     if isinstance(kind, DateTime):
@@ -242,7 +242,7 @@ def _plain(kind: TypeEngine[Any]) -> Convert | None:
 
 
 def _without_sign_of_zero(value: float) -> float:
-    """Return -0.0, which SQLite keeps as 0.0, as that."""
+    """Normalise -0.0, which SQLite stores as 0.0."""
     return value + 0.0
 
 

@@ -1,6 +1,6 @@
-"""Marks in a database: it is being filled by a move, its records have moved elsewhere, or whose it is.
+"""Marks in a database: it is being filled by a move, its records have moved elsewhere, or the library's key.
 
-One that is being filled or has been left is never opened as a library, so that there are never two of one.
+A database with one of the first two is never opened as a library, so that no two copies are ever in use.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ _MOVED = Table(
 _LIBRARY = Table("library_key", _METADATA, Column("key", String, nullable=False))
 
 MARKS = frozenset(_METADATA.tables)
-"""Names of their tables."""
+"""Names of the tables of marks."""
 
 
 @dataclass(frozen=True, slots=True)
 class MovedMark:
-    """Where the records are.
+    """The new location of moved records.
 
     Attributes
     ----------
     key : str
         Of the move.
     place : str
-        For people.
+        Description of the location, for messages.
     """
 
     key: str
@@ -39,7 +39,7 @@ class MovedMark:
 
 
 def filling_key(connection: Connection) -> str | None:
-    """Return the key of the move that fills a database; None where none does."""
+    """Return the key of the move that is filling a database; None if there is none."""
     if not inspect(connection).has_table(_FILLING.name):
         return None
     return str(connection.execute(select(_FILLING.c.key)).scalar_one())
@@ -52,12 +52,12 @@ def mark_filling(connection: Connection, key: str) -> None:
 
 
 def unmark_filling(connection: Connection) -> None:
-    """Say that a database is complete."""
+    """Remove the mark of being filled: the database is complete."""
     _FILLING.drop(connection, checkfirst=True)
 
 
 def moved_mark(connection: Connection) -> MovedMark | None:
-    """Return where the records of a database have gone; None where they are here."""
+    """Return where the records of a database have moved; None if they have not."""
     if not inspect(connection).has_table(MOVED):
         return None
     key, place = connection.execute(select(_MOVED.c.key, _MOVED.c.place)).one()
@@ -65,19 +65,19 @@ def moved_mark(connection: Connection) -> MovedMark | None:
 
 
 def mark_moved(connection: Connection, mark: MovedMark) -> None:
-    """Say where the records have gone; from now on nobody writes here."""
+    """Record where the records have moved; from now on, writing here is refused."""
     _MOVED.create(connection)
     connection.execute(_MOVED.insert().values(key=mark.key, place=mark.place))
 
 
 def library_key(connection: Connection) -> str | None:
-    """Return the key of the library in a database, which its folder has, too; None where it has none yet."""
+    """Return the key of the library in a database, which its folder has, too; None if it has none yet."""
     if not inspect(connection).has_table(_LIBRARY.name):
         return None
     return str(connection.execute(select(_LIBRARY.c.key)).scalar_one())
 
 
 def set_library_key(connection: Connection, key: str) -> None:
-    """Give a database the key of its library."""
+    """Store the key of the library in its database."""
     _LIBRARY.create(connection)
     connection.execute(_LIBRARY.insert().values(key=key))

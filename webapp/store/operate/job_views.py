@@ -1,4 +1,4 @@
-"""Jobs as pages and programs see them."""
+"""Jobs in the form in which pages and clients get them."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from webapp.store.operate.jobs import ENDED, LIVE
 from webapp.store.schema import Account, Job, MapRecord
 
 _SHOWN = timedelta(minutes=1)
-"""So long a page of a map shows a job that has ended."""
+"""For how long the page of a map shows a job that has ended."""
 
 _RECENT = timedelta(days=1)
-"""So long the menu of all pages does."""
+"""The same for the menu of all pages."""
 
 
 def current(session: Session, map_id: int) -> list[Job]:
-    """List the jobs of a map that wait, run, or have ended within the last minute, the oldest first."""
+    """List the jobs of a map that wait, run, or have ended in the last minute, oldest first."""
     shown = Job.id.in_(_not_ended_before(moment(session) - _SHOWN))
     return list(session.scalars(select(Job).where(Job.map_id == map_id, shown).order_by(Job.id)))
 
 
 def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
-    """List the jobs of some maps that wait, run, or have ended within the last day; active ones first.
+    """List the jobs of some maps that wait, run, or have ended in the last day, active ones first.
 
-    Those of no map are the account's own; who owns the library sees them all.
+    Jobs without a map are included if they are the account's; for an owner of the library, all are.
 
     Parameters
     ----------
@@ -47,23 +47,23 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
 
 
 def _not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
-    """Select the ids of jobs that wait, run, or have ended since; an index finds each part."""
+    """Select the ids of jobs that wait, run, or have ended since; each part uses an index."""
     live, ended = select(Job.id).where(Job.state.in_(LIVE)), select(Job.id).where(Job.ended_at > at)
     return union_all(live, ended)
 
 
 @dataclass(frozen=True, slots=True)
 class QueueFigures:
-    """How the queue is.
+    """The state of the queue.
 
     Attributes
     ----------
     waiting, running : int
-        Jobs.
+        Numbers of jobs.
     abandoned : int
-        Of those that run, whose lease has ended, or that have none.
+        Number of running jobs without a lease, or whose lease has expired.
     oldest_s : float
-        Seconds that the first of those that wait has waited.
+        Seconds for which the oldest waiting job has waited.
     """
 
     waiting: int
@@ -88,26 +88,26 @@ def queue_figures(session: Session) -> QueueFigures:
 
 
 def seconds_left(job: Job, *, at: datetime) -> float | None:
-    """Estimate how long a job still takes, from its pace so far; None when that is not known."""
+    """Estimate the remaining time of a job from its pace so far; None if unknown."""
     if job.state != "running" or job.started_at is None or not 0 < job.done <= job.total:
         return None
     return (at - job.started_at).total_seconds() * (job.total - job.done) / job.done
 
 
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
-    """Make the object that pages and programs get.
+    """Return the JSON object for pages and clients.
 
     Parameters
     ----------
     account_id : int, optional
-        Who asks.
+        Account of the client.
 
     Returns
     -------
     dict
         `id, kind, state, done, total, note, error, result, seconds, seconds_left, next_try_s, created_at,
-        mine, map`; `seconds` is how long it works, or worked, `next_try_s` how long until it is tried again;
-        `mine` says whether the caller has started it, `map` is the slug.
+        mine, map`; `seconds` is the running time so far, `next_try_s` the time until the next try, `mine`
+        whether the account has started it, `map` the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     left = seconds = None

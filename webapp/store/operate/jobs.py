@@ -1,8 +1,8 @@
 """Jobs: long work outside a request, in a queue.
 
-Who works on a job holds a lease and renews it. A job whose lease has run out is taken over by the next who
-asks, under a higher fencing number; who lost the lease can write nothing about the job any more (Kleppmann,
-"How to do distributed locking", 2016). The jobs of one map take turns.
+The worker of a job holds a lease and renews it. A job whose lease has expired is taken over by the next
+worker that asks, with a higher fencing number; the worker that lost the lease can no longer write about the
+job (Kleppmann, "How to do distributed locking", 2016). The jobs of one map run one at a time.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ _LONGEST_PAUSE_S = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """The right to write about a job, as long as nobody else has got it.
+    """The right to write about a job, until another worker takes it over.
 
     Attributes
     ----------
     fence : int
-        The job's fencing number at the time.
+        The job's fencing number when the lease was given.
     """
 
     job_id: int
@@ -44,15 +44,15 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How long a lease lasts, and how many workers may die on a job.
+    """The duration of a lease, and the number of workers that may die on a job.
 
     Attributes
     ----------
     seconds : float
-        How long it lasts without being renewed.
+        Duration of a lease that is not renewed.
     attempts : int
-        Number of workers that may die on a job in a row, without a step done, before it fails; and
-        after ten times as many in all, as it will never come to its end.
+        A job fails after this many workers in a row have died on it without a step done; and after ten
+        times as many leases in total (those put off not counted), as it would never finish.
     """
 
     seconds: float
@@ -68,29 +68,29 @@ def enqueue(
     arguments: Mapping[str, Any] | None = None,
     key: str = "",
 ) -> Job:
-    """Put a job into the queue, or find the same one that waits there already.
+    """Queue a job, or return an equal one that is already waiting.
 
     Parameters
     ----------
     session : Session
-        That writes: the job is there when, and only when, all else of the session is.
+        A writing one; the job is committed together with all else in it.
     kind : str
-        What is to be done.
+        Kind of work.
     map_id, account_id : int or None
-        Whose map it is about, and who wants it.
+        The map that it is about, and the account that wants it.
     arguments : mapping, optional
-        Plain values for the work.
+        JSON values for the work.
     key : str
-        Two waiting jobs of one map, kind and key are one.
+        Waiting jobs with the same map, kind and key are merged.
     """
     if (there := _waiting(session, kind, map_id=map_id, key=key)) is not None:
-        return there  # locked, so that nobody begins with it before what this session changes is there
+        return there  # locked, so that no worker starts it before this session is committed
     job = Job(kind=kind, map_id=map_id, account_id=account_id, key=key, arguments=dict(arguments or {}))
     try:
         with session.begin_nested():
             session.add(job)
     except IntegrityError:
-        # Another session was quicker, where the database lets two write at once.
+        # Another session was faster, if the database allows concurrent writers.
         there = _waiting(session, kind, map_id=map_id, key=key)
         if there is None:
             raise
@@ -117,19 +117,19 @@ def find(session: Session, id: int) -> Job:
 
 
 def list_jobs(session: Session, *, map_id: int | None = None, limit: int = 50) -> list[Job]:
-    """List the jobs of a map, or of the library, the newest first."""
+    """List the jobs of a map, or of the library, newest first."""
     found = select(Job) if map_id is None else select(Job).where(Job.map_id == map_id)
     return list(session.scalars(found.order_by(Job.id.desc()).limit(limit)))
 
 
 def newest(session: Session, map_id: int | None, *, kind: str, key: str) -> Job | None:
-    """Find the last job of a kind that was queued under a key for a map, or for none."""
+    """Find the last job of a kind and key that was queued for a map, or for none."""
     wanted = select(Job).where(Job.map_id == map_id, Job.kind == kind, Job.key == key)
     return session.scalar(wanted.order_by(Job.id.desc()).limit(1))
 
 
 def cancel(session: Session, job: Job) -> None:
-    """Cancel a job that waits; ask who works on it to stop; leave one that has ended as it is."""
+    """Cancel a waiting job, or ask the worker of a running one to stop; do nothing if it has ended."""
     if job.state == "queued":
         _end(session, job, "cancelled")
     elif job.state == "running":
@@ -137,17 +137,17 @@ def cancel(session: Session, job: Job) -> None:
 
 
 def retry(session: Session, job: Job) -> Job:
-    """Put a job that failed or was cancelled into the queue again.
+    """Queue a failed or cancelled job again.
 
     Returns
     -------
     Job
-        The same, or one like it that waits already.
+        The same, or an equal one that is already waiting.
 
     Raises
     ------
     Conflict
-        It has not ended, or is done.
+        The job has not ended, or is done.
     """
     if job.state not in ("failed", "cancelled"):
         raise Conflict(f"this job is {job.state} and cannot be retried", hint="reload the page")
@@ -163,7 +163,7 @@ def retry(session: Session, job: Job) -> Job:
 
 
 def anything_to_do(session: Session, *, early: bool = False) -> bool:
-    """Return whether a job runs, or waits and may begin: only then it is worth asking for a lease."""
+    """Return whether a job is running, or waiting and due: only then is it worth asking for a lease."""
     pause = case((Job.state == "queued", Job.not_before))
     left = select(Job.id, pause).where(Job.state.in_(LIVE)).order_by(pause.nulls_first()).limit(1)
     first = session.execute(left).first()
@@ -187,12 +187,12 @@ def lease(
     is_gone : callable
         Returns whether the worker of that name has certainly ended; its leases then end at once.
     early : bool
-        Take also a job that was put off.
+        Whether to also take a job that was put off.
 
     Returns
     -------
     Job or None
-        Now `running`, with a new fencing number; None when there is nothing to do.
+        Now `running`, with a new fencing number; None if there is nothing to do.
     """
     running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
     at = moment(session)
@@ -218,14 +218,14 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
     Parameters
     ----------
     seconds : float
-        The lease lasts so much longer from now on.
+        New duration of the lease from now on.
     progress : (int, int, str)
-        Steps done, steps in all, and what is being done.
+        Steps done, total steps, and a note on the current one.
 
     Returns
     -------
     Job or None
-        The job, whose `cancel_wanted` may have been set; None when the lease is lost.
+        The job, whose `cancel_wanted` may have been set; None if the lease is lost.
     """
     job = _held(session, held)
     if job is not None:
@@ -236,19 +236,19 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
 
 
 def guard(session: Session, held: Lease) -> None:
-    """Let a job's own changes of the database come about only while it holds its lease.
+    """Lock a job and check its lease, so that the session commits its changes only while it holds that.
 
     Raises
     ------
     Conflict
-        Another worker has taken over; nothing of the session must be kept.
+        Another worker has taken over; the session must be rolled back.
     """
     if _held(session, held) is None:
         raise Conflict("another worker has taken over this job")
 
 
 def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = None) -> bool:
-    """End a job as done; False when the lease is lost, and somebody else ends it."""
+    """End a job as done; False if the lease is lost, and another worker has the job."""
     job = _held(session, held)
     if job is not None:
         job.result = None if result is None else dict(result)
@@ -257,7 +257,7 @@ def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = 
 
 
 def fail(session: Session, held: Lease, *, error: Mapping[str, str | None]) -> bool:
-    """End a job as failed, with `message`, `where` and `hint`; False when the lease is lost."""
+    """End a job as failed, with `message`, `where` and `hint`; False if the lease is lost."""
     job = _held(session, held)
     if job is not None:
         _end(session, job, "failed", error=dict(error))
@@ -265,7 +265,7 @@ def fail(session: Session, held: Lease, *, error: Mapping[str, str | None]) -> b
 
 
 def stop(session: Session, held: Lease) -> bool:
-    """End a job as cancelled; False when the lease is lost."""
+    """End a job as cancelled; False if the lease is lost."""
     job = _held(session, held)
     if job is not None:
         _end(session, job, "cancelled")
@@ -273,7 +273,7 @@ def stop(session: Session, held: Lease) -> bool:
 
 
 def give_back(session: Session, held: Lease) -> bool:
-    """Put a job back into the queue because its worker has to stop; False when the lease is lost."""
+    """Put a job back into the queue because its worker has to stop; False if the lease is lost."""
     job = _held(session, held)
     if job is not None:
         job.started_at = None
@@ -282,14 +282,14 @@ def give_back(session: Session, held: Lease) -> bool:
 
 
 def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool:
-    """Put a job back into the queue because something is away; False when the lease is lost.
+    """Put a job back into the queue because something is unavailable; False if the lease is lost.
 
-    Until a pause is over, others are given. It doubles each time, up to five minutes.
+    It is not due before a pause is over, which doubles each time, up to five minutes.
 
     Parameters
     ----------
     note : str
-        What is away, shown with the job.
+        What is unavailable, shown with the job.
     pause_s : float
         Seconds of the first pause.
     """
@@ -303,7 +303,7 @@ def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool
 
 
 def let_go(session: Session, held: Lease) -> bool:
-    """Leave a job to the next worker as if this one had died on it; False when the lease is lost already."""
+    """Release a job to the next worker, as if this one had died on it; False if the lease is already lost."""
     job = _held(session, held)
     if job is not None:
         job.leased_by = job.leased_until = None
@@ -311,8 +311,8 @@ def let_go(session: Session, held: Lease) -> bool:
 
 
 def _queue_again(session: Session, job: Job) -> Job:
-    """Put a job back; returns it, or one like it that waits already."""
-    job.attempts -= 1  # nobody died on it
+    """Put a job back into the queue; return it, or an equal one that is already waiting."""
+    job.attempts -= 1  # no worker died on it
     there = _waiting(session, job.kind, map_id=job.map_id, key=job.key)
     if job.cancel_wanted or there is not None:
         _end(session, job, "cancelled")
@@ -327,18 +327,19 @@ def _waiting(session: Session, kind: str, *, map_id: int | None, key: str) -> Jo
 
 
 def _next_waiting(at: datetime | None) -> Select[Job]:
-    """Select the oldest waiting job of a map on which no other is at work, with no pause by `at`."""
+    """Select the oldest waiting job that is due at `at` (None: any), and on whose map no job is running."""
     other = aliased(Job)
     at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
-    since = func.coalesce(Job.started_at, Job.created_at)  # who was given back waits since it was tried
+    since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
     found = select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
     return found if at is None else found.where(or_(Job.not_before.is_(None), Job.not_before <= at))
 
 
 def _has_turn(session: Session, waiting: Job) -> bool:
-    """Lock the map of a job, and see again whether another job is at work on it.
+    """Lock the map of a job, and check again that no other job of the map is running.
 
-    Two workers may each find a job of one map. Nobody waits here, as an edit may in turn wait for the job.
+    Two workers may each find a job of one map. The lock is not waited for: its holder, an edit, may itself
+    be waiting for the lock of the job.
     """
     if waiting.map_id is None:
         return True
@@ -354,7 +355,7 @@ def _is_held(job: Job, is_gone: Callable[[str], bool], *, at: datetime) -> bool:
 
 
 def _is_hopeless(job: Job, limits: Limits) -> bool:
-    """Count the death of a worker; work that gets on between deaths comes to its end."""
+    """Return whether too many workers have died on a job; those after progress are counted anew."""
     if job.done > 0:
         job.attempts = 0
     return job.attempts >= limits.attempts or job.fence - job.waits >= 10 * limits.attempts
@@ -371,13 +372,13 @@ def _given(job: Job, who: str, *, at: datetime, limits: Limits) -> Job:
 
 
 def _held(session: Session, held: Lease) -> Job | None:
-    """Lock the job and find it as it is now; None when the lease is lost."""
+    """Lock the job and reload it; None if the lease is lost."""
     job = session.get(Job, held.job_id, with_for_update=True, populate_existing=True)
     return job if job is not None and job.state == "running" and job.fence == held.fence else None
 
 
 def _end(session: Session, job: Job, state: str, *, error: dict[str, Any] | None = None) -> None:
-    """End a job: all its steps are done exactly when the job is."""
+    """End a job; `done` equals `total` if and only if the job is done."""
     job.total = max(job.total, 1)
     job.done = job.total if state == "done" else min(job.done, job.total - 1)
     job.state, job.error, job.ended_at = state, error, moment(session)

@@ -1,4 +1,4 @@
-"""A copy of the database as it is at one moment, while others read and write it, and what that copy names."""
+"""A consistent copy of the database while others read and write it, and the files that it names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from webapp.store.moving.copying import copy_records, prepare
 
 @dataclass(frozen=True, slots=True)
 class PartContents:
-    """Records of one kind that have files of their own.
+    """Records of one kind that have their own files.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ Reader = Callable[[sqlite3.Connection], PartContents]
 
 @dataclass(frozen=True, slots=True)
 class SnapshotContents:
-    """What a database holds, and which files it needs.
+    """The contents of a database, and the files that it needs.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class SnapshotContents:
     queries : frozenset of (int, str)
         Id of the map and name of the file, of the photos of all queries.
     parts : dict of str to PartContents
-        What else is there, by the name of its reader.
+        Further records, by the names of their readers.
     """
 
     maps: dict[int, str]
@@ -57,7 +57,7 @@ class SnapshotContents:
     parts: dict[str, PartContents]
 
     def names(self) -> Iterator[str]:
-        """Give every path, name of a file and name of a map's folder."""
+        """Yield all paths, file names and names of map folders."""
         yield from self.maps.values()
         yield from (path for _, path in self.files)
         yield from (file for _, file in self.queries)
@@ -70,9 +70,9 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
     Parameters
     ----------
     target : Path
-        What it holds is replaced.
+        Its content is replaced.
     readers : mapping of str to callable
-        Of further records with files.
+        Read further records with files.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
     Raises
     ------
     StorageError, DiskFull
-        The disk or the database refused.
+        The disk or the database failed.
     """
     try:
         if database.engine.dialect.name != "sqlite":
@@ -100,8 +100,8 @@ def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) 
 
 
 def _copy_from_server(database: Database, target: Path) -> None:
-    """Make a SQLite database of the rows that a server has at one moment."""
-    for end in ("-wal", "-shm"):  # of one that was killed
+    """Copy a consistent snapshot of a server's rows to a SQLite database."""
+    for end in ("-wal", "-shm"):  # left by a killed process
         target.with_name(f"{target.name}{end}").unlink(missing_ok=True)
     target.write_bytes(b"")
     with closing(Database(f"sqlite:///{target}")) as copy:
@@ -115,17 +115,17 @@ def _copy_from_server(database: Database, target: Path) -> None:
 
 
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
-    """Look through a database file for damage.
+    """Check a database file for damage, and return its contents.
 
     Parameters
     ----------
     readers : mapping of str to callable
-        Of further records with files.
+        Read further records with files.
 
     Raises
     ------
     StorageError
-        It is damaged, or no database of a library.
+        The file is damaged, or not the database of a library.
     """
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
@@ -157,7 +157,7 @@ def _contents(database: sqlite3.Connection, readers: Mapping[str, Reader]) -> Sn
 
 
 def _images(floors: str) -> list[str]:
-    """Name the images of floors."""
+    """List the paths of the images of floors."""
     return [floor["image"]["path"] for floor in json.loads(floors) or () if floor.get("image")]
 
 

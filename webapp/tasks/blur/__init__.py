@@ -1,1 +1,1 @@
-"""Suggesting what is to be blurred in photos, and blurring it."""
+"""Suggestion and application of blur boxes in photos."""

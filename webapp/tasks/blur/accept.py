@@ -1,4 +1,4 @@
-"""Blurs what is suggested: in the library photo by photo, in any other folder in its files."""
+"""Accepts suggested blur boxes: in the library photo by photo, in any other folder in its files."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def accept_in_library(
     progress: Progress,
     changing: Changing | None = None,
 ) -> tuple[list[int], list[UnsearchedPhoto]]:
-    """Blur what is suggested, photo by photo; what is blurred meanwhile stays, and is not blurred twice.
+    """Add suggested blur boxes photo by photo; boxes added meanwhile are kept, and nothing is blurred twice.
 
     Parameters
     ----------
     changing : callable, optional
-        Changes a map, instead of `library.changing`: that of a job.
+        Opens a change of a map, instead of `library.changing`; a job passes its own.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def accept_in_library(
     ------
     StorageError, Busy, Cancelled
     Conflict
-        Somebody else blurs the same photo again and again, or another worker has taken over the job.
+        The boxes of a photo were changed concurrently, twice, or another worker has taken over the job.
     """
     wanted, blurred, failed = list(suggested), [], []
     progress.size(len(wanted))
@@ -68,17 +68,17 @@ def accept_in_library(
 def _accept(
     library: Library, map_id: int, one: SuggestedBoxes, *, settings: Settings, changing: Changing | None
 ) -> bool:
-    """Blur what is suggested in a photo, once more where somebody has drawn a box meanwhile."""
+    """Add the suggested boxes to a photo; retry once if its boxes were changed concurrently."""
     try:
         return _blur(library, map_id, one, settings=settings, changing=changing)
-    except Conflict:  # also of a job that another worker has by now: that is raised again
+    except Conflict:  # also if another worker has taken over the job: then the retry raises it again
         return _blur(library, map_id, one, settings=settings, changing=changing)
 
 
 def _blur(
     library: Library, map_id: int, one: SuggestedBoxes, *, settings: Settings, changing: Changing | None
 ) -> bool:
-    """Blur what is suggested in a photo that is still there; return whether anything is new."""
+    """Add the suggested boxes to a photo unless it was removed; return whether anything changed."""
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         photo = maps.photos_by_id(session, record, [one.id]).get(one.id)
@@ -93,7 +93,7 @@ def _blur(
 
 
 def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int]:
-    """Blur what is suggested in the photos of a map that is in no library.
+    """Add suggested blur boxes to the photos of a map outside a library.
 
     Returns
     -------
@@ -124,6 +124,6 @@ def _blurred(photo: Photo, by_id: Mapping[int, SuggestedBoxes]) -> Photo:
 
 
 def _new(suggested: SuggestedBoxes, blurred: Sequence[BlurBox]) -> list[BlurBox]:
-    """Return the boxes of what is not blurred yet, as many as a photo may have."""
+    """Return the suggested boxes that are not blurred yet, up to the limit per photo."""
     boxes = [one.box for one in suggested.boxes if not is_hidden(one.box, blurred)]
     return boxes[: max(0, MOST_BOXES - len(blurred))]

@@ -1,4 +1,4 @@
-"""Finds faces and number plates in photos that are not blurred yet; nothing is changed."""
+"""Detects faces and number plates that are not blurred yet; changes nothing."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from webapp.tasks.blur.kept import KeptFindings
 from webapp.tasks.maps.show_photo import MOST_BOXES
 
 _SIDE = 4 * max(SIDES.values())
-"""Photos are searched with so many pixels on the longer side: a face that is too small to be found in them
-has less than 3 pixels in the pictures that are shown."""
+"""Longer side in pixels at which photos are searched: a face that is too small to be detected then has less
+than 3 pixels in the previews."""
 
 
 @dataclass(frozen=True, slots=True)
 class SuggestedBoxes:
-    """What is suggested to be blurred in a photo, besides what is blurred already; boxes have margins.
+    """Suggested blur boxes of a photo, without what is blurred already; they include margins.
 
     Attributes
     ----------
     left : int
-        How many more were found than a photo may have boxes.
+        Number of further detections, beyond the limit of boxes per photo.
     """
 
     id: int
@@ -44,7 +44,7 @@ class SuggestedBoxes:
 
 
 class PhotoToSearch(NamedTuple):
-    """A photo of a map: its path from the folder of the map, and what is blurred in it."""
+    """A photo of a map: its path relative to the map's folder, and its blurred boxes."""
 
     id: int
     photo: str
@@ -62,16 +62,16 @@ class UnsearchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class BlurReport:
-    """What was found in the photos of a map.
+    """Suggestions for the photos of a map.
 
     Attributes
     ----------
     suggested : tuple of SuggestedBoxes
-        Of photos in which there is something to blur, by id.
+        Of the photos with something to blur, by id.
     failed : tuple of UnsearchedPhoto
-        Those in which more was found than a photo may have boxes, too.
+        Includes photos with more detections than a photo may have boxes.
     searched : int
-        How many photos were searched, now or before.
+        Number of photos that were searched, now or earlier.
     """
 
     suggested: tuple[SuggestedBoxes, ...]
@@ -82,14 +82,14 @@ class BlurReport:
 def search_photo(
     file: Path, *, networks: BlurNetworks, kept: KeptFindings, limits: PhotoLimits
 ) -> list[Detection]:
-    """Find faces and plates in a photo, unless that was done before; the surest first.
+    """Detect faces and plates in a photo, or return the stored result; the highest scores first.
 
     Raises
     ------
     PhotoError
         The photo is damaged or cannot be read.
     Busy
-        Others are being decoded.
+        Too many other photos are being decoded.
     StorageError
     """
     sha256 = _sha256(file)
@@ -118,16 +118,16 @@ def search_photos(
     progress: Progress,
     least_score: float = 0.0,
 ) -> BlurReport:
-    """Find faces and plates in photos of a map.
+    """Detect faces and plates in photos of a map.
 
-    Each photo that has been searched is kept, so that the work goes on where it stopped.
+    The result of each photo is stored at once, so that an interrupted search can be resumed.
 
     Parameters
     ----------
     cfg : Path
-        Of the map; the file need not be there.
+        Map file; it need not exist.
     least_score : float
-        What is less sure is not suggested.
+        Detections with a lower score are not suggested.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def search_photos(
                     known[sha256] = _search(
                         file, sha256, networks=networks, kept=kept, limits=limits, check=progress.check
                     )
-        except (PhotoError, MapError, MissingPart) as error:  # a link out of the folder; a format's extra
+        except (PhotoError, MapError, MissingPart) as error:  # e.g. a link out of the folder
             failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
             searched += 1
@@ -165,14 +165,14 @@ def search_photos(
 def suggestions(
     found: Iterable[Detection], *, blurred: Sequence[BlurBox], least_score: float = 0.0
 ) -> tuple[list[Detection], int]:
-    """Choose what is to be blurred besides what is, as boxes with margins.
+    """Choose the detections that are not blurred yet, as boxes with margins.
 
     Returns
     -------
     boxes : list of Detection
-        The surest first, as many as a photo may have.
+        The highest scores first, up to the limit per photo.
     left : int
-        How many there are besides.
+        Number of further ones.
     """
     sure = [one for one in found if one.score >= least_score]
     boxes = to_blur(sure, blurred=blurred)
@@ -181,7 +181,7 @@ def suggestions(
 
 
 def not_all(left: int) -> str:
-    """Say that more was found in a photo than it may have boxes."""
+    """Return the message for a photo with more detections than it may have boxes."""
     return (
         f"a photo may have {MOST_BOXES} boxes, and {left} more faces or plates were found: draw larger boxes"
     )

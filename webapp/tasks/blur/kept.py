@@ -1,7 +1,7 @@
-"""What networks have found in photos, kept in the map's folder, so that no photo is searched twice.
+"""Stores the networks' detections in the map's folder, so that no photo is searched twice.
 
-A file has a line for each photo that was searched, known by its content. Lines are added and never changed,
-so that what is stopped in between loses one photo at most.
+The file has one line per searched photo, identified by its SHA-256. Lines are only appended, so that a killed
+process loses one photo at most.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ _WAIT_S = 20.0
 
 
 class KeptFindings:
-    """What was found in the photos of a map.
+    """Stored detections of a map's photos.
 
     Parameters
     ----------
     map_folder : Path
     key : str
-        Of the networks.
+        Identifies the networks.
     """
 
     def __init__(self, map_folder: Path, key: str) -> None:
         self._path = map_folder / DERIVED / "blur" / f"{key}.jsonl"
 
     def read(self) -> dict[str, list[Detection]]:
-        """Read what was found, by the SHA-256 of the photo; a photo without anything has an empty list.
+        """Read the detections by the SHA-256 of the photo; the list is empty where nothing was found.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class KeptFindings:
         return found
 
     def add(self, sha256: str, found: Sequence[Detection]) -> None:
-        """Keep what was found in a photo; afterwards it is on the disk.
+        """Append the detections of a photo; they are on the disk on return.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class KeptFindings:
         try:
             lock = FileLock(self._path.with_suffix(".lock"), timeout=_WAIT_S)
             with lock, self._path.open("ab") as file:
-                file.write(b"\n" + line.encode())  # ends one that was cut off
+                file.write(b"\n" + line.encode())  # the newline ends a line that was cut off
                 file.flush()
                 os.fsync(file.fileno())
         except Timeout as error:

@@ -1,1 +1,1 @@
-"""Work in many parts: in this process, in processes of this machine, or on workers of Dask."""
+"""Parallel computing: in this process, in processes of this machine, or on Dask workers."""

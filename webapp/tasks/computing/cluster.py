@@ -1,4 +1,4 @@
-"""Does the parts of some work on the workers of Dask."""
+"""Runs tasks on Dask workers."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _CONNECT_S = 5.0
 _WAIT_S = 10
 _WAY_OUT = "start it, or unset EXPMAP_DASK to compute on this machine; what was finished is kept"
 _EACH = 4
-"""Parts for each thread of a worker that have begun or wait: so many that it is never idle."""
+"""Submitted parts per worker thread, enough to keep it busy."""
 
 
 class DaskPool:
-    """Does parts on the workers of a scheduler.
+    """Runs parts on the workers of a Dask scheduler.
 
     Parameters
     ----------
     folder : Path
-        That workers have to see.
+        Folder that the workers must be able to access.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class DaskPool:
             undone.callback(self._marker.unlink, missing_ok=True)
             terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings, carried())
             self._terms = pickle.dumps(terms)
-            # A task and not scattered data: when the workers that have it are lost, it is made again.
+            # A task, not scattered data, so that it is computed again if the workers that hold it are lost.
             self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)
             undone.pop_all()
 
@@ -95,14 +95,14 @@ class DaskPool:
 
     @property
     def at_once(self) -> int:
-        """Number of parts that may have begun or wait; it follows the workers that there are."""
+        """Maximum number of submitted parts; it follows the number of workers."""
         threads = self._threads()
         if not threads:
             self._progress.note("waiting for a worker of Dask")
         return _EACH * max(threads, 1)
 
     def _threads(self) -> int:
-        """Count the threads of all workers; half a second old, as asking takes as long as a small part."""
+        """Count the threads of all workers; cached for half a second, as counting takes time."""
         if time.monotonic() > self._counted_at + LOOK_EVERY_S:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
             self._counted = sum(worker["nthreads"] for worker in workers)
@@ -110,7 +110,7 @@ class DaskPool:
         return self._counted
 
     def submit(self, item: Any, *, of: int) -> Any:
-        """Begin a part: the cores of workers that have none are lent to the others."""
+        """Submit a part; with fewer parts than threads, each part may use more native threads."""
         return self._client.submit(
             on_worker.do,
             pickle.dumps((self._function, item)),
@@ -121,7 +121,7 @@ class DaskPool:
         )
 
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
-        """Give the results of the first parts that are finished.
+        """Yield the results of the first parts that are finished, in order.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class DaskPool:
             self._raise(waiting[0])
 
     def _fetch(self, ready: Sequence[Any]) -> list[Any]:
-        """Fetch results together; what a worker was lost with is computed again."""
+        """Fetch results in one batch; Dask recomputes those of a lost worker."""
         try:
             results: list[Any] = self._client.gather(ready)
         except (OSError, self._distributed.CancelledError) as error:
@@ -151,7 +151,7 @@ class DaskPool:
         return results
 
     def _raise(self, future: Any) -> None:
-        """Raise the error of a part, as what it means here."""
+        """Raise the error of a part, translated into an error of this program."""
         if future.status != "error":
             raise self._lost()
         error = future.exception()
@@ -169,7 +169,7 @@ class DaskPool:
         raise error
 
     def close(self, waiting: Sequence[Any]) -> None:
-        """Drop the parts that have not begun, and leave the scheduler."""
+        """Cancel pending parts and disconnect from the scheduler."""
         try:
             self._marker.unlink(missing_ok=True)
         finally:
@@ -180,7 +180,7 @@ class DaskPool:
 
 @cache
 def _loop_runner() -> Any:
-    """Start the thread that talks to schedulers, once: starting one for each client failed now and then."""
+    """Start the event loop thread, once: starting one for each client failed occasionally."""
     runner = _distributed().utils.LoopRunner()
     runner.start()
     return runner
@@ -189,6 +189,6 @@ def _loop_runner() -> Any:
 def _distributed() -> Any:
     with extra("cluster"):
         import distributed
-    # What it logs about lost connections becomes one sentence here.
+    # Lost connections are reported as a single error instead of Dask's log output.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     return distributed

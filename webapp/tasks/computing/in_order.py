@@ -1,4 +1,4 @@
-"""Calls a function with each item, and gives the results in the order of the items."""
+"""Calls a function with each item in parallel, and yields the results in the order of the items."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Out = TypeVar("Out")
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """Where the parts of some work are done.
+    """Where the parts are computed.
 
     Attributes
     ----------
     settings : Settings
-        With an address of Dask the parts are done there.
+        With a Dask address, the parts are computed there.
     folder : Path
-        What they read or write is in it, or in another one that is reached in the same way: workers have to
-        see the same folder.
+        Folder of the files that the parts read or write (or one on the same file system): Dask workers must
+        be able to access it.
     here : {"inline", "threads", "processes"}
-        How they are done on this machine.
+        How they are computed on this machine.
     workers : int or None
-        Threads or processes here; None for as many as there are cores.
+        Threads or processes on this machine; None for the number of cores.
     """
 
     settings: Settings
@@ -43,7 +43,7 @@ class Workplace:
     workers: int | None = None
 
     def on_this_machine(self) -> Workplace:
-        """Give the place for so little that sending it would take longer: this process."""
+        """Return this process as the place, for work too small to be distributed."""
         return Workplace(replace(self.settings, dask=None), self.folder)
 
 
@@ -55,18 +55,18 @@ def in_order(
     at: Workplace,
     progress: Progress,
 ) -> Iterator[Out]:
-    """Call a function with each item; what is finished is given at once, in the order of the items.
+    """Call a function with each item; yield each result as soon as possible, in the order of the items.
 
     Parameters
     ----------
     function : callable
-        Of a module, for processes and Dask; takes `shared` and an item. It can be repeated: where a worker of
-        Dask is lost, what it was doing is done by another one.
+        Takes `shared` and an item. For processes and Dask it must be at module level, and idempotent: if a
+        Dask worker is lost, its parts are repeated on another one.
     shared : object
-        What all calls need; like items and results, it can be pickled.
+        Value passed to all calls; must be picklable, like items and results.
     progress : Progress
-        Is asked whether to stop after each result, and at least every half second. What has begun by then is
-        finished and dropped.
+        Checked for cancellation after each result, and at least every half second. Parts that are running
+        by then are completed and their results dropped.
 
     Raises
     ------
@@ -74,9 +74,9 @@ def in_order(
     ProcessLost
         A worker process was killed; on Dask, several of them by the same part.
     ClusterUnavailable
-        The scheduler of Dask cannot be reached, or is lost.
+        The Dask scheduler cannot be reached, or the connection to it is lost.
     UsageError
-        Workers of Dask have other versions, or do not see the folder.
+        Dask workers have other versions, or cannot access the folder.
     MissingPart
         The extra `cluster` is not installed.
     """

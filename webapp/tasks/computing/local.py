@@ -1,4 +1,4 @@
-"""Does the parts of some work on this machine: here and now, in threads, or in processes."""
+"""Runs parts on this machine: in the calling thread, in a pool of threads, or in processes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from webapp.threads import ContextThreads
 
 
 class Inline:
-    """Does one part after the other when its result is asked for."""
+    """Runs each part when its result is requested."""
 
     at_once = 1
 
@@ -33,19 +33,19 @@ class Inline:
         self._do = partial(function, shared)
 
     def submit(self, item: Any, *, of: int) -> Any:
-        """Take a part; the item stands for it."""
+        """Return the item itself as the handle of the part."""
         return item
 
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
-        """Do the first part."""
+        """Run the first part and yield its result."""
         yield self._do(waiting[0])
 
     def close(self, waiting: Sequence[Any]) -> None:
-        """Nothing has begun."""
+        """Do nothing: no part is running."""
 
 
 class LocalPool:
-    """Does parts in an executor of the standard library."""
+    """Runs parts in an executor of the standard library."""
 
     def __init__(self, executor: Executor, do: partial[Any], *, at_once: int) -> None:
         self._executor = executor
@@ -53,12 +53,12 @@ class LocalPool:
         self.at_once = at_once
 
     def submit(self, item: Any, *, of: int) -> Future[Any]:
-        """Begin a part."""
+        """Submit a part."""
         with _interrupts_held_back():
             return self._executor.submit(self._do, item)
 
     def finished(self, waiting: Sequence[Future[Any]]) -> Iterator[Any]:
-        """Give the results of the first parts that are finished.
+        """Yield the results of the first parts that are finished, in order.
 
         Raises
         ------
@@ -76,18 +76,18 @@ class LocalPool:
             ) from error
 
     def close(self, waiting: Sequence[Future[Any]]) -> None:
-        """Wait for the parts that have begun, and end."""
+        """Cancel pending parts, wait for running ones and shut down."""
         self._executor.shutdown(wait=True, cancel_futures=True)
 
 
 def threads(function: Part, shared: Any, *, workers: int) -> LocalPool:
-    """Make a pool of threads, for libraries that let go of the interpreter."""
+    """Make a pool of threads, for libraries that release the GIL."""
     return LocalPool(ContextThreads(workers), partial(function, shared), at_once=4 * workers)
 
 
 def processes(function: Part, shared: Any, *, workers: int) -> LocalPool:
     """Make a pool of processes."""
-    # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
+    # Spawned, not forked: OpenCV and Faiss have threads that do not survive a fork.
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(
         workers, mp_context=context, initializer=start_worker, initargs=(carried(),)
@@ -97,7 +97,7 @@ def processes(function: Part, shared: Any, *, workers: int) -> LocalPool:
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Start processes that do not see Ctrl-C, which would kill them before they can ignore it."""
+    """Block SIGINT while processes start, so that Ctrl-C does not kill them before they ignore it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -109,11 +109,11 @@ def _interrupts_held_back() -> Iterator[None]:
 
 
 def start_worker(log: Carried) -> None:
-    """Prepare a worker process: one native thread, and an end with its parent, however that ends."""
+    """Prepare a worker process: one native thread, and exit when the parent ends, however that happens."""
     take_over(log)
     cv2.setNumThreads(1)
     keep_freed_memory()
-    # Ctrl-C reaches all processes of a terminal, but it is the parent that decides how to stop.
+    # Ctrl-C is sent to all processes of a terminal, but only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -1,6 +1,6 @@
-"""What a worker of Dask does with a part of some work: checks itself, then calls the function.
+"""Runs a part on a Dask worker: checks the worker, then calls the function.
 
-The scheduler imports this module too, so that it imports nothing heavy itself.
+The scheduler imports this module, too; therefore it must not import large libraries at module level.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ _DECIDE = (
     "pycolmap",
     "distributed",
 )
-"""Distributions whose versions decide the results, or whether machines understand each other."""
+"""Distributions whose versions affect the results, or the compatibility between machines."""
 
 _LOCK = threading.Lock()
 
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Give the versions of what decides the results; an empty one of what is not installed."""
+    """Return the versions of the distributions in `_DECIDE`; an empty string if not installed."""
     found = {"experience-map": __version__, "Python": ".".join(platform.python_version_tuple()[:2])}
     for name in _DECIDE:
         try:
@@ -54,16 +54,16 @@ def versions() -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """Under what conditions a worker does a part.
+    """Conditions under which a worker may run a part.
 
     Attributes
     ----------
     versions : mapping of str to str
-        Of the process that asks.
+        Versions of the submitting process.
     marker : Path
-        A file that is there as long as the result is wanted, in the folder that the parts need.
+        File in the folder that the parts need; it exists as long as the results are wanted.
     log : Carried
-        What lines of the log carry, as in the process that asks.
+        Log context of the submitting process.
     """
 
     versions: Mapping[str, str]
@@ -72,7 +72,7 @@ class Terms:
     log: Carried
 
     def check(self, worker: str) -> None:
-        """Refuse work that would come out differently here.
+        """Refuse work if the versions differ here or the folder is not accessible.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Terms:
 
 
 class SharedValue:
-    """What all parts share, in a worker's memory; it is unpickled there once."""
+    """The shared value of all parts, in a worker's memory; it is unpickled there once."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -107,7 +107,7 @@ class SharedValue:
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle the bytes, not the value that was made of them."""
+        """Pickle the bytes, not the unpickled value."""
         return SharedValue, (self._data,)
 
     def value(self) -> Any:
@@ -119,28 +119,28 @@ class SharedValue:
 
 
 def keep(data: bytes) -> SharedValue:
-    """Keep what all parts share in the memory of a worker."""
+    """Wrap the shared value, which stays in the memory of a worker."""
     return SharedValue(data)
 
 
 def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -> Any:
-    """Do a part.
+    """Run a part.
 
     Parameters
     ----------
     part : bytes
-        The function and the item, pickled, so that the scheduler need not understand them.
+        The function and the item, pickled, so that the scheduler need not unpickle them.
     shared : SharedValue
         First argument of the function.
     terms : bytes
         `Terms`, pickled.
     native_threads : int
-        That Faiss may use for it, up to the cores of this machine.
+        Number of threads for Faiss, limited to the cores of this machine.
 
     Raises
     ------
     UsageError
-        This worker is another one than the work needs.
+        This worker does not meet the terms.
     """
     with extra("cluster"):
         from distributed import get_worker
@@ -163,14 +163,14 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -
 
 
 def _prepare(terms: Terms, *, native_threads: int) -> None:
-    """Give this thread its native threads, and the process the storage that the work needs."""
+    """Set the number of native threads of this thread, and open the object storage that the work needs."""
     import faiss
 
     from webapp.files.object_storage.connect import connect
 
     with _LOCK:
         _once(terms.log.form, terms.settings.traces)
-    # By default each worker takes all cores for each part. Its thread has a number of its own.
+    # By default Faiss uses all cores for each part. OpenMP has this setting per thread.
     faiss.omp_set_num_threads(native_threads)
     connect(terms.settings)
 

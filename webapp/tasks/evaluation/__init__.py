@@ -1,1 +1,1 @@
-"""Measures how good answers are, on photos whose places are known."""
+"""Evaluates answers on photos with known positions."""

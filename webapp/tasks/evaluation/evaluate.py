@@ -1,4 +1,4 @@
-"""Localizes photos whose places are known, and says how good the answers are."""
+"""Localizes photos with known positions, and evaluates the answers."""
 
 from __future__ import annotations
 
@@ -50,21 +50,21 @@ def evaluate_queries(
     queries : Path
         The list, `path;x;y`.
     map_folder : Path
-        What the map's own paths are relative to.
+        Folder to which the map's paths are relative.
     localize : callable, optional
-        Answers instead of the localizer's own method: a filter over a sequence.
+        Used instead of the localizer's own method, such as a filter over a sequence.
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Returns
     -------
     Evaluation
-        A photo that cannot be used is a failed query in it.
+        A photo that cannot be used counts as a failed query.
 
     Raises
     ------
     TableError
-        The list is not one.
+        The list is invalid.
     Cancelled
         The user stopped it; nothing is kept.
     """
@@ -88,7 +88,7 @@ def evaluate_self(
     options: EvaluateOptions | None = None,
     progress: Progress | None = None,
 ) -> list[Evaluation]:
-    """Evaluate on the map's own photos, each as if it were not on the map.
+    """Evaluate on the map's own photos, each hidden from the map.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ def evaluate_self(
     Returns
     -------
     list of Evaluation
-        With `hide_within_px`, one. Else two: only the photo itself hidden (leave-one-out), and all photos
-        within the place radius of it hidden too (leave-one-place-out).
+        One with `hide_within_px`. By default two: with only the photo itself hidden (leave-one-out), and with
+        all photos within the place radius of it hidden (leave-one-place-out).
 
     Raises
     ------
@@ -142,7 +142,7 @@ def evaluate_self(
 
 
 def hidden(themap: Map, own: Experience, *, within_px: float | None) -> frozenset[int]:
-    """Ids to hide when a map's own photo is the query: it, and those at most `within_px` from it."""
+    """Return the ids to hide when a map's own photo is the query: itself, and those within `within_px`."""
     if within_px is None:
         return frozenset({own.id})
     return frozenset(e.id for e in themap.experiences if math.dist(e.position, own.position) <= within_px)
@@ -154,7 +154,7 @@ def to_json(evaluation: Evaluation) -> dict[str, Any]:
     Returns
     -------
     dict
-        Plain values only; what is unknown is None.
+        Plain values only; None if unknown.
     """
     subject, summary = evaluation.subject, evaluation.summary
     source = AnswerSource(
@@ -224,7 +224,7 @@ def _measure(
     top: int,
     progress: Progress,
 ) -> Iterator[QueryResult]:
-    """Ask about all photos, by Dask where it is used and each answer stands for itself."""
+    """Localize all photos, on Dask if configured and the answers are independent of each other."""
     if localize is None and isinstance(localizer, LocalizationPipeline):
         found = measure_all(localizer, trials, top=top, progress=progress)
     else:
@@ -272,7 +272,7 @@ def _evaluation(
 
 
 def peak_rss_mb() -> float | None:
-    """Largest memory this process has had, 2^20 bytes; None on Windows, which does not report it."""
+    """Return the peak resident memory of this process, MiB; None on Windows."""
     if sys.platform == "win32":
         return None
     import resource
@@ -282,7 +282,7 @@ def peak_rss_mb() -> float | None:
 
 
 def versions() -> dict[str, str]:
-    """Give the versions of what decides the results."""
+    """Return the versions of the software that determines the results."""
     return {
         "python": platform.python_version(),
         "numpy": np.__version__,

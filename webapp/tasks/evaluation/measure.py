@@ -1,4 +1,4 @@
-"""Asks a localizer about photos whose places are known, here or by Dask."""
+"""Localizes photos with known positions, in this process or on Dask."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
 class QueryTrial(NamedTuple):
-    """A query that has no answer yet, its photo, and the ids it must be found without."""
+    """A query without an answer, its photo, and the experience ids to hide from it."""
 
     query: QueryResult
     photo: Path
@@ -30,19 +30,19 @@ class QueryTrial(NamedTuple):
 
 
 def measure(localize: Localize, trial: QueryTrial, *, top: int) -> QueryResult:
-    """Ask about one photo; one that cannot be used is a failed query."""
+    """Localize one photo; a photo that cannot be used is a failed query."""
     try:
         answer = localize(trial.photo, top=top, hide=trial.hide)
     except PhotoError as error:
         return replace(trial.query, error=str(error))
-    # Only the best photo's matches are shown later; those of all would fill the memory.
+    # Only the best photo's matches are shown later; to keep all would need too much memory.
     return replace(trial.query, answer=replace(answer, evidence=answer.evidence[:1]))
 
 
 def measure_all(
     pipeline: LocalizationPipeline, trials: Sequence[QueryTrial], *, top: int, progress: Progress
 ) -> Iterator[QueryResult]:
-    """Ask about all photos; the results are in their order.
+    """Localize all photos; the results are in their order.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def measure_all(
     """
     at = Workplace(pipeline.settings, pipeline.opened.writable)
     if pipeline.around is not None or pipeline.opened.method == "vote":
-        at = at.on_this_machine()  # landmarks that are made on the way serve the next photos, too
+        at = at.on_this_machine()  # landmarks made on demand are reused for the following photos
     again = MadeAgain(partial(PipelineFiles.open, PipelineFiles.of(pipeline)), pipeline)
     absolute = [trial._replace(photo=trial.photo.absolute()) for trial in trials]
     return in_order(_measure, absolute, shared=(again, top), at=at, progress=progress)
@@ -63,7 +63,7 @@ def _measure(shared: tuple[MadeAgain[LocalizationPipeline], int], trial: QueryTr
 
 @dataclass(frozen=True, slots=True)
 class PipelineFiles:
-    """What a pipeline is opened from, by a worker of Dask."""
+    """All that a Dask worker needs to open a pipeline again."""
 
     files: MapFiles
     calibration: StoredCalibration | None
@@ -75,7 +75,7 @@ class PipelineFiles:
 
     @classmethod
     def of(cls, pipeline: LocalizationPipeline) -> PipelineFiles:
-        """Find them for a pipeline that is open."""
+        """Collect it from an open pipeline."""
         return cls(
             MapFiles.of(pipeline.opened),
             pipeline.calibration,
@@ -87,7 +87,7 @@ class PipelineFiles:
         )
 
     def open(self) -> LocalizationPipeline:
-        """Open the pipeline; errors as `MapFiles.open`."""
+        """Open the pipeline; raises the same errors as `MapFiles.open`."""
         opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
         pipeline = LocalizationPipeline(
             opened,
@@ -102,7 +102,7 @@ class PipelineFiles:
 
 
 def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Prepare a pipeline for the photos of its own map, which are hidden in turn.
+    """Prepare a pipeline and its second look for queries from its own map, which are hidden.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
 
 
 def with_sightings(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Prepare one look for that.
+    """Attach depth observations to one look, for depths without the hidden photos.
 
     Raises
     ------

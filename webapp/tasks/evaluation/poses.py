@@ -18,14 +18,14 @@ _Sight = tuple[int, MapPixel, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Trajectories:
-    """Poses by the number of their query, which is their timestamp.
+    """Estimated and true poses, with the number of the query as timestamp.
 
     Attributes
     ----------
     estimate : list of PlanarPose
-        Of the first hypotheses; a query without one is left out.
+        Poses of the first hypotheses; queries without one are left out.
     frame : str
-        Says in a sentence what the numbers mean.
+        Description of axes and units, for people.
     """
 
     estimate: list[PlanarPose]
@@ -34,10 +34,10 @@ class Trajectories:
 
 
 def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:
-    """Put the first hypotheses and the truth into one frame.
+    """Convert the first hypotheses and the truth to a common frame.
 
-    With a georeference it is metres east (x) and north (y) of the first true position; without one it is
-    map pixels, x to the right and y down. The yaw turns x towards y in both.
+    With a georeference: metres east (x) and north (y) of the first true position; without one: map pixels, x
+    to the right and y down. Yaw is from x towards y in both.
     """
     found: list[_Sight] = []
     true: list[_Sight] = []
@@ -69,7 +69,7 @@ def _in_metres(sights: list[_Sight], georeference: Georeference, local: LocalFra
     places = georeference.enu_from_pixel([position for _, position, _ in sights], local)
     poses = []
     for (number, _, heading), (east, north) in zip(sights, places, strict=True):
-        # A position beyond the horizon of a tilted image has no place on the ground.
+        # A position beyond the horizon of a tilted image has no coordinates on the ground.
         if math.isfinite(east):
             yaw = None if heading is None else math.radians(90 - heading)
             poses.append(PlanarPose(float(number), float(east), float(north), yaw))

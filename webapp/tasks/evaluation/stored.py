@@ -1,4 +1,4 @@
-"""The last evaluation of a map by its own photos, kept next to its index for the pages."""
+"""Stores the last evaluation of a map on its own photos, next to its index, for the web pages."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.types import Evaluation
 
 FILE = "evaluation.json"
-"""In the map's folder `derived`: what `expmap evaluate --self --json` prints."""
+"""File in the map's folder `derived`, with the output of `expmap evaluate --self --json`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """A photo whose first answer was wrong, or that had none.
+    """A photo whose first hypothesis was wrong or missing.
 
     Attributes
     ----------
     path : str
-        In the map's folder.
+        Path relative to the map's folder.
     error_px : float or None
-        Of the first hypothesis; None without one.
+        Error of the first hypothesis; None without one.
     probability : float or None
-        That the first hypothesis stated.
+        Probability of the first hypothesis.
     """
 
     path: str
@@ -51,15 +51,15 @@ class Kept:
     Attributes
     ----------
     figures : dict
-        As `expmap evaluate --json` prints them, without the queries.
+        Output of `expmap evaluate --json` without the queries.
     errors : (n,) float64
-        Of the first hypotheses, map pixels; infinite without a hypothesis.
+        Errors of the first hypotheses, map pixels; infinite without a hypothesis.
     misses : tuple of Miss
-        The farthest off first, those without an answer at the end.
+        Sorted by falling error, those without an answer last.
     revision : int
-        Of the map that was evaluated.
+        Revision of the evaluated map.
     at : datetime
-        When it was done, UTC.
+        Time of the evaluation, UTC.
     """
 
     figures: dict[str, Any]
@@ -71,7 +71,7 @@ class Kept:
 
 
 def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Write an evaluation over the one before.
+    """Write an evaluation, replacing the previous one.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
 
 
 def read(cfg: Path) -> tuple[Kept, ...]:
-    """Read the last evaluation; nothing where there is none.
+    """Read the last evaluation; an empty tuple if there is none.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def read(cfg: Path) -> tuple[Kept, ...]:
 
 
 def read_forms(cfg: Path) -> list[dict[str, Any]]:
-    """Read the last evaluation as it was written; an empty list where there is none.
+    """Read the last evaluation as JSON objects; an empty list if there is none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What an evaluation asks for, and what it gives."""
+"""Input and results of an evaluation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Localize(Protocol):
 
 
 class Localizer(Protocol):
-    """What an evaluation needs: answers, and what gave them."""
+    """What an evaluation needs: a method that localizes photos, and its description."""
 
     @property
     def method(self) -> str:
@@ -49,23 +49,23 @@ class Localizer(Protocol):
 
     @property
     def place_radius_px(self) -> float:
-        """How far off a right hypothesis may be, map pixels."""
+        """Largest error of a correct hypothesis, map pixels."""
 
     @property
     def map_kind(self) -> MapKind:
-        """What the positions of the map's photos are."""
+        """Kind of the map: metric, areas, schematic or mixed."""
 
     @property
     def build_seconds(self) -> float | None:
-        """Time the index took; None where that is not known any more."""
+        """Build time of the indexes; None if unknown."""
 
     @property
     def calibration_seconds(self) -> float | None:
-        """Time the calibration of the probabilities took; None where there is none."""
+        """Duration of the calibrations; None for a method without calibration."""
 
     @property
     def index_bytes(self) -> int:
-        """Size of the index."""
+        """Size of the indexes on disk."""
 
     @property
     def localize(self) -> Localize:
@@ -74,37 +74,37 @@ class Localizer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EvaluateOptions:
-    """What can be chosen about an evaluation."""
+    """Options of an evaluation."""
 
     limit: int | None = None
     """Maximum number of queries, evenly spread; None takes all."""
 
     top: int = 5
-    """Hypotheses a query; the figures look at the first five."""
+    """Hypotheses per query; the figures use at most the first five."""
 
     seed: int = 0
-    """Of the bootstrap's random numbers."""
+    """Seed of the bootstrap."""
 
     hide_within_px: float | None = None
-    """For queries from the map itself: photos so near are hidden too; 0 hides those at the same position."""
+    """For queries from the map itself: photos within this distance are hidden, too; 0 for equal positions."""
 
     sequence: bool = False
-    """The queries are frames of a sequence: the localizer joins each with those before."""
+    """The queries are frames of a sequence, and each is localized with those before."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What was measured: a localizer's own facts, and where its photos are.
+    """What was evaluated: the properties of a localizer, and the folder of its photos.
 
     Attributes
     ----------
     map_folder : Path
-        What the paths of the map's photos are relative to.
+        Folder to which the paths of the map's photos are relative.
     method, features, map, map_hash, place_radius_px, map_kind, build_seconds, calibration_seconds,
     index_bytes
-        As `Localizer` has them.
+        See `Localizer`.
     sequence : bool
-        As `EvaluateOptions` has it.
+        See `EvaluateOptions`.
     """
 
     map_folder: Path
@@ -122,20 +122,20 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Results and figures, and how they came about.
+    """Results and figures of an evaluation, with the conditions needed to reproduce it.
 
     Attributes
     ----------
     scheme : {"queries", "leave-one-out", "leave-one-place-out"}
-        Photos of a list; the map's own, each hidden; the same with all photos near it hidden.
+        Photos of a list; the map's own photos, each hidden; the same with all nearby photos hidden.
     hide_within_px : float or None
-        How near, in the third scheme.
+        Radius of the photos hidden in the third scheme.
     query_folder : Path
-        What the paths of the queries are relative to.
+        Folder to which the paths of the queries are relative.
     peak_rss_mb : float or None
-        Largest memory of this process up to the end, 2^20 bytes; None where the system does not say.
+        Peak memory of this process, 2^20 bytes; None if the system does not report it.
     versions : dict of str to str
-        Of Python, of the libraries that decide the results, and of this program.
+        Versions of Python, of the libraries that affect the results, and of this program.
     """
 
     subject: Subject
@@ -150,7 +150,7 @@ class Evaluation:
 
     @property
     def rows(self) -> list[Row]:
-        """The table of the experiment, one line a query."""
+        """The table of results, one row per query."""
         radius, georeference = self.subject.place_radius_px, self.subject.map.georeference
         if georeference is None:
             return [row(r, place_radius_px=radius, metres_per_pixel=None) for r in self.results]

@@ -1,1 +1,1 @@
-"""Maps on their way in and out: import, export, copy."""
+"""Import, export and duplication of maps."""

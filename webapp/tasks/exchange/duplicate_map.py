@@ -1,4 +1,4 @@
-"""Copies a map of the library: same photos, places and placements, under a name of its own."""
+"""Copies a map of the library: the same photos, places and placements under a new name."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ _RECORD_FIELDS = (
     "floors",
 )
 _NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
-"""In `derived`: made for the other map."""
+"""Files and folders in `derived` that are valid for the original map only."""
 
 
 def duplicate_map(
     library: Library, map_id: int, *, account_id: int, name: str, progress: Progress | None = None
 ) -> str:
-    """Duplicate a map; its history stays behind, and what was removed from it.
+    """Duplicate a map, without its history and removed photos.
 
-    Photos, images and indexes are never changed in place, so that both maps can share them on the disk.
+    Photos, images and indexes are never changed in place, so that both maps can share them by hard links.
 
     Parameters
     ----------
     account_id : int
-        Who owns the copy.
+        Owner of the copy.
     name : str
-        Of the copy.
+        Name of the copy.
     progress : Progress, optional
-        One step a file.
+        One step per file.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def duplicate_map(
     NotFound, UsageError
         The map does not exist, or the name is not valid.
     StorageError, Cancelled
-        There is no copy.
+        No copy was made.
     """
     name = maps.checked_name(name)
     with library.database.read() as session:
@@ -83,7 +83,7 @@ def duplicate_map(
 
 @dataclass(frozen=True, slots=True)
 class _Original:
-    """The records of the map as they were when the copy was begun."""
+    """The records of the map when the copy was begun."""
 
     record: MapRecord
     photos: list[Photo]
@@ -91,7 +91,7 @@ class _Original:
 
 
 def _read(session: Session, map_id: int) -> _Original:
-    """Read the records of what the map has, without what was removed from it."""
+    """Read the records of a map, without removed photos."""
     record = session.get(MapRecord, map_id)
     if record is None:
         raise NotFound("map not found")
@@ -102,7 +102,7 @@ def _read(session: Session, map_id: int) -> _Original:
 
 
 def _register(library: Library, original: _Original, files: Path, *, name: str, account_id: int) -> MapRecord:
-    """Make the records and move the files to their place; where the records cannot be kept, neither is."""
+    """Create the records and move the files into the library; on failure, keep neither."""
     folder: Path | None = None
     kept = False
     try:
@@ -125,7 +125,7 @@ def _register(library: Library, original: _Original, files: Path, *, name: str, 
 
 
 def _same(row: Photo | PlacedElsewhere, map_id: int, **other: int) -> Photo | PlacedElsewhere:
-    """Make a record with the same values for another map."""
+    """Make a record with the same values, except `other`, for another map."""
     values = {column.key: getattr(row, column.key) for column in row.__table__.columns}
     return type(row)(**{**values, "map_id": map_id, **other})
 
@@ -150,7 +150,7 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
 
 
 def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator[Path]:
-    """List what belongs to a map, besides its texts, which are rewritten."""
+    """Yield the files of a map, except its text files, which are generated anew."""
     for photo in photos:
         yield from (folder / photo.path, pointer_path(folder / photo.path))
     for image in (record.satellite_path, *(floor.image.path for floor in floors(record) if floor.image)):
@@ -173,12 +173,12 @@ def _files(folder: Path, record: MapRecord, photos: Sequence[Photo]) -> Iterator
 
 
 def _is_inside(file: Path, folder: Path) -> bool:
-    """Return whether a file is there, and no link leads to it."""
+    """Return whether a file exists in a folder and is not reached by a symbolic link."""
     return file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(folder)
 
 
 def _link(source: Path, target: Path) -> None:
-    """Link a file under a second name; copy it where the disk has no links."""
+    """Hard-link a file; copy it if the file system has no hard links."""
     try:
         os.link(source, target)
     except OSError:

@@ -1,4 +1,4 @@
-"""Downloads of the answers of a map: one line or point for each photo that was asked about."""
+"""Downloads of the answers of a map: one line or point per query."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ ANSWER_FORMATS: tuple[AnswerFormat, ...] = get_args(AnswerFormat)
 
 @dataclass(frozen=True, slots=True)
 class AnswerRange:
-    """Which answers.
+    """Selection of answers.
 
     Attributes
     ----------
     first, last : int or None
-        Ids, inclusive; None from the beginning, and to the end.
+        Ids, inclusive; None for no limit.
     account_id : int or None
-        Who asked; None for anybody.
+        Account that asked; None for all.
     """
 
     first: int | None = None

@@ -1,4 +1,4 @@
-"""Downloads of a map: `.cfg`, GeoJSON, KML, KMZ, and all of it as a zip that can be imported again."""
+"""Downloads of a map: `.cfg`, GeoJSON, KML, KMZ, and the whole map as a zip that can be imported again."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from webapp.tasks.maps import export
 from webapp.tasks.maps.thumbnails import encode_picture, satellite_picture, thumbnail
 
 UNPLACED = "unplaced"
-"""Folder of the zip with the photos in the tray, below it where they are in the map's folder."""
+"""Folder of the zip for the photos in the tray; below it they have their paths in the map's folder."""
 
 MEDIA_TYPE = "text/plain; charset=utf-8"
 
@@ -33,14 +33,14 @@ GROUND_SIDE = 2048
 
 
 def export_map_zip(library: Library, map_id: int, *, progress: Progress | None = None) -> Download:
-    """Return a map of the library as a zip, made while it is taken.
+    """Return a map of the library as a zip that is generated while it is streamed.
 
-    Photos that are missing on the disk are missing in it too: the linter reports them after an import.
+    Photos that are missing on the disk are left out: the linter reports them after an import.
 
     Parameters
     ----------
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def _members(source: Source, texts: Mapping[str, bytes], progress: Progress) -> 
 
 
 def _unplaced(source: Source, *, taken: set[str]) -> Iterator[tuple[str, str]]:
-    """Name the photos in the tray: in the zip, and in the map's folder."""
+    """Yield the paths of the photos in the tray: in the zip, and in the map's folder."""
     for name in dict.fromkeys(source.unplaced):
         member = f"{UNPLACED}/{name}"
         while member in taken:  # the map has a folder of that name
@@ -79,7 +79,7 @@ def _unplaced(source: Source, *, taken: set[str]) -> Iterator[tuple[str, str]]:
 
 
 def _path(cfg: Path, name: str) -> Path | None:
-    """Find a file of the map; None where it is missing or a link leads out of the folder."""
+    """Find a file of the map; None if it is missing or a link leads out of the folder."""
     try:
         path = photo_path(cfg, name)
     except MapError:
@@ -93,7 +93,7 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
     Parameters
     ----------
     placement : str or None
-        That of a further placement.
+        Name of a further placement; None for the map itself.
 
     Raises
     ------
@@ -112,14 +112,14 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
 
 
 def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
-    """Return the text files of a map, all of one state.
+    """Return the text files of a map, all of the same revision.
 
-    As they are on the disk; where somebody has changed the `.cfg` there, as the database has them.
+    They are read from the disk; if the `.cfg` there was changed from outside, they are made from `source`.
 
     Returns
     -------
     dict of str to bytes
-        By name: `map.cfg`, `map.json` where the map needs one, `NAME.cfg`.
+        By name: `map.cfg`, `map.json` if the map needs one, `NAME.cfg`.
     """
     if not export.export_map(library, map_id):
         return texts_of(source.map)
@@ -130,7 +130,7 @@ def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, byt
 
 
 def texts_of(map_: Map) -> dict[str, bytes]:
-    """Write the text files of a map as values."""
+    """Generate the text files of a map, by name."""
     texts: Mapping[str, bytes] = {
         "map.cfg": format_cfg(map_),
         "map.json": format_map_json(map_),
@@ -151,12 +151,12 @@ def export_map_kml(source: Source) -> Download:
 
 
 def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
-    """Return the photos of a map as KMZ, made while it is taken.
+    """Return the photos of a map as KMZ, generated while it is streamed.
 
     Parameters
     ----------
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | N
 
 
 def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> Iterator[ZipMember]:
-    """Yield the pictures, then the KML: it names those that could be made."""
+    """Yield the pictures, then the KML, which refers only to those that could be made."""
     there: dict[int, str] = {}
     progress.size(len(source.map.experiences))
     for e in source.map.experiences:

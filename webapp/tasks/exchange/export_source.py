@@ -1,4 +1,4 @@
-"""What every export starts from: a map, its files, and how the result is handed out."""
+"""The input of every export, a map and its files, and its output, a download."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Source:
     cfg : Path
         The map file; photos are relative to its folder.
     title : str
-        For people.
+        Display name.
     name : str
-        Of the downloads, without their ending: ASCII letters, digits, `-` and `_`.
+        File name of the downloads, without extension: ASCII letters, digits, `-` and `_`.
     blurred : mapping of int to list of BlurBox
-        What is blurred in pictures of photos, by id; those without are not in it.
+        Blurred boxes of photos, by id; photos without any are absent.
     unplaced : tuple of str
-        Paths of the photos without a place: those in the tray.
+        Paths of the photos in the tray.
     """
 
     map: Map
@@ -65,14 +65,14 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Download:
-    """A file to hand out.
+    """A file to download.
 
     Attributes
     ----------
     name : str
-        Safe in every header and on every disk.
+        Safe in HTTP headers and on all file systems.
     pieces : iterator of bytes
-        Its content, in pieces that are made as they are taken.
+        Its content in chunks, generated on demand.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Download:
 
 
 def of_library(library: Library, map_id: int) -> Source:
-    """Take a map of the library as the database has it now.
+    """Read a map of the library from the database.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def of_library(library: Library, map_id: int) -> Source:
 
 
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:
-    """Take the map of a `.cfg` anywhere.
+    """Read the map of any `.cfg` file.
 
     Raises
     ------
@@ -120,6 +120,6 @@ def of_folder(cfg: Path, *, title: str | None = None) -> Source:
 
 
 def plain_name(text: str) -> str:
-    """Make a file name, without an ending, of any text."""
+    """Make a file name without extension from any text."""
     ascii_ = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     return _NOT_PLAIN.sub("-", ascii_)[:80].strip("-") or "map"

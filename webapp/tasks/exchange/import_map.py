@@ -1,4 +1,4 @@
-"""Makes a map of the library from a zip with a `.cfg` and its folder."""
+"""Imports a zip of a `.cfg` and its folder as a map of the library."""
 
 from __future__ import annotations
 
@@ -29,14 +29,15 @@ from webapp.tasks.relative_paths import relative_finding, show_relative_to
 
 
 def choose_map(unpacked: UnpackedMap) -> Path:
-    """Find the map, and give it its usual names: `map.cfg` and `map.json`.
+    """Find the map file, and rename it and its JSON to `map.cfg` and `map.json`.
 
-    A `.cfg` that the JSON of another one calls a placement is not a map; of several others, it is `map.cfg`.
+    A `.cfg` that the JSON of another one lists as a placement is not a map; of several maps, `map.cfg` is
+    chosen.
 
     Returns
     -------
     Path
-        Its `map.cfg`.
+        The `map.cfg`.
 
     Raises
     ------
@@ -70,7 +71,7 @@ def choose_map(unpacked: UnpackedMap) -> Path:
 
 
 def add_placements(cfg: Path) -> None:
-    """Make placements of the other `.cfg` files next to a map that is fine, in its `map.json`.
+    """Add the other `.cfg` files next to a valid map to its `map.json`, as placements.
 
     Raises
     ------
@@ -96,7 +97,7 @@ def add_placements(cfg: Path) -> None:
 
 
 def _known_placements(path: Path) -> list[Path]:
-    """List the files that the JSON of a `.cfg` names as placements; damage is left to the linter."""
+    """List the files that the JSON of a `.cfg` names as placements; the linter reports a damaged JSON."""
     try:
         return [placement_path(path, name) for name in read_map_json(path).placements]
     except MapError:
@@ -120,7 +121,7 @@ def _listed(paths: Collection[Path], folder: Path) -> str:
 
 
 _TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
-"""Errors of single photos: the map is imported, and they are listed."""
+"""Errors of single photos: they are reported, and the map is imported nevertheless."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +131,10 @@ class ImportedMap:
     Attributes
     ----------
     findings : tuple of Finding
-        What the linter says about it.
+        Findings of the linter.
     left_out : tuple of str
-        Files of the zip that do not belong to a map; photos without a place with the reason.
+        Files of the zip that do not belong to a map, and unplaced photos that were not imported, with the
+        reason.
     """
 
     map_id: int
@@ -147,7 +149,7 @@ class MapRefused(MapError):
     Attributes
     ----------
     findings : tuple of Finding
-        All that it found, warnings included.
+        All findings, warnings included.
     """
 
     def __init__(self, message: str, *, findings: tuple[Finding, ...], hint: str | None = None) -> None:
@@ -164,27 +166,27 @@ def import_map(
     settings: Settings,
     progress: Progress | None = None,
 ) -> ImportedMap:
-    """Import a map; it appears whole or not at all.
+    """Import a map, all or nothing.
 
     Parameters
     ----------
     archive : Path
-        The zip; stays as it is.
+        The zip; it is not changed.
     account_id : int
-        Who owns the map.
+        Owner of the map.
     name : str
-        Of the map, for people.
+        Display name of the map.
     settings : Settings
         The limits of imports and photos.
     progress : Progress, optional
-        One step a file, three times: unpacked, checked, read.
+        One step per file in each of three phases: unpacking, checking, reading.
 
     Raises
     ------
     InputError
         It is not a zip, is not safe, or holds no map or several.
     MapRefused
-        The map in it has errors; with what the linter found.
+        The map has errors; with the findings of the linter.
     StorageError, UsageError, Cancelled
     """
     name = maps.checked_name(name)
@@ -202,23 +204,23 @@ def run_into(
     progress: Progress | None = None,
     writes: Writes | None = None,
 ) -> ImportedMap:
-    """Import a map into one that is empty; repeated, it does nothing the second time.
+    """Import a zip into an existing empty map; idempotent.
 
     Parameters and errors are those of `import_map`, and:
 
     Parameters
     ----------
     library, archive, settings, progress
-        As there.
+        As in `import_map`.
     writes : callable, optional
-        Opens the session that writes: that of a job that holds its lease.
+        Opens the write session; a job passes its own, which checks its lease.
 
     Raises
     ------
     Conflict
-        The map is not empty any more.
+        The map is no longer empty.
     NotFound
-        The map is gone.
+        The map does not exist, or is in the bin.
     """
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
         with (writes or library.database.write)() as session:
@@ -245,7 +247,7 @@ class _Found:
 
 @contextmanager
 def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: Progress) -> Iterator[_Found]:
-    """Unpack, check and read a zip into a folder that is gone afterwards."""
+    """Unpack, check and read a zip in a temporary folder."""
     place = staging.make(library)
     try:
         progress.note("unpacking")
@@ -271,7 +273,7 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
 
 
 def _check_lines(unpacked: UnpackedMap, *, most: int) -> None:
-    """Refuse maps with more lines than the zip may have files: each is looked for on the disk."""
+    """Refuse maps with more lines than the zip may have files: each line costs a look-up on the disk."""
     lines = sum(read_bytes(unpacked.folder / name).count(b"\n") for name in unpacked.cfgs)
     if lines > most:
         raise InputError(
@@ -281,7 +283,7 @@ def _check_lines(unpacked: UnpackedMap, *, most: int) -> None:
 
 
 def _register(library: Library, found: _Found, *, name: str, account_id: int) -> tuple[int, str]:
-    """Move the folder to its place and make the record; where the record cannot be kept, neither is."""
+    """Create the record and move the folder into the library; on failure, keep neither."""
     folder: Path | None = None
     kept = False
     try:
@@ -300,7 +302,7 @@ def _register(library: Library, found: _Found, *, name: str, account_id: int) ->
 
 
 def _move_into(source: Path, folder: Path) -> None:
-    """Move files into the folder of an empty map, over what a killed import has left there."""
+    """Move files into the folder of an empty map, replacing leftovers of a killed import."""
     folder.mkdir(exist_ok=True)
     for child in source.iterdir():
         target = folder / child.name
@@ -325,11 +327,11 @@ def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Find
 
 
 def archive_path(library: Library, token: str) -> Path:
-    """Return the path where an uploaded zip waits for its import; its folder is made where it is missing.
+    """Return the path of an uploaded zip that awaits its import; create its folder if missing.
 
     Parameters
     ----------
     token : str
-        Of hexadecimal digits.
+        Hexadecimal digits.
     """
     return staging.parent(library) / f"{int(token, 16):032x}.zip"

@@ -1,4 +1,4 @@
-"""Takes the photos of a zip that have no place yet into the tray of the new map."""
+"""Imports the unplaced photos of a zip into the tray of the new map."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from webapp.tasks.maps.check_map import orphan_photos
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """Photos that wait for a place.
+    """Unplaced photos that are set aside during an import.
 
     Attributes
     ----------
     folder : Path
-        Where they are meanwhile: outside the map, whose linter would ask why it does not name them.
+        Temporary folder outside the map, whose linter would report them as orphans.
     names : tuple of str
-        Their paths in there, as they shall be in the map's folder.
+        Their paths in that folder, which are also those to use in the map's folder.
     """
 
     folder: Path
@@ -41,7 +41,7 @@ def set_aside(cfg: Path, folder: Path) -> Tray:
     Parameters
     ----------
     folder : Path
-        New, on the same disk, and not below the map's.
+        A new folder on the same disk, not below the map's.
 
     Raises
     ------
@@ -60,13 +60,13 @@ def take_back(
 ) -> tuple[FolderContents, tuple[str, ...]]:
     """Move photos into the folder of their map and add their records to its contents.
 
-    Those that the map has already are left out. Photos that `map.json` lists keep their ids, and so the order
-    of the map's photos.
+    Photos that the map has already are left out. Those listed in `map.json` keep their ids, and with them the
+    order of the map's photos.
 
     Returns
     -------
     left_out : tuple of str
-        Files as the zip names them, each with the reason.
+        Files by their names in the zip, each with the reason.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def take_back(
 
 
 class _Names:
-    """The names of a folder's files, as a disk has them that knows no letter case."""
+    """The names of a folder's files, compared as on a case-insensitive file system."""
 
     def __init__(self, folder: Path) -> None:
         self._files: set[str] = set()
@@ -108,7 +108,7 @@ class _Names:
                 self._add(path.relative_to(folder).as_posix())
 
     def take(self, name: str) -> str:
-        """Name a new file as it was, or below `unplaced/` where another is in its way."""
+        """Reserve the name of a new file, with the prefix `unplaced/` if the name is taken."""
         while self._is_barred(name):
             name = f"{UNPLACED}/{name}"
         self._add(name)
@@ -128,7 +128,7 @@ def _above(name: str) -> list[str]:
 
 
 def _drop_empty(folder: Path) -> None:
-    """Delete a folder, and those in it, where no files are left."""
+    """Delete the empty folders in a folder, then the folder itself if it is empty."""
     below = [path for path in folder.rglob("*") if path.is_dir()]
     for path in sorted([folder, *below], reverse=True):
         if path.is_dir() and not any(path.iterdir()):

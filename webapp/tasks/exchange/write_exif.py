@@ -1,4 +1,4 @@
-"""Positions and headings of a map for its photos: in EXIF, of copies or in place, or in sidecar files."""
+"""Writes the positions and headings of a map's photos to EXIF, in copies or in place, or to sidecar files."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from webapp.store.library import has_library
 from webapp.tasks.exchange.export_source import Download, Source
 
 BACKUP = "_original"
-"""Ending of the copy of a photo before it was changed, as exiftool names it."""
+"""Suffix of the backup of a photo, as exiftool names it."""
 
 _SAME_PX = 1.0
-"""So near to where its GPS says, a photo is placed by it: map files may hold whole pixels."""
+"""A photo this close to its EXIF position counts as placed by GPS: map files may hold whole pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoCopy:
-    """What was done with a photo.
+    """The result for a photo.
 
     Attributes
     ----------
     photo : str
         Path in the map's folder, and in that of the copies.
     position : LatLon or None
-        As written; None where nothing was written.
+        As written; None if nothing was written.
     reason : str or None
         Why nothing was written, or what could not be kept.
     """
@@ -61,16 +61,16 @@ def write_exif(
     Parameters
     ----------
     out : Path or None
-        Folder of the copies, made where it does not exist; photos have the same paths below it as below the
-        map's folder, and no file there is replaced. None: the photos themselves are changed, and each stays
-        beside as it was, `NAME_original`; one that is there already is kept.
+        Folder of the copies, created if missing; photos have the same paths below it as below the map's
+        folder, and no file there is replaced. None: the photos themselves are changed, each with a backup
+        `NAME_original` next to it; an existing backup is kept.
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Yields
     ------
     PhotoCopy
-        For each photo of the map, once it is on the disk.
+        For each photo of the map, once it is written.
 
     Raises
     ------
@@ -96,10 +96,10 @@ def write_exif(
 
 
 def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress | None = None) -> Download:
-    """Return a zip with copies of the photos that have their positions in EXIF, made while it is taken.
+    """Return a zip of copies of the photos with positions in EXIF, generated while it is streamed.
 
-    Photos of formats that cannot hold it have an XMP sidecar in it instead; `not-written.txt` lists what is
-    missing, with the reason.
+    A photo that cannot be written has an XMP sidecar instead, if its position is known; `not-written.txt`
+    lists these photos with the reason.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress 
 
 
 def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a zip with an XMP file for each photo, made while it is taken.
+    """Return a zip with an XMP file for each photo, generated while it is streamed.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
 
 
 def export_exiftool_csv(source: Source, *, limits: PhotoLimits) -> Download:
-    """Return a table that exiftool writes into photos.
+    """Return a table from which exiftool can tag the photos.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def _members(
 
 
 def _tags(source: Source, georeference: Georeference, *, limits: PhotoLimits) -> Iterator[tuple[str, Geotag]]:
-    """Yield the photos whose position on the Earth is known, by their names."""
+    """Yield name and geotag of the photos that have a position on the Earth."""
     names = _names(source)
     for e in source.map.experiences:
         tag = _tag_of(source, e, georeference, limits=limits)
@@ -187,7 +187,7 @@ def _tags(source: Source, georeference: Georeference, *, limits: PhotoLimits) ->
 def _tag_of(
     source: Source, e: Experience, georeference: Georeference, *, limits: PhotoLimits
 ) -> Geotag | None:
-    """Return where a photo was taken, also of one that cannot be read; None for nowhere on the Earth."""
+    """Return the geotag of a photo, also if its file cannot be read; None without a position on the Earth."""
     gps: Gps | NoGps | None = None
     with suppress(MapError, PhotoError):
         gps = read_facts(photo_path(source.cfg, e.photo), limits=limits).gps
@@ -206,7 +206,7 @@ def _geotagged(
 
 
 def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | None) -> Geotag:
-    """Say where a photo was taken, and whether that is what its GPS said.
+    """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF.
 
     Raises
     ------
@@ -214,18 +214,18 @@ def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | Non
         Its place on the map has no position on the Earth.
     """
     at = georeference.latlon_of(e.position)
-    if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # also not NaN, beyond the horizon
+    if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # or NaN: beyond the horizon
         raise PhotoError("its position on the map has no coordinates on the Earth")
     if not isinstance(gps, Gps):
         return Geotag(at, e.heading_deg)
     x, y = georeference.pixel_of(LatLon(gps.lat, gps.lon))
-    if not max(abs(x - e.position.x), abs(y - e.position.y)) <= _SAME_PX:  # also not NaN
+    if not max(abs(x - e.position.x), abs(y - e.position.y)) <= _SAME_PX:  # or NaN
         return Geotag(at, e.heading_deg)
     return Geotag(at, e.heading_deg, by_gps=True, accuracy_m=e.gps_accuracy_m or gps.accuracy_m)
 
 
 def _names(source: Source) -> dict[int, str]:
-    """Name photos as their files were named, and those of which two had one name by their paths."""
+    """Return the original file names of the photos; their paths where several have the same name."""
     own = {e.id: e.name or PurePosixPath(e.photo).name for e in source.map.experiences}
     count = Counter(name.casefold() for name in own.values())
     return {e.id: own[e.id] if count[own[e.id].casefold()] == 1 else e.photo for e in source.map.experiences}
@@ -242,11 +242,11 @@ def _add(target: Path, data: bytes) -> None:
 
 
 def _replace(path: Path, data: bytes) -> None:
-    """Keep a copy of the original next to the photo, once, and then replace the photo."""
+    """Back up the original next to the photo, unless a backup exists, and replace the photo."""
     backup = path.with_name(path.name + BACKUP)
     part = path.with_name(f".{path.name}{BACKUP}.tmp")
     try:
-        if not backup.exists():  # else this is not the first time, and the original is safe
+        if not backup.exists():  # an existing backup is the original
             shutil.copy2(path, part)
             part.replace(backup)
     except OSError as error:

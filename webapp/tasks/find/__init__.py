@@ -1,1 +1,1 @@
-"""Which map is this? The maps that look most like a photo are searched for it."""
+"""Search for the map of a photo, by localizing it on the most similar maps."""

@@ -1,7 +1,7 @@
-"""Describes the photos of all maps, each by one vector, so that searches begin with the likeliest maps.
+"""Computes a vector for each photo of all maps, so that searches begin with the most similar maps.
 
-The descriptors are those of the maps' indexes: nothing is extracted for it. A basis is trained on photos of
-the whole library; when that has grown to several times as many photos a new one replaces it.
+The vectors are computed from the descriptors in the maps' indexes: no features are extracted. Their basis is
+trained on photos of the whole library, and again when it has grown to several times as many photos.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from webapp.tasks.find.queue_refresh import JOB
 from webapp.tasks.localize.index_location import index_bases, index_folder
 
 LEAST_MAPS = 7
-"""A basis is trained from so many maps on: fewer stay open, with two looks each, and are all searched."""
+"""Minimum number of maps to train a basis: fewer stay open, with two looks each, and are all searched."""
 
 GROWTH = 4
-"""A basis is trained anew when there are so many times as many photos."""
+"""A basis is trained anew when there are this many times as many photos."""
 
 SAMPLE_PHOTOS = 1000
-"""A basis is trained on at most so many photos."""
+"""Maximum number of photos that a basis is trained on."""
 
 _SAVED_EVERY_S = 20.0
 
@@ -49,14 +49,14 @@ _log = logging.getLogger(__name__)
 
 
 def features() -> FeatureChoice:
-    """Return the features that vectors are made of: those that need no model."""
+    """Return the features from which vectors are computed: those that need no model file."""
     return choose("vote", detector="sift", extractor="sift")
 
 
 def describe_map(
     library: Library, map_id: int, *, settings: Settings, writes: Writes, progress: Progress
 ) -> None:
-    """Describe the photos of a map's index that are new; have a basis trained where one is due.
+    """Compute vectors for the new photos of a map's index; queue the training of a basis if due.
 
     Raises
     ------
@@ -79,20 +79,20 @@ def describe_map(
 
 
 def renew_basis(library: Library, *, settings: Settings, writes: Writes, progress: Progress) -> int:
-    """Train a basis and describe the photos of all maps with it; searches use it when all are described.
+    """Train a basis, compute the vectors of the photos of all maps, and then let searches use it.
 
-    What an interrupted run has described is kept.
+    Vectors that an interrupted run has computed are kept.
 
     Returns
     -------
     int
-        Photos that are described now.
+        Number of photos that have vectors.
 
     Raises
     ------
     StorageError, Cancelled
     """
-    _refresh_search(library, progress)  # for maps that a move, or an older version, has brought
+    _refresh_search(library, progress)  # for maps from a move or an older version
     with library.database.read() as session:
         there = stored.bases(session)
         if not any(not b.ready for b in there) and not _is_basis_due(session, there):
@@ -104,7 +104,7 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
             return 0
         with writes() as session:
             new = StoredBasis(stored.add_basis(session, basis, photos=photos), photos, False, basis)
-    records = _all_maps(library)  # from now on, a map that is new is described by its own job
+    records = _all_maps(library)  # maps added later are described by their own jobs
     progress.size(len(records))
     for record in records:
         progress.note(record.name)
@@ -117,7 +117,7 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
 
 
 def _refresh_search(library: Library, progress: Progress) -> None:
-    """Have the database search what is described now, where it can."""
+    """Update the vector search of the database, if it has one."""
     database = library.database
     if database.photo_search is not None:
         with database.translated_errors():
@@ -125,13 +125,13 @@ def _refresh_search(library: Library, progress: Progress) -> None:
 
 
 def _all_maps(library: Library) -> Sequence[MapRecord]:
-    """List the maps, those in the bin too: they are not described again when they come back."""
+    """List all maps, also those in the bin: they are not described again when restored."""
     with library.database.read() as session:
         return session.scalars(select(MapRecord).order_by(MapRecord.id)).all()
 
 
 def _is_basis_due(session: Session, there: list[StoredBasis]) -> bool:
-    """Return whether to train the first basis, or another one."""
+    """Return whether to train the first basis, or a new one for a grown library."""
     has_many_maps = len(session.scalars(select(MapRecord.id).limit(LEAST_MAPS)).all()) == LEAST_MAPS
     ready = [b for b in there if b.ready]
     is_outgrown = not ready or _described(session, ready) >= GROWTH * ready[-1].photos
@@ -151,7 +151,7 @@ def _describe(
     writes: Writes,
     progress: Progress,
 ) -> None:
-    """Bring the vectors of a map's photos up to date."""
+    """Update the vectors of a map's photos."""
     with library.database.read() as session:
         before = stored.vectors(session, record.id, basis_id=basis.id)
     known: dict[str, NDArray[np.float16]] = {}
@@ -184,7 +184,7 @@ def _keep(
 def _train(
     library: Library, records: Sequence[MapRecord], *, settings: Settings, progress: Progress
 ) -> tuple[Basis | None, int]:
-    """Train a basis on photos from everywhere; returns it and the number of photos on all maps."""
+    """Train a basis on a sample of all photos; return it and the number of photos on all maps."""
     progress.note("training the descriptor of photos")
     photos = 0
     contents: set[str] = set()
@@ -193,7 +193,7 @@ def _train(
         progress.check()
         photos += len(own)
         contents |= own
-    # Those of their hashes come from everywhere.
+    # The smallest hashes are a random sample of all maps.
     chosen = {*sorted(contents)[:SAMPLE_PHOTOS]}
     sample: dict[str, NDArray[np.uint8]] = {}
     for record in records:
@@ -208,7 +208,7 @@ def _train(
 def _photos_of(
     library: Library, record: MapRecord, *, settings: Settings
 ) -> Iterator[tuple[str, Segment, int]]:
-    """Go through the photos of a map's index; of one that is damaged, as far as it can be read."""
+    """Yield the photos of a map's index; of a damaged one, as far as it can be read."""
     try:
         yield from indexed_photos(library.cfg(record.slug), settings=settings)
     except IndexDamaged as error:
@@ -218,12 +218,12 @@ def _photos_of(
 def indexed_photos(
     cfg: Path, *, settings: Settings, index: Path | None = None
 ) -> Iterator[tuple[str, Segment, int]]:
-    """Go through the photos with descriptors of a map's index: content, segment, and number in that.
+    """Yield the photos with descriptors of a map's index: content hash, segment, and number in the segment.
 
     Parameters
     ----------
     index : Path, optional
-        Where indexes are, instead of next to the map.
+        Folder of the indexes, if not next to the map.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Finds out on which of several maps a photo was taken: it is localized on those that look most like it."""
+"""Finds out on which of several maps a photo was taken, by localizing it on the most similar ones."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from webapp.tasks.localize.map_cache import MapCache, MethodChoice
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 BUDGET_S = 30.0
-"""After so long no further map is begun; those that are left are named."""
+"""No further map is begun after this time; the remaining ones are reported."""
 
 MOST_MAPS = 50
-"""A photo is localized on so many of the maps that it was compared with, those that are most like it.
+"""A photo is localized on at most this many of the maps that it was compared with, the most similar ones.
 
-Maps that it could not be compared with come after these, all of them.
+All maps that it could not be compared with come after these.
 """
 
 _NO_TIME = ExpMapError(
@@ -50,9 +50,9 @@ class FoundMap:
     Attributes
     ----------
     probability : float
-        That the photo was taken on it and not on another one.
+        That the photo was taken on this map and not on another one.
     answer : dict
-        Where on it, as `expmap localize --json` prints it; its probabilities are those of this map alone.
+        As `expmap localize --json` prints it; its probabilities consider this map alone.
     """
 
     slug: str
@@ -72,18 +72,18 @@ class SkippedMap:
 
 @dataclass(frozen=True, slots=True)
 class MapSearch:
-    """The answer to "which map is this?".
+    """The result of a search.
 
     Attributes
     ----------
     maps : tuple of FoundMap
         The most probable first.
     no_map_probability : float
-        That it was taken on none of them: on one that was not searched, or on no map at all. What a map says
-        of itself is against everything else, so that the maps that nobody asked have their share of this.
+        That it was taken on none of them: on one that was not searched, or on no map at all. The probability
+        of a map is against everything else, so that maps that were not searched are included here.
     less_alike : int
-        Further maps, which were not searched as `MOST_MAPS` others look more like the photo: only maps whose
-        photos were compared with it.
+        Number of maps that were compared with the photo but not searched, as `MOST_MAPS` others are more
+        similar.
     """
 
     maps: tuple[FoundMap, ...]
@@ -95,14 +95,14 @@ class MapSearch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LibrarySearch:
-    """What a search works with.
+    """What a search needs.
 
     Attributes
     ----------
     cache : MapCache
-        Localizes.
+        Localizes the photo.
     ranking : MapRanking
-        Says which maps are searched first: time may not be enough for all.
+        Determines which maps are searched first: there may not be time for all.
     """
 
     cache: MapCache
@@ -118,23 +118,23 @@ def find_map(
     top: int = 1,
     progress: Progress | None = None,
 ) -> MapSearch:
-    """Look for a photo on maps, one after the other.
+    """Localize a photo on maps, one after the other.
 
     Parameters
     ----------
     records : sequence of MapRecord
-        Those that count.
+        The maps to search.
     top : int
         Maximum number of places on each map.
     progress : Progress, optional
-        A step is a map.
+        One step per map.
 
     Raises
     ------
     PhotoError
         The photo cannot be used.
     Busy, StorageUnavailable
-        No map could be searched: others are being answered, or opened, or their storage is away.
+        No map could be searched: the process is busy, maps are being opened, or their storage is unavailable.
     Cancelled
     """
     begun = time.perf_counter()
@@ -187,12 +187,12 @@ def find_map(
 
 
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
-    """Return a search as the API and `expmap find --json` give it.
+    """Convert a search to JSON values, for the API and `expmap find --json`.
 
     Parameters
     ----------
     translate : callable, optional
-        Puts messages and hints into the reader's language.
+        Translates messages and hints.
     """
     return {
         "query": query,
@@ -216,5 +216,5 @@ def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str
 
 
 def _on_map(form: dict[str, Any]) -> float:
-    """Sum up what a map says of all its places."""
+    """Return the probability that the photo was taken on a map: the sum over its places."""
     return float(sum(place["probability"] for place in form["hypotheses"]) + form["other_probability"])

@@ -1,4 +1,4 @@
-"""Queues what brings the search for similar photos up to date after a move, or a backup that was restored."""
+"""Queues the update of the vector search after a library was moved, or restored from a backup."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ JOB = "describe-library"
 
 
 def queue_refresh(library: Library) -> None:
-    """Queue the job where the database can search for similar photos and lacks some.
+    """Queue the job if the database has a vector search that is out of date.
 
     Raises
     ------

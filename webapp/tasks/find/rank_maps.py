@@ -1,4 +1,4 @@
-"""Ranks the maps of a library by how much their photos look like a query, each by one vector."""
+"""Ranks the maps of a library by the similarity of their photo vectors to that of a query."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from webapp.tasks.find.describe_library import features
 
 _READ_AT_ONCE = 100
 _BLOCK = 16_384
-"""Vectors compared at once, as float32."""
+"""Vectors converted to float32 and compared at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class RankedMaps:
-    """Maps in the order in which a photo is looked for on them.
+    """Maps in the order in which they are searched for a photo.
 
     Attributes
     ----------
     alike : tuple of MapRecord
-        Those whose photos were compared with the query, the most alike first.
+        Those whose photos were compared with the query, the most similar first.
     unknown : tuple of MapRecord
-        Those with no vectors yet, in the order in which they were given: how alike they are nobody knows.
+        Those with no vectors yet, whose similarity is unknown, in the given order.
     """
 
     alike: tuple[MapRecord, ...]
@@ -43,11 +43,11 @@ class RankedMaps:
 
 
 class MapRanking:
-    """Compares a photo with those of a library: in the database where that can search for similar photos.
+    """Compares a photo with those of a library, in the database if it has a vector search.
 
-    Elsewhere, and those of maps that it does not have yet, they are in memory, 256 bytes a photo, and are
-    compared one by one, which takes a quarter of a second for a million; what has changed since the last
-    query is read again, map by map.
+    Otherwise, and for maps that the search does not have yet, the vectors are held in memory (256 bytes per
+    photo) and compared exhaustively, which takes 0.25 s for a million; maps that have changed since the last
+    query are read again.
     """
 
     def __init__(self, library: Library, settings: Settings) -> None:
@@ -58,7 +58,7 @@ class MapRanking:
         self._maps: dict[int, tuple[str, NDArray[np.float16]]] = {}
 
     def rank(self, records: Sequence[MapRecord], photo: Path) -> RankedMaps:
-        """Put maps into order, the most alike first, and apart those that cannot be compared yet.
+        """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class MapRanking:
             return database.photo_search.likeness(query, basis_id=basis_id, map_ids=[r.id for r in records])
 
     def _refresh(self) -> None:
-        """Read what has changed."""
+        """Read the basis and the vectors that have changed."""
         with self._library.database.read() as session:
             ready = stored.ready_basis(session, known=self._basis)
             if ready is None or self._basis is None or ready.id != self._basis.id:
@@ -104,7 +104,7 @@ class MapRanking:
                 self._maps |= stored.matrices(session, some, basis_id=ready.id)
 
     def _not_in_database(self, basis_id: int) -> set[int] | None:
-        """List the maps that the database cannot search as they are; None for all."""
+        """Return the ids of the maps that are out of date in the vector search; None for all maps."""
         database = self._library.database
         if database.photo_search is None:
             return None
@@ -122,7 +122,7 @@ class MapRanking:
 
 
 def likeness(vectors: NDArray[np.float16], query: NDArray[np.float32]) -> float:
-    """Return the mean cosine of the photos that are most alike."""
+    """Return the mean cosine similarity of the `COMPARED` most similar photos."""
     blocks = (vectors[start : start + _BLOCK] for start in range(0, len(vectors), _BLOCK))
     cosines = np.concatenate([np.zeros(0, np.float32), *(b.astype(np.float32) @ query for b in blocks)])
     if len(cosines) > COMPARED:

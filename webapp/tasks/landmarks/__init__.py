@@ -1,1 +1,1 @@
-"""Structure from motion of a map's photos, and what it is used for."""
+"""Structure from motion of a map's photos, and its applications."""

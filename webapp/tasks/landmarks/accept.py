@@ -1,4 +1,4 @@
-"""Places photos where they are suggested: in the library as one edit, in any other folder in its files."""
+"""Accepts suggested places of photos: in the library as one edit, in any other folder in its files."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from webapp.tasks.maps.placing import PlacingResult, RequestedPose, find_spots, 
 from webapp.tasks.operate.open_storage import open_storage
 
 _SAME_PX = 0.1
-"""Positions are kept to a hundredth."""
+"""Tolerance in comparisons of positions, which are stored to a hundredth."""
 
 Place = TypeVar("Place", SuggestedPlace, CorrectedPlace)
 
 
 @contextmanager
 def library_of(cfg: Path, *, settings: Settings) -> Iterator[tuple[Library, int] | None]:
-    """Open the library that a map file belongs to, and give the map's id; None for one of any other folder.
+    """Open the library that a map file belongs to; yield it with the map's id, or None if there is none.
 
-    The file is brought up to date first.
+    The map file is updated first.
 
     Raises
     ------
@@ -69,17 +69,17 @@ def owner_of(library: Library) -> int:
 def accept_in_library(
     library: Library, map_id: int, *, suggested: Iterable[SuggestedPlace], account_id: int
 ) -> PlacingResult:
-    """Place photos where they are suggested, as one edit; those that have a place by now stay where they are.
+    """Place photos where suggested, as one edit; photos that were placed meanwhile are skipped.
 
     Parameters
     ----------
     account_id : int
-        Who does it, and can undo it.
+        Author of the edit, who can undo it.
 
     Raises
     ------
     UsageError
-        The map has no satellite image any more.
+        The map no longer has a satellite image.
     """
     with library.changing(map_id) as change:
         pairs = [(photo, place) for photo, place in _photos_of(change, suggested) if photo.x_px is None]
@@ -95,7 +95,7 @@ def accept_in_library(
 def correct_in_library(
     library: Library, map_id: int, *, corrected: Iterable[CorrectedPlace], account_id: int
 ) -> PlacingResult:
-    """Move photos from where their GPS has them, as one edit; those that were moved by now stay there.
+    """Move photos from their GPS positions to the corrected ones, as one edit; skip those moved meanwhile.
 
     Parameters and errors are those of `accept_in_library`.
     """
@@ -110,7 +110,7 @@ def correct_in_library(
 
 
 def is_where_it_was(photo: Photo, before: MapPixel) -> bool:
-    """Whether a photo is still where it was when it was judged."""
+    """Return whether a photo is still at the position `before` for which its correction was computed."""
     return (
         photo.x_px is not None
         and photo.y_px is not None
@@ -123,7 +123,7 @@ def _is_near(one: MapPixel, other: MapPixel) -> bool:
 
 
 def _photos_of(change: MapChange, places: Iterable[Place]) -> list[tuple[Photo, Place]]:
-    """Pair places with the photos of the map that are still there."""
+    """Pair places with their photos, except photos that were removed meanwhile."""
     by_id = {one.id: one for one in places}
     photos = maps.photos_by_id(change.session, change.record, by_id)
     return [(photo, by_id[id]) for id, photo in photos.items() if not photo.removed]
@@ -134,7 +134,7 @@ def _pose(photo: Photo, place: SuggestedPlace | CorrectedPlace) -> RequestedPose
 
 
 def _floor_of(place: SuggestedPlace, floors: Mapping[int, int]) -> int:
-    """Take the floor of most of the photos that it was placed by."""
+    """Return the most frequent floor of the photos by which it was placed."""
     by = [floors[id] for id in place.placed_by if id in floors]
     return mode(by) if by else BASE_FLOOR
 
@@ -146,7 +146,7 @@ def _place(change: MapChange, wanted: Sequence[RequestedPose], *, account_id: in
 
 
 def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
-    """Place photos where they are suggested, in the files of a map that is in no library.
+    """Place photos where suggested, in the files of a map outside a library.
 
     Raises
     ------
@@ -175,13 +175,13 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
     ]
     everyone = tuple(sorted((*the_map.experiences, *placed), key=lambda e: e.id))
     changed = replace(the_map, experiences=everyone)
-    # the tray has them until the `.cfg` does: killed in between, no photo is in neither
+    # photos leave the tray only once the `.cfg` has them: if killed in between, none is lost
     write_map(cfg, changed)
     write_map(cfg, replace(changed, unplaced=tuple(p for p in the_map.unplaced if p.id not in places)))
 
 
 def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:
-    """Move photos from where their GPS has them, in the files of a map that is in no library.
+    """Move photos from their GPS positions to the corrected ones, in the files of a map outside a library.
 
     Raises
     ------

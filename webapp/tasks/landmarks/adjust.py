@@ -1,4 +1,4 @@
-"""Joins the submodels of a reconstruction that are on the map by placed photos and control points."""
+"""Joins the georegistered submodels of a reconstruction by placed photos and control points."""
 
 from __future__ import annotations
 
@@ -38,31 +38,30 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction, keep_cloud, renum
 Array = NDArray[np.float64]
 
 _LEAST_KNOWN = 4
-"""Positions by which photos are adjusted: with three nothing would say that one of them is wrong."""
+"""Minimum number of known positions for an adjustment: among three, a wrong one could not be detected."""
 
 _LEAST_WIDE = 0.05
-"""Spread of the known positions across over that along, below which they are in a line."""
+"""Ratio of the spreads of the known positions across and along, below which they are in a line."""
 
 _HEIGHT_SHARE = 0.02
-"""Standard deviation of a camera's height, which no map says, over the extent of the known positions."""
+"""Standard deviation of a camera's height, which is unknown, over the extent of the known positions."""
 
 _FORMAT = 4
-"""Part of what stands for the known positions: other rules of joining adjust anew."""
+"""Part of the hash of the known positions: change it to recompute adjustments by new rules."""
 
 
 @dataclass(frozen=True, slots=True)
 class AdjustedSubmodel:
-    """The outcome for photos that are connected.
+    """The outcome for a submodel.
 
     Attributes
     ----------
     photos : tuple of int
-        Their numbers.
+        Numbers of its photos.
     problem : str
-        Why they are as they were; empty where they were adjusted.
+        Why it was not adjusted; empty if it was.
     residual_px : mapping of int to float
-        Distance of the adjusted cameras from the known positions, also of those that were left out, by the
-        photos' numbers.
+        Distances of the adjusted cameras from the known positions, outliers included, by the photos' numbers.
     """
 
     photos: tuple[int, ...]
@@ -73,11 +72,11 @@ class AdjustedSubmodel:
 def adjust_submodels(
     found: Reconstruction, the_map: Map, *, progress: Progress, wait_s: float = 0.0
 ) -> tuple[Reconstruction, list[AdjustedSubmodel]]:
-    """Join submodels by the placed photos and by those with GPS, each as exactly as it is known.
+    """Join submodels by the placed photos and those with GPS, each weighted by its accuracy.
 
-    Placed photos that contradict the others of their submodel take no part. Submodels that cannot be laid on
-    the map stay as they are; all do where known positions are too few, or in a line, or where the photos
-    would not agree any more. What was joined is kept, and not computed again for the same positions.
+    Placed photos that contradict the others of their submodel take no part. Submodels that cannot be
+    georegistered stay unchanged; all do if the known positions are too few or in a line, or if the photos do
+    not agree with them. The result is stored, and not computed again for the same positions.
 
     Raises
     ------
@@ -103,7 +102,7 @@ def adjust_submodels(
 
 
 def _key_of(known: KnownPositions, the_map: Map) -> str:
-    """Stand for known positions and how exact they are."""
+    """Return a hash of the known positions and their accuracies."""
     rows = np.column_stack([known.at.real, known.at.imag, known.sigma_px]).round(3).tolist()
     points = [asdict(point) for point in the_map.control_points if point.position is not None]
     return hashlib.sha256(json.dumps([_FORMAT, rows, points]).encode()).hexdigest()[:16]
@@ -124,7 +123,7 @@ def _adjust(
     adjusted: str,
     progress: Progress,
 ) -> StoredSubmodels:
-    """Join the submodels that can be laid on the map."""
+    """Join the submodels that can be georegistered."""
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
     results = [georegister(submodel, known, points=points) for submodel in of_photos]
     laid = [
@@ -167,7 +166,7 @@ def _adjust(
 
 
 def _too_little(laid: Sequence[LaidSubmodel]) -> str:
-    """Say what known positions lack to adjust photos by them."""
+    """Return why the known positions do not suffice for an adjustment; empty if they do."""
     at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in laid)])
     if len(at) < _LEAST_KNOWN:
         return f"{len(at)} positions are known, {_LEAST_KNOWN} are needed"
@@ -184,16 +183,16 @@ def positions_of(
     turn_deg: NDArray[np.int64],
     points: Sequence[KnownPoint] = (),
 ) -> PicturePositions:
-    """Gather what is known of pictures, photos and views of panoramas, and of what they show.
+    """Collect the known positions of pictures (photos and views of panoramas) and of control points.
 
     Parameters
     ----------
     known : KnownPositions
-        Of the pictures; those that contradict others have none.
+        Of the pictures; NaN for outliers.
     photo, turn_deg : array
         See `PicturePositions`.
     points : sequence of KnownPoint
-        Those that do not contradict others.
+        Control points, without outliers.
     """
     usable = np.flatnonzero(np.isfinite(known.at))
     at = np.append(known.at[usable], [point.at for point in points])
@@ -219,12 +218,12 @@ def adjust_job(
     folder: Path,
     out: Path,
 ) -> AdjustJob:
-    """Stand all pictures of the submodels on the map, each where the known positions near it have it.
+    """Make the adjustment job, with all pictures of the submodels placed by the known positions near them.
 
     Parameters
     ----------
     laid : sequence of (Submodel, LaidSubmodel)
-        Submodels of pictures, and how they lie on the map.
+        Submodels of pictures, with their georegistrations.
     matches, folder, out : Path
         The database, the folder of the reconstruction, and that for the joined model.
     """
@@ -245,7 +244,7 @@ def adjust_job(
 
 
 def _to_map(factor: Points) -> Array:
-    """Rotations (n, 3, 3) from a submodel seen from above to the map, by the factors (n,) of its cameras."""
+    """Return the rotations (n, 3, 3) from a submodel's plan view to the map, by its cameras' factors (n,)."""
     turn = factor / np.abs(factor)
     level = np.zeros((len(turn), 3, 3))
     level[:, 0, 0] = level[:, 1, 1] = turn.real

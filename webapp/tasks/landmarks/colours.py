@@ -1,4 +1,4 @@
-"""Gives the points of a cloud the colours that the photos show there."""
+"""Colours the points of a cloud from the photos."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction
 from webapp.threads import cores, in_threads
 
 _SIDE_PX = 500
-"""Photos are scaled down to this side: a pixel then is about what a keypoint describes."""
+"""Photos are scaled down to this side: a pixel then covers about as much as a keypoint."""
 
 _UNKNOWN = 128
-"""Grey, of points that only photos see which cannot be read any more."""
+"""Grey, for points that are seen only by photos that can no longer be read."""
 
 Sampled = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 
 def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progress: Progress) -> None:
-    """Sample the photos for the colours of the points, unless that is done; kept with the cloud.
+    """Sample the colours of the points from the photos, unless done already; store them with the cloud.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
             turn_deg = found.turn_of.get(cloud.contents[number])
             return _sample(path, cloud, number, turn_deg=turn_deg, limits=limits)
         except (PhotoError, MapError, OSError):
-            return None  # it has gone since: other photos see the points, too
+            return None  # e.g. deleted since; other photos see the points, too
 
     together = 4 * cores()
     for first in range(0, len(cloud.contents), together):
@@ -75,7 +75,7 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
 def _sample(
     path: Path, cloud: LandmarkCloud, number: int, *, turn_deg: int | None, limits: PhotoLimits
 ) -> Sampled:
-    """Look up the colours where a photo, or a view of a panorama, sees points; red, green, blue."""
+    """Return the points that a photo, or a view of a panorama, sees and their colours: red, green, blue."""
     rows = slice(int(cloud.first[number]), int(cloud.first[number + 1]))
     if turn_deg is None:
         full = read_facts(path, limits=limits)

@@ -1,4 +1,4 @@
-"""Compares the photos of a reconstruction two by two, here or by Dask; each finished pair is kept."""
+"""Matches pairs of photos for a reconstruction, locally or with Dask; each finished pair is stored."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ _HELD = 64
 
 
 class ComparedPhotos:
-    """The photos that are compared; a worker of Dask reads them from the files that describe them.
+    """The photos to compare; a Dask worker reads their features from files.
 
     Parameters
     ----------
     folder : Path
-        With the descriptions.
+        Folder of the features.
     contents : sequence of str
         SHA-256 of the photos.
     photos : sequence of StoredPhoto, optional
-        Where they are in memory.
+        The photos, if they are in memory.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class ComparedPhotos:
         self.photo = lru_cache(_HELD)(self._read) if photos is None else photos.__getitem__
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Leave what is in memory behind."""
+        """Pickle without the photos in memory."""
         return _on_worker, self._state
 
     def _read(self, number: int) -> StoredPhoto:
@@ -68,16 +68,16 @@ def compare_photos(
     place: Workplace,
     progress: Progress,
 ) -> None:
-    """Compare pairs that have not been compared.
+    """Match the pairs that have not been matched yet.
 
     Parameters
     ----------
     photos : sequence of (str, StoredPhoto)
-        With their contents.
+        Photos with their content hashes.
     at : (p,) complex128
         Positions on the map; NaN where there is none.
     place : Workplace
-        In the folder with the descriptions.
+        Its folder is that of the features.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The control points of a map as its landmarks see them, and how well the known positions fit them."""
+"""Control points of a map in its reconstruction, and the residuals of the known positions."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction
 from webapp.tasks.localize.index_location import landmarks_folder
 
 _DEFAULT_PX, _LEAST_PX = 1.0, 0.01
-"""Standard deviation of a point on the map where none is given, and that is not believed to be smaller."""
+"""Standard deviation of a point on the map: default, and lower limit."""
 
 
 _MANY = 1_000_000
-"""More clicks than a point has."""
+"""More than any number of clicks."""
 
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """How well a placed photo or a control point fits all others.
+    """How well a placed photo or a control point fits the others.
 
     Attributes
     ----------
@@ -51,13 +51,13 @@ class Residual:
     name : str
         Of the photo's file, or of the control point.
     at : MapPixel or None
-        Where it is said to be.
+        Its known position.
     others_have : MapPixel or None
-        Where the others have it; None where they are too few.
+        Its position by the others; None if they are too few.
     contradicts : bool
-        It was left out: the others agree on another place.
+        It was left out as an outlier: the others agree on another position.
     wrong : tuple of str
-        Photos in which a control point is clicked elsewhere.
+        Photos whose clicks of a control point disagree with the others.
     problem : str or None
         Why a control point takes no part.
     """
@@ -72,13 +72,13 @@ class Residual:
 
     @property
     def residual_px(self) -> float | None:
-        """Distance between the two places."""
+        """Distance between the two positions."""
         if self.at is None or self.others_have is None:
             return None
         return math.dist(self.at, self.others_have)
 
     def residual_m(self, the_map: Map) -> float | None:
-        """Return that distance in metres, on a map with a georeference."""
+        """Return `residual_px` in metres, on a map with a georeference."""
         off = self.residual_px
         if off is None or self.at is None or the_map.georeference is None:
             return None
@@ -87,15 +87,15 @@ class Residual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoLenses:
-    """What is known of the cameras of photos.
+    """Intrinsics of the photos' cameras.
 
     Attributes
     ----------
     folder : Path
-        Of the landmarks.
+        Folder of the photos' features.
     cloud : LandmarkCloud
     content_of : mapping of int to str
-        By the numbers that photos have in submodels.
+        Content hashes by the photos' numbers in the submodels.
     """
 
     folder: Path
@@ -103,7 +103,7 @@ class PhotoLenses:
     content_of: Mapping[int, str]
 
     def lens(self, number: int) -> Lens | None:
-        """Return that of a photo; None where the photo is not joined."""
+        """Return the lens of a photo; None if it is not in the reconstruction or its features are missing."""
         content = self.content_of.get(number)
         if content is None or content not in self.cloud.contents:
             return None
@@ -125,12 +125,12 @@ def georegister_all(
     the_map: Map,
     lenses: PhotoLenses,
 ) -> list[Georegistration]:
-    """Lay submodels on a map by its placed photos and control points.
+    """Georegister submodels by the map's placed photos and control points.
 
     Parameters
     ----------
     photos : sequence of Experience or UnplacedPhoto or None
-        By the numbers that the submodels have: photos, or the views of panoramas.
+        Photos, or the views of panoramas, by their numbers in the submodels.
     """
     known = known_positions(photos, the_map)
     points = known_points(photos, the_map, lenses=lenses)
@@ -138,7 +138,7 @@ def georegister_all(
 
 
 def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
-    """Gather the control points that are on the map, as the photos of a reconstruction show them."""
+    """Collect the control points on the map, with the rays of their clicks in a reconstruction."""
     stored = read_cloud(found.folder / CLOUD_FILE) if the_map.control_points else None
     if stored is None:
         return ()
@@ -149,7 +149,7 @@ def found_points(found: Reconstruction, the_map: Map) -> tuple[KnownPoint, ...]:
 def known_points(
     photos: Sequence[AnyPhoto | None], the_map: Map, *, lenses: PhotoLenses
 ) -> tuple[KnownPoint, ...]:
-    """Gather the control points that are on the map, with rays for their clicks."""
+    """Collect the control points on the map, with the rays of their clicks."""
     pictures: dict[int, list[int]] = {}
     for number, photo in enumerate(photos):
         if photo is not None:
@@ -174,7 +174,7 @@ def known_points(
 
 
 def _sigma_and_height(point: GroundControlPoint, at: MapPixel, the_map: Map) -> tuple[float, float]:
-    """Return how exact a point is, and its height, in map pixels; NaN on a map without scale."""
+    """Return standard deviation and height of a point, map pixels; an unknown height is NaN."""
     scale = math.nan if the_map.georeference is None else the_map.georeference.metres_per_pixel(at)
     if not scale > 0.0:
         return _DEFAULT_PX, math.nan
@@ -185,7 +185,7 @@ def _sigma_and_height(point: GroundControlPoint, at: MapPixel, the_map: Map) -> 
 def _ray(
     click: PhotoClick, photo: AnyPhoto, *, number: int, lenses: PhotoLenses
 ) -> NDArray[np.float64] | None:
-    """Return where a click points to, in the frame of the photo's camera; None where that is not known."""
+    """Return the ray of a click in the frame of the photo's camera; None if its lens is unknown."""
     if photo.view is not None:
         return np.asarray(turn_of_view(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
     if photo.panorama is not None:
@@ -203,7 +203,7 @@ def residuals_of(
     photos: Sequence[AnyPhoto | None],
     the_map: Map,
 ) -> list[Residual]:
-    """List how well placed photos and control points fit, the largest residual first."""
+    """List the residuals of placed photos and control points, the largest first."""
     found = [
         one
         for submodel, result in zip(submodels, results, strict=True)
@@ -226,7 +226,7 @@ def _of_photos(
 
 
 def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> Residual:
-    """Judge a control point by the first submodel that has it; else say why none has."""
+    """Return the residual of a control point in the first submodel that has it, or why none has it."""
     if point.position is None:
         return Residual(None, point.name, None, problem="it is not on the map yet")
     clicks, problem = -1, "no photo is joined with others"
@@ -246,7 +246,7 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
 
 
 def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
-    """List how well known positions fit the landmarks of a map that are there; None where there are none.
+    """List the residuals of known positions in the stored landmarks of a map; None if it has none.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from webapp.tasks.landmarks.known import all_photos
 from webapp.tasks.maps.library_map import as_map
 
 Points = Mapping[str, GroundControlPoint | None]
-"""New control points by name; None takes one away."""
+"""New control points by name; None deletes one."""
 
 
 def set_in_library(library: Library, map_id: int, *, points: Points, account_id: int) -> int | None:
@@ -28,14 +28,14 @@ def set_in_library(library: Library, map_id: int, *, points: Points, account_id:
     Returns
     -------
     int or None
-        Its revision; None when everything was so already.
+        New revision of the map; None if nothing changed.
 
     Raises
     ------
     UsageError
         The map has no image, or a point is not valid.
     NotFound
-        A point to take away, or a photo, is not there.
+        A point to delete, or a photo, does not exist.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -57,7 +57,7 @@ def set_in_library(library: Library, map_id: int, *, points: Points, account_id:
 
 
 def set_in_folder(cfg: Path, points: Points) -> None:
-    """Change control points in the files of a map that is in no library.
+    """Change control points in the files of a map outside a library.
 
     Raises
     ------

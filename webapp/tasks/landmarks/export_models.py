@@ -1,4 +1,4 @@
-"""Writes the models of a map's photos for other programs."""
+"""Exports the reconstructed models of a map for other programs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ExportedModel:
 
 
 def names_of_photos(found: Reconstruction) -> dict[str, str]:
-    """Return what the photos are called on the map, by the SHA-256 of their files; views with their turns."""
+    """Return the paths of the photos by the SHA-256 of their files; a view has its turn as suffix."""
     names = {content: found.photos[number].photo for content, number in found.number_of.items()}
     return names | {content: f"{names[content]}#{turn:03}" for content, turn in found.turn_of.items()}
 
@@ -29,23 +29,23 @@ def names_of_photos(found: Reconstruction) -> dict[str, str]:
 def export_models(
     folder: Path, out: Path, *, names: Mapping[str, str], binary: bool = False, only_named: bool = False
 ) -> list[ExportedModel]:
-    """Write every model of a reconstruction into a folder of its own, first that which is on the map.
+    """Write each model of a reconstruction into its own folder, first the one that is joined on the map.
 
     Parameters
     ----------
     folder : Path
-        Where the reconstruction is kept.
+        Folder of the reconstruction.
     names : mapping of str to str
-        What the photos are called, by the SHA-256 of their files.
+        Names of the photos, by the SHA-256 of their files.
     binary : bool
-        Whether in COLMAP's binary format; else as text.
+        Whether to write COLMAP's binary format, else text.
     only_named : bool
-        Whether photos without a name are left out, with what they alone show.
+        Whether to leave out photos without a name, with the points that only they see.
 
     Raises
     ------
     IndexDamaged
-        A model cannot be read, or was replaced just now.
+        A model cannot be read, or was replaced meanwhile.
     StorageError
     """
     submodels = read_submodels(folder / SUBMODELS_FILE)

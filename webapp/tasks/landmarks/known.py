@@ -1,4 +1,4 @@
-"""Where photos are known to be, and how exactly."""
+"""Known positions of photos, with standard deviations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.core.mapmodel.panorama import experience_of
 
 _CLICK_PX = 1.0
-"""Standard deviation of a position that somebody clicked."""
+"""Standard deviation of a clicked position."""
 
 AnyPhoto = Experience | UnplacedPhoto
 
@@ -25,9 +25,9 @@ def all_photos(the_map: Map) -> list[AnyPhoto]:
 
 
 def known_positions(photos: Sequence[AnyPhoto | None], the_map: Map) -> KnownPositions:
-    """Gather the positions of photos, and how exact they are; those that are None have none.
+    """Collect the positions of photos with standard deviations; NaN for None and unplaced photos.
 
-    Of several views of a panorama the first has its position: they share it, and say nothing of each other.
+    Of the views of a panorama only the first gets the position: they share it, and are not independent.
     """
     seen: set[int] = set()
     at = np.full(len(photos), complex(math.nan, math.nan))

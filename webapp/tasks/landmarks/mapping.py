@@ -1,4 +1,4 @@
-"""Runs pycolmap's mappers in a process of its own: they can be stopped no other way, and take much memory."""
+"""Runs pycolmap's mappers in a separate process: they cannot be stopped otherwise, and need much memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from webapp.tasks.computing.local import start_worker
 
 MATCHES_FILE = "matches.db"
 ADJUSTED = "adjusted"
-"""Folder with the model that was joined by known positions, in one that is called after these."""
+"""Folder of the model joined by known positions, in a subfolder named by the hash of these."""
 
 Job = TypeVar("Job")
 Found = TypeVar("Found")
@@ -31,17 +31,17 @@ _OUT = {False: "models", True: "models-incremental"}
 
 @dataclass(frozen=True, slots=True)
 class MappingJob:
-    """What the process needs to know.
+    """Input of the process.
 
     Attributes
     ----------
     database : Path
     folder : Path
-        In which each mapper has one for its models, in COLMAP's format. What is there of earlier ones goes.
+        Has a subfolder per mapper for its models, in COLMAP's format; earlier models there are deleted.
     contents : tuple of str
-        Photos that take part.
+        Content hashes of the photos that take part.
     is_incremental : bool
-        Whether to begin with two photos and add one after the other; else all at once, by their rotations.
+        Whether to run incremental structure from motion, else global.
     """
 
     database: Path
@@ -56,7 +56,7 @@ class MappingJob:
 
 
 def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
-    """Make models of photos.
+    """Reconstruct models from photos.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def run_adjustment(job: AdjustJob, *, progress: Progress) -> Model | None:
 
 
 def _run_apart(run: Callable[[Job], Found], job: Job, *, progress: Progress) -> Found:
-    # Spawned, not forked: OpenCV and Faiss have threads that a fork would leave half alive.
+    # Spawn, not fork: OpenCV and Faiss have threads, which do not survive a fork.
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(run, job, sender), kwargs={"log": carried()}, daemon=True)
@@ -101,12 +101,12 @@ def _run_apart(run: Callable[[Job], Found], job: Job, *, progress: Progress) -> 
 
 
 def model_folders(folder: Path) -> list[Path]:
-    """List the folders of the models that the mappers made last."""
+    """List the folders of the latest models of the mappers."""
     return [path.parent for name in _OUT.values() for path in sorted((folder / name).glob("*/images.bin"))]
 
 
 def adjusted_folders(folder: Path, submodels: StoredSubmodels) -> list[Path]:
-    """List the folder of the model that submodels were joined to, if they were."""
+    """Return a list of the folder of the joined model; empty if the submodels were not joined."""
     joined = folder / ADJUSTED / submodels.adjusted
     return [joined] if submodels.adjusted and not submodels.problem else []
 
@@ -118,7 +118,7 @@ def _run(run: Callable[[Job], Found], job: Job, sender: Connection, *, log: Carr
 
 
 def map_photos(job: MappingJob) -> list[Model]:
-    """Make models of photos, in this process."""
+    """Reconstruct models from photos, in this process."""
     colmap = pycolmap()
     for name in [_OUT[True]] if job.is_incremental else _OUT.values():
         shutil.rmtree(job.folder / name, ignore_errors=True)
@@ -141,7 +141,7 @@ def _incremental(colmap: Any, job: MappingJob) -> dict[int, Any]:
     options.random_seed = _SEED
     options.min_model_size = 3
     options.extract_colors = False
-    # Photos of a walk look ahead, where the views of two of them differ little.
+    # Photos of a walk often look ahead, so that the views of two of them differ little.
     options.mapper.init_max_forward_motion = 1.0
     options.mapper.init_min_tri_angle = 4.0
     options.mapper.init_min_num_inliers = 50

@@ -26,11 +26,11 @@ from webapp.tasks.localize.geometry import has_landmarks, lay_landmarks
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 
 NOT_YET = "the landmarks around this place are not reconstructed yet: ask again in a minute"
-"""Note of an answer that is to come with the pose when they are."""
+"""Note of an answer that has no pose yet."""
 
 
 def options_for_retrieval(cfg: Path, options: OpenOptions, *, settings: Settings) -> OpenOptions:
-    """Return how places are retrieved: as asked, or by `verified` where landmarks are made on demand."""
+    """Return the options for retrieval: as given, or `verified` if landmarks are reconstructed on demand."""
     if options.method != "landmarks" or has_landmarks(cfg) or not can_reconstruct(settings):
         return options
     choice = options.choice()
@@ -53,7 +53,7 @@ _ENOUGH = 100
 """Matches of two photos above which further ones add no information."""
 
 _REACH = 4
-"""Photos are chosen from this many times the wanted number, the nearest ones."""
+"""Photos are chosen among the nearest ones, this many times the wanted number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +63,9 @@ class LandmarksAround:
     Attributes
     ----------
     progress : Progress
-        Of a reconstruction.
+        Progress of a reconstruction.
     build : bool
-        Whether the surroundings are reconstructed at once where that has not been done.
+        Whether to reconstruct the surroundings at once, if that has not been done.
     """
 
     settings: Settings
@@ -75,14 +75,14 @@ class LandmarksAround:
     def refine(
         self, answer: Answer, opened: OpenMap, *, query: Features, fov_deg: float, hide: Collection[int]
     ) -> Answer:
-        """Give the first hypothesis the pose that landmarks around it say, within the map's place radius.
+        """Refine the first hypothesis to a pose from landmarks around it, within the map's place radius.
 
-        Its probability stays: it is that of a place. Where no pose can be had the answer has a note instead.
+        Its probability stays: it is that of the place. Without a pose, the answer has a note instead.
 
         Parameters
         ----------
         answer : Answer
-            About experiences, headings clockwise from image-up.
+            With ids of experiences, and headings clockwise from image-up.
         fov_deg : float
             Horizontal field of view of the upright query.
         hide : collection of int
@@ -133,16 +133,16 @@ class LandmarksAround:
 
 
 def photos_around(opened: OpenMap, seeds: Sequence[int], *, count: int) -> list[int]:
-    """Choose photos that show what some do: one after the other, the one that shares most with those chosen.
+    """Choose photos that are covisible with the seeds; next is always the one that shares most matches.
 
-    Where none shares anything the nearest is next. Far ones are no choice: facades look alike.
+    If none shares any with those chosen, the nearest is next. Distant ones are excluded: facades look alike.
 
     Parameters
     ----------
     seeds : sequence of int
         Ids of experiences, the best first; they are all chosen.
     count : int
-        Maximum number of photos besides; a panorama counts as its views.
+        Maximum number of photos, seeds included; a panorama counts as its views.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def _solve(
     fov_deg: float,
     hide: Collection[int],
 ) -> Hypothesis | None:
-    """Solve the camera from the landmarks in a folder; None where it is not near the place."""
+    """Solve the camera from the landmarks in a folder; None if that fails, or it is not near the place."""
     laid = lay_landmarks(opened, folder)
     if laid is None:
         return None

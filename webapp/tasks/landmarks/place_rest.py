@@ -1,4 +1,4 @@
-"""Suggests where photos that are not placed were taken, from those that are."""
+"""Suggests places for unplaced photos, by a reconstruction with placed ones."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from webapp.tasks.landmarks.reconstruct import Reconstruction, reconstruct
 
 _PROPOSED = 6
 _NAMED = 3
-"""Photos to place next, and placed photos nearest to a suggestion, that are named."""
+"""Number of photos proposed to be placed next, and of nearest placed photos given with a suggestion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +41,9 @@ class SuggestedPlace:
     radius_px : float
         68 % radius.
     heading_deg : float or None
-        Degrees clockwise from north; None where the map does not say where north is.
+        Degrees clockwise from north; None if the map does not define north.
     placed_by : tuple of int
-        Ids of the placed photos nearest to it, of those that it was placed by.
+        Ids of the nearest of the photos that it was placed by.
     """
 
     id: int
@@ -56,7 +56,7 @@ class SuggestedPlace:
 
 @dataclass(frozen=True, slots=True)
 class LeftPhoto:
-    """A photo that stays without a place, and why; `join` are ids of photos that would help if placed."""
+    """A photo that stays unplaced, and why; `join` are ids of photos that would help if they were placed."""
 
     id: int
     photo: str
@@ -71,11 +71,11 @@ class CheckedPhoto:
     Attributes
     ----------
     residual_px : float or None
-        Distance from where the other placed photos have it; None where they are too few.
+        Distance from its position by the other placed photos; None if they are too few.
     contradicts : bool
-        It was left out: the others agree on another place.
+        It was left out as an outlier: the others agree on another position.
     others_have : MapPixel or None
-        That place.
+        Its position by the others.
     residual_m : float or None
         The residual in metres, on a map with a georeference.
     """
@@ -90,12 +90,12 @@ class CheckedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class CorrectedPlace:
-    """Where a photo that was placed by its GPS was taken, as all together have it.
+    """Corrected position of a photo that was placed by GPS, by all photos together.
 
     Attributes
     ----------
     before : MapPixel
-        Where its GPS has it: of a photo that is elsewhere by now, or on another image, this is no correction.
+        Its GPS position: the correction is void if the photo was moved since, or is on another image.
     moved_px : float
         Distance from there.
     moved_m : float
@@ -103,7 +103,7 @@ class CorrectedPlace:
     radius_px : float
         68 % radius, which is less than that of the GPS.
     heading_deg : float or None
-        Degrees clockwise from north; None where the photo has one.
+        Degrees clockwise from north; None if the photo has one, or north is unknown.
     """
 
     id: int
@@ -118,14 +118,14 @@ class CorrectedPlace:
 
 @dataclass(frozen=True, slots=True)
 class RestReport:
-    """Where the photos without a place come.
+    """Suggested places of the unplaced photos.
 
     Attributes
     ----------
     corrected : tuple of CorrectedPlace
-        Photos that were placed by GPS and are known better now.
+        Photos that were placed by GPS, and whose positions are now known better.
     place_next : tuple of int
-        Ids of the photos that help most if they are placed by hand next.
+        Ids of the photos that would help most if they were placed by hand next.
     """
 
     suggested: tuple[SuggestedPlace, ...]
@@ -141,8 +141,8 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
     Parameters
     ----------
     check : bool
-        The photos that are placed are to be checked: the tray may be empty. So it may on a map on which
-        photos are placed by GPS.
+        The purpose is to check the placed photos: the tray may be empty. It also may if photos are placed by
+        GPS.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
         The extra `sfm` is not installed.
     StorageError, ProcessLost, Cancelled
     """
-    pycolmap()  # what is missing is said before anything is read
+    pycolmap()  # fail early if the extra is missing
     the_map = read_map(cfg)
     if not the_map.unplaced and not check and not any(e.by_gps for e in the_map.experiences):
         raise UsageError("the map has no photo without a place", where=str(cfg))
@@ -165,7 +165,7 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
 
 
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
-    """Suggest places by a reconstruction of the map's photos."""
+    """Suggest places from a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
     laid = [result.laid for result in georegister_found(found, the_map)]
     proposed = propose_next(found.submodels, laid, known=known, most=_PROPOSED)
@@ -191,7 +191,7 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
 
 
 def georegister_found(found: Reconstruction, the_map: Map) -> list[Georegistration]:
-    """Lay the submodels of a reconstruction on the map by its placed photos and control points."""
+    """Georegister the submodels of a reconstruction by the map's placed photos and control points."""
     known, points = known_positions(found.photos, the_map), found_points(found, the_map)
     return [georegister(submodel, known, points=points) for submodel in found.submodels]
 
@@ -237,7 +237,7 @@ def _corrected(
     known: KnownPositions,
     the_map: Map,
 ) -> Iterator[CorrectedPlace]:
-    """Take the places of photos with GPS from adjusted submodels: their world is that of the map."""
+    """Yield corrections of photos with GPS from adjusted submodels, whose world is that of the map."""
     georeference, image = the_map.georeference, the_map.satellite
     for submodel, result in zip(found.submodels, laid, strict=True):
         if submodel.covariance is None or isinstance(result, NotLaid) or georeference is None:
@@ -259,7 +259,7 @@ def _corrected(
 
 
 def _heading(angle_deg: float, at: MapPixel, the_map: Map) -> float | None:
-    """Turn an angle from image-up into a heading; up is north on a map without a georeference."""
+    """Convert an angle from image-up to a heading; up is north on a map without a georeference."""
     north = 0.0 if the_map.georeference is None else the_map.georeference.north_deg(at)
     return None if math.isnan(north) else (angle_deg - north) % 360.0
 

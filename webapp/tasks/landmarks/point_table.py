@@ -1,4 +1,4 @@
-"""Control points of a map from a table, and to one."""
+"""Reads the control points of a map from a table, and writes them to one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Size = Callable[[AnyPhoto], tuple[int, int]]
 
 
 def photo_sizes(cfg: Path, limits: PhotoLimits) -> Size:
-    """Return what reads the size of an upright photo of a map."""
+    """Return a function that reads the size of an upright photo of a map."""
 
     def size(photo: AnyPhoto) -> tuple[int, int]:
         facts = read_facts(photo_path(cfg, photo.photo), limits=limits)
@@ -29,12 +29,12 @@ def photo_sizes(cfg: Path, limits: PhotoLimits) -> Size:
 
 
 def points_from(rows: Sequence[PointRow], the_map: Map, *, size: Size) -> dict[str, GroundControlPoint]:
-    """Make control points of the rows of a table; what several rows say of one has to be the same.
+    """Make control points from the rows of a table; several rows of a point must agree.
 
     Raises
     ------
     TableError
-        With the line.
+        A row is not valid; gives its line.
     """
     everyone = all_photos(the_map)
     together: dict[str, list[PointRow]] = {}
@@ -104,7 +104,7 @@ def _photo(row: PointRow, name: str, photos: Sequence[AnyPhoto]) -> AnyPhoto:
 
 
 def _one(rows: Sequence[PointRow], field: str):  # type: ignore[no-untyped-def]
-    """Return what rows say of one point."""
+    """Return a field of a point, on which all its rows must agree."""
     said = {value: row for row in rows if (value := getattr(row, field)) is not None}
     if len(said) > 1:
         where = [*said.values()][1].where

@@ -1,4 +1,4 @@
-"""Structure from motion of a map's photos, placed or not: kept beside the index, and only added to."""
+"""Structure from motion of a map's photos, placed or not; stored next to the index, with reuse of matches."""
 
 from __future__ import annotations
 
@@ -53,34 +53,34 @@ from webapp.tasks.localize.build_index import BuildRequest, describe_all
 from webapp.tasks.localize.index_location import landmarks_folder
 
 SURROUNDINGS = "surroundings"
-"""Folder of the parts of a map that were reconstructed one by one; all photos together replace them."""
+"""Folder of separately reconstructed parts of a map; a reconstruction of all photos replaces them."""
 
 _CHOICE = FeatureChoice("sift", "sift", "l2")
 _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
-"""More than an index has: joining photos needs more of them than recognising one, and is done once."""
+"""More keypoints than in an index: reconstruction needs more of them than recognition, and is done once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """What the photos of a map show together.
+    """A reconstruction of the photos of a map.
 
     Attributes
     ----------
     photos : tuple of Experience or UnplacedPhoto
-        All of the map; the submodels have their numbers here.
+        All photos; submodels refer to them by their number in this tuple.
     submodels : tuple of Submodel
-        The largest first; once they are joined at the known positions, what is joined.
+        The largest first; after `adjust_submodels`, the joined one first.
     problems : mapping of int to str
-        Why photos cannot take part, by their number.
+        Why photos take no part, by their number.
     folder : Path
-        Where the submodels, their models and their points are kept.
+        Folder of the submodels, with their models and points.
     shared : Path
-        Where the features and matches are that they were made of; of all photos of the map the same folder.
+        Folder of the features and matches, which all reconstructions of the map share.
     number_of : mapping of str to int
-        Numbers of the photos that could be read, by the SHA-256 of their files; those of panoramas by what
-        stands for their views.
+        Numbers of the photos that could be read, by the SHA-256 of their files; of panoramas, by the content
+        hashes of their views.
     turn_of : mapping of str to int
-        Of the views among them: by how much they are turned from the middle of their panoramas.
+        Degrees by which the views among them are turned clockwise from the middle of their panoramas.
     """
 
     photos: tuple[AnyPhoto, ...]
@@ -101,19 +101,19 @@ def reconstruct(
     part: Path | None = None,
     wait_s: float = 0.0,
 ) -> Reconstruction:
-    """Join the photos of a map, those in the tray included.
+    """Reconstruct the photos of a map, those in the tray included.
 
-    What is finished of it is kept at once: killed, it goes on there, and the next time only photos that are
-    new are described and compared.
+    Finished steps are stored at once: a killed run is resumed there, and later runs describe and match only
+    new photos.
 
     Parameters
     ----------
     the_map : Map
-        With the photos to join.
+        Has the photos to reconstruct.
     part : Path, optional
-        Folder for what comes of it where they are not all photos of the map.
+        Folder for the result, if these are not all photos of the map.
     wait_s : float
-        Seconds to wait for another process that joins photos of this map.
+        Seconds to wait for another process that reconstructs photos of this map.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def reconstruct(
         entries, problems = _describe(
             cfg, the_map, pictures, folder=folder, settings=settings, progress=progress
         )
-        # A panorama of which a view cannot be read takes no part: its views are one camera.
+        # A panorama with an unreadable view takes no part: its views form one camera.
         lost = {owner[n] for n in range(len(pictures)) if n not in entries}
         numbers = [n for n in sorted(entries) if owner[n] not in lost]
         turns = [-1 if (view := pictures[n].view) is None else view.turn_deg for n in numbers]
@@ -169,7 +169,7 @@ def reconstruct(
 
 
 def _in_order(the_map: Map) -> tuple[AnyPhoto, ...]:
-    """Order photos as they were taken: by time where all have one, else by their names."""
+    """Sort photos in the order of capture: by time if all have one, else by name."""
     everyone: list[AnyPhoto] = [*the_map.experiences, *the_map.unplaced]
     everyone.sort(key=lambda photo: natural_key(photo.name or photo.photo))
     if all(photo.taken_at for photo in everyone):
@@ -190,7 +190,7 @@ def _describe(
     settings: Settings,
     progress: Progress,
 ) -> tuple[dict[int, PhotoEntry], dict[int, str]]:
-    """Describe the photos; returns what is known of each, and why it is not of others, by their numbers."""
+    """Describe the photos; return their features, and the problems of the other photos, by number."""
     index = IndexFolder(folder)
     index.make_spool()
     progress.note("describing photos")
@@ -221,7 +221,7 @@ def _describe(
 
 
 def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | None:
-    """Read what is known of a photo from earlier; None where it is to be described, or cannot be."""
+    """Read the stored features of a photo; None if it has none, or cannot be read."""
     try:
         content = content_of(photo, photo_hash(cfg, photo.photo))
         return read_segment(index.spool_path(content)).entry(0)
@@ -232,7 +232,7 @@ def _described(cfg: Path, photo: AnyPhoto, index: IndexFolder) -> PhotoEntry | N
 def _add_all(
     database: MatchDatabase, pictures: Sequence[tuple[AnyPhoto, PhotoEntry]], *, photo_of: NDArray[np.int64]
 ) -> list[StoredPhoto]:
-    """Add photos, and the views of panoramas together."""
+    """Add photos to the database, the views of a panorama together."""
     stored: list[StoredPhoto] = []
     for _, together in groupby(zip(photo_of, pictures, strict=True), key=lambda pair: pair[0]):
         some = [picture for _, picture in together]
@@ -256,7 +256,7 @@ def _add(database: MatchDatabase, photo: AnyPhoto, entry: PhotoEntry) -> StoredP
 def _submodels(
     folder: Path, database: Path, *, contents: Sequence[str], key: str, progress: Progress
 ) -> StoredSubmodels:
-    """Take the submodels that are there, or make them where photos or their matches are others."""
+    """Read the stored submodels, or compute them if photos or matches have changed."""
     stored, used = (read_submodels(folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
     if stored is None or stored.key != key:
         progress.note("joining them")
@@ -270,12 +270,12 @@ def _submodels(
 
 
 def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> None:
-    """Write the landmarks of the submodels, unless those that are there are theirs.
+    """Write the landmarks of the submodels, unless the stored ones are up to date.
 
     Parameters
     ----------
     features : Path
-        Folder of what the photos are described by.
+        Folder of the photos' features.
     """
     file = folder / CLOUD_FILE
     there = read_cloud(file)
@@ -293,7 +293,7 @@ def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> N
 
 
 def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Progress) -> list[Submodel]:
-    """Join all photos at once; then, one after the other, those that this has left out."""
+    """Run global structure from motion on all photos, then incremental on those that it left out."""
     number = {content: n for n, content in enumerate(contents)}
     submodels: list[Submodel] = []
     for is_incremental in (False, True):
@@ -312,7 +312,7 @@ def _map(folder: Path, database: Path, *, contents: Sequence[str], progress: Pro
 def renumbered(
     stored: StoredSubmodels, number_of: Mapping[str, int], *, turn_of: Mapping[str, int]
 ) -> Iterator[Submodel]:
-    """Give submodels the numbers of the photos as they are now."""
+    """Yield submodels with the current numbers of the photos; a panorama becomes one camera."""
     numbers = np.array([number_of[content] for content in stored.contents], np.int64)
     turns = np.array([turn_of.get(content, 0) for content in stored.contents], np.int64)
     for submodel in stored.submodels:

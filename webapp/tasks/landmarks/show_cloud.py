@@ -1,4 +1,4 @@
-"""The landmarks of a map of the library as its page shows them: laid by the photos as they are placed now."""
+"""Landmarks of a library map for its page, georegistered by the current positions of the photos."""
 
 from __future__ import annotations
 
@@ -41,34 +41,34 @@ from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.maps.library_map import as_map
 
 BLOCK_POINTS = 131_072
-"""Points that are sent at once; each block has points of everywhere."""
+"""Points that are sent at once; each block is a sample of the whole map."""
 
 VERSION = 5
-"""Of how points are laid and what is kept of them."""
+"""Version of the georegistration and the stored data."""
 _BY_PLACED = "seen_by_placed"
-"""In what is said about points: how many of them a placed photo sees. These come first."""
+"""Key of `MapPoints.about`: number of points that placed photos see. These come first."""
 _PLACED = "placed"
-"""In what is said about points: these photos, by the beginnings of their contents."""
+"""Key of `MapPoints.about`: these photos, by the beginnings of their content hashes."""
 _BEGINNING = 16
 _GREY = 128
 _MOST_SEEN = 255
 _STEPS = 65_535
-"""Of the coordinates that are sent, along each axis."""
+"""Quantisation of the coordinates that are sent: steps along each axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownCloud:
-    """What there is of a map's landmarks.
+    """The stored landmarks of a map.
 
     Attributes
     ----------
     points : MapPoints or None
-        As they were laid on the map last. `about` has what the page needs besides: `unit` ("m" or "px"),
-        `origin`, `frame` (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation,
-        focal_px`), `corners` of the image, its height `ground`, `left_out`: photos of submodels that cannot
-        be laid (`photos`, `reason`), and `residuals` of placed photos and control points.
+        As last georegistered. `about` has further data for the page: `unit` ("m" or "px"), `origin`, `frame`
+        (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation, focal_px`), `corners` of the
+        image, its height `ground`, `left_out`: photos of submodels that cannot be georegistered (`photos`,
+        `reason`), and `residuals` of placed photos and control points.
     is_current : bool
-        Whether nothing was changed since; also where there are no landmarks at all.
+        Whether nothing has changed since; also True without landmarks.
     new_photos : int
         Photos of the map that were added after the landmarks were computed.
     """
@@ -79,21 +79,21 @@ class ShownCloud:
 
 
 def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
-    """Read the landmarks of a map as they were laid on it last."""
+    """Read the landmarks of a map as last georegistered, and whether they are up to date."""
     task = _task(library, record)
     return ShownCloud(stored_points(library, record), True) if task is None else task.shown()
 
 
 def stored_points(library: Library, record: MapRecord) -> MapPoints | None:
-    """Read the points alone, as they were laid last."""
+    """Read only the points, as last georegistered."""
     return read_points(landmarks_folder(library.cfg(record.slug)) / POINTS_FILE)
 
 
 def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None:
     """Read the points that placed photos see.
 
-    None where there are none, and where one of these photos has been blurred, removed or put into the tray
-    since: which points the others see is known again when they are laid anew.
+    None if there are none, or if one of these photos has been blurred, removed or moved to the tray since:
+    which points the others see is known only after the next georegistration.
     """
     points = stored_points(library, record)
     found = None if points is None else _now(library, record)
@@ -107,7 +107,7 @@ def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None
 
 
 def lay_in_library(library: Library, record: MapRecord) -> None:
-    """Lay the landmarks of a map on it, unless that is done, and keep that for its page.
+    """Georegister the landmarks of a map if they are out of date, and store them for its page.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def lay_in_library(library: Library, record: MapRecord) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
-    """A cloud, and the map as it is now."""
+    """A cloud and the current map."""
 
     folder: Path
     stored: StoredCloud
@@ -128,11 +128,11 @@ class _Task:
     rgb: Colours | None
     the_map: Map
     photos: Mapping[str, AnyPhoto]
-    """By the SHA-256 of their files; of panoramas the views, by what stands for them."""
+    """By content hash; the views of panoramas instead of these."""
 
     @property
     def key(self) -> str:
-        """Stands for all of that."""
+        """Hash of all inputs."""
         placed = sorted(
             (content, one.id, *one.position, one.gps_accuracy_m, one.radius_px)
             if isinstance(one, Experience)
@@ -153,7 +153,7 @@ class _Task:
 
 
 def _task(library: Library, record: MapRecord) -> _Task | None:
-    """Read all of it; None where there are no landmarks, or no image to lay them on."""
+    """Read the inputs; None without landmarks, or without an image."""
     folder = landmarks_folder(library.cfg(record.slug))
     stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
     if stored is None or submodels is None or stored.key != submodels.cloud_key:
@@ -165,7 +165,7 @@ def _task(library: Library, record: MapRecord) -> _Task | None:
 
 
 def _now(library: Library, record: MapRecord) -> tuple[Map, dict[str, AnyPhoto]] | None:
-    """Read the map and its photos by their contents; None where it has no image."""
+    """Read the map and its photos by content hash; None if it has no image."""
     with library.database.read() as session:
         found = as_map(session, record)
         own = {photo.id: photo.sha256 for photo in maps.photos(session, record) if not photo.removed}
@@ -176,7 +176,7 @@ def _now(library: Library, record: MapRecord) -> tuple[Map, dict[str, AnyPhoto]]
 
 
 def block(points: MapPoints, number: int) -> bytes:
-    """Pack a part of the points: x, y, z each of all of them (uint16), then red, green, blue, times seen.
+    """Pack a block of points: x, y, z of each (uint16), then red, green, blue, times seen of each (uint8).
 
     Coordinates are steps of `scaling`.
 
@@ -287,7 +287,7 @@ def _residual(one: Residual, the_map: Map) -> dict[str, Any]:
 def _cameras(
     cloud: MapCloud, photos: Sequence[AnyPhoto | None], *, focal_px: NDArray[np.float64]
 ) -> list[dict[str, Any]]:
-    """List the cameras of photos that are still on the map or in its tray; of a panorama one."""
+    """List the cameras of photos that are still on the map or in its tray; one per panorama."""
     found: dict[int, dict[str, Any]] = {}
     for number, centre, rotation in zip(cloud.photo.tolist(), cloud.centre, cloud.rotation, strict=True):
         one = photos[number]
@@ -307,7 +307,7 @@ def _cameras(
 def _left_out(
     submodels: StoredSubmodels, laid: Sequence[LaidSubmodel | NotLaid], photos: Sequence[AnyPhoto | None]
 ) -> list[dict[str, Any]]:
-    """List the reasons why submodels are not on the map, with their photos."""
+    """List the reasons why submodels are not georegistered, with their photos."""
     found: dict[str, list[int]] = {}
     for submodel, result in zip(submodels.submodels, laid, strict=True):
         if isinstance(result, NotLaid):

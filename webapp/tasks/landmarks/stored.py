@@ -1,4 +1,4 @@
-"""Suggestions for the photos of a tray as plain values, and the last ones of a map, kept for its page."""
+"""Suggested places of the photos of a tray as JSON values, and the file with the latest ones of a map."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WAIT_S = 20.0
 
 
 def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, Any]:
-    """Turn suggestions into plain values; `accepted` are ids of photos that have been placed there."""
+    """Convert suggestions to JSON values; `accepted` are ids of photos that have been placed there."""
     suggested = [_place_json(one, accepted=one.id in accepted) for one in report.suggested]
     left: list[dict[str, Any]] = [
         {"id": one.id, "photo": one.photo, "error": one.reason, "place_first": list(one.join)}
@@ -78,12 +78,12 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
 
 
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
-    """Keep suggestions for the page of the map.
+    """Store suggestions for the page of the map.
 
     Parameters
     ----------
     revision : int
-        Of the map that they are for.
+        Revision of the map that they are for.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
 
 
 def suggest(cfg: Path, place: SuggestedPlace, *, revision: int) -> None:
-    """Suggest a place for one photo, which was planned there; it stays where nothing better is found.
+    """Add the spot for which a photo was planned as a suggestion; `keep` retains it unless it finds a place.
 
     Raises
     ------
@@ -116,13 +116,13 @@ def _planned(cfg: Path) -> list[dict[str, Any]]:
     try:
         found = read(cfg) or _NOTHING
     except StorageError:
-        return []  # to look for places again is what is advised then
+        return []  # damaged: `read` advises users to look for places again
     return [photo for photo in found["photos"] if photo.get("planned")]
 
 
 @contextmanager
 def _one_writer(cfg: Path) -> Iterator[None]:
-    """Let those who change the suggestions of a map wait for each other."""
+    """Lock the suggestions of a map for writing."""
     make_folder(_path(cfg).parent)
     try:
         with FileLock(_path(cfg).with_suffix(".lock"), timeout=_WAIT_S):
@@ -134,7 +134,7 @@ def _one_writer(cfg: Path) -> Iterator[None]:
 
 
 def read(cfg: Path) -> dict[str, Any] | None:
-    """Read what was kept last: `revision`, and what `as_json` gives; None where there is nothing.
+    """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none.
 
     Raises
     ------
@@ -153,12 +153,12 @@ def read(cfg: Path) -> dict[str, Any] | None:
 
 
 def is_of_image(photo: Mapping[str, Any], satellite_revision: int) -> bool:
-    """Whether a suggestion is one of the image that the map has; spots of plans know their revision."""
+    """Return whether a suggestion is for the current image; only planned spots have their own revision."""
     return bool(photo.get("revision", satellite_revision) >= satellite_revision)
 
 
 def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) -> list[SuggestedPlace]:
-    """Take out the suggestions for some photos, none of an image that was replaced.
+    """Return the suggestions for some photos, except those for a replaced image.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
 
 
 def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
-    """Take out the corrections of some photos.
+    """Return the corrections of some photos.
 
     Raises
     ------

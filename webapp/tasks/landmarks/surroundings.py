@@ -1,4 +1,4 @@
-"""Landmarks of a part of a map: the photos around a place are reconstructed when a query asks there."""
+"""Landmarks of a part of a map: the photos around a place are reconstructed when a query needs them."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
 from webapp.tasks.localize.index_location import landmarks_folder
 
 _FILE = "photos.json"
-"""The photos that were tried, written once all else of the part is there."""
+"""List of the photos of a part; written last, once the part is complete."""
 
 _FORMAT = 2
 
 MOST_PARTS = 50
-"""Of a map; the oldest go first."""
+"""Maximum number of parts of a map; the oldest are deleted."""
 
 _MOST = 0.6
-"""Share of the photos of a place with which a part serves it."""
+"""Minimum share of the photos around a place that a part must have to be used for it."""
 
 
 class _Deadline(Progress):
-    """A progress that stops the work in time; what it has finished is kept."""
+    """A progress that cancels the work at a deadline."""
 
     def __init__(self, inner: Progress, until_s: float) -> None:
         self._inner = inner
@@ -54,10 +54,9 @@ class _Deadline(Progress):
 
 
 def part_around(cfg: Path, photos: Sequence[Experience]) -> Path | None:
-    """Find the folder of a reconstruction that has the first of some photos, and most of them.
+    """Find the folder of a part that has the first of some photos, and most of them; None if there is none.
 
-    Of several it is the one with the most; None where there is none. One whose photos could not be joined
-    says nothing of other photos.
+    Of several, the one with the most is returned. Parts whose photos could not be joined are ignored.
     """
     names = {photo.photo for photo in photos}
     serving = {folder: len(names & has) for folder, has in _joined_parts(cfg) if photos[0].photo in has}
@@ -68,7 +67,7 @@ def part_around(cfg: Path, photos: Sequence[Experience]) -> Path | None:
 
 
 def part_of(cfg: Path, photos: Sequence[Experience]) -> Path | None:
-    """Find the folder in which exactly these photos were tried, joined or not; None where they were not."""
+    """Find the folder of the part of exactly these photos, joined or not; None if it was not tried."""
     folder = _folder(cfg, photos)
     return None if _read(folder / _FILE) is None else folder
 
@@ -76,19 +75,19 @@ def part_of(cfg: Path, photos: Sequence[Experience]) -> Path | None:
 def reconstruct_part(
     cfg: Path, the_map: Map, *, photos: Sequence[Experience], settings: Settings, progress: Progress
 ) -> Path:
-    """Reconstruct some photos of a map, and keep what comes of it.
+    """Reconstruct some photos of a map, and store the result.
 
-    Whoever comes while another process is at it waits, and takes what that has made.
+    If another process is doing so, wait for it and use its result.
 
     Returns
     -------
     Path
-        Its folder, in which there are no points where the photos cannot be joined.
+        Folder of the part; it has no points if the photos cannot be joined.
 
     Raises
     ------
     StorageError
-        It takes more seconds than it may; what is finished is kept, and the next time it goes on there.
+        The time limit was exceeded; finished steps are kept, and the next call resumes there.
     MissingPart
         The extra `sfm` is not installed.
     ProcessLost, Cancelled
@@ -126,7 +125,7 @@ def _folder(cfg: Path, photos: Sequence[Experience]) -> Path:
 
 
 def _joined_parts(cfg: Path) -> Iterator[tuple[Path, frozenset[str]]]:
-    """Read which photos the parts of a map have, of those with points."""
+    """Yield folder and photos of the parts that have points."""
     for file in (landmarks_folder(cfg) / SURROUNDINGS).glob(f"*/{_FILE}"):
         form = _read(file)
         if form is not None and form["joined"]:
@@ -134,7 +133,7 @@ def _joined_parts(cfg: Path) -> Iterator[tuple[Path, frozenset[str]]]:
 
 
 def _read(file: Path) -> dict[str, Any] | None:
-    """Read what was tried; None where nothing was, or it has to be tried again."""
+    """Read the list of photos of a part; None if it is missing, damaged or of another format."""
     try:
         form: dict[str, Any] = json.loads(file.read_bytes())
         return form if form["format"] == _FORMAT else None
@@ -143,14 +142,14 @@ def _read(file: Path) -> dict[str, Any] | None:
 
 
 def _remove_oldest(parts: Path) -> None:
-    """Keep the newest parts, also of those that are not finished."""
+    """Delete the oldest parts, unfinished ones included."""
     for folder in sorted(parts.glob("*"), key=_changed_at)[:-MOST_PARTS]:
-        (folder / _FILE).unlink(missing_ok=True)  # first: what is left by a killed process serves nobody
+        (folder / _FILE).unlink(missing_ok=True)  # first: a part that is deleted half must not be used
         shutil.rmtree(folder, ignore_errors=True)
 
 
 def _changed_at(folder: Path) -> int:
     try:
         return folder.stat().st_mtime_ns
-    except FileNotFoundError:  # another process has removed it just now
+    except FileNotFoundError:  # another process has removed it
         return 0

@@ -1,4 +1,4 @@
-"""Makes a photo that was asked about an experience of the map, where it was found."""
+"""Adds a query photo to the map as an experience, at its localized position."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from webapp.tasks.maps.placing import RequestedPose, find_spots, needed_image, p
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where the photo was taken, said by somebody who knows; None takes the first hypothesis."""
+    """Where the photo was taken, as stated by the user; None uses the first hypothesis."""
 
     position: MapPixel | None = None
     heading_deg: float | None = None
@@ -41,9 +41,9 @@ class Adopted:
     Attributes
     ----------
     id : int
-        Of the photo in the map.
+        Id of the photo in the map.
     job : int or None
-        That takes it into the index; only this photo is extracted.
+        Id of the job that adds it to the index; only this photo is extracted.
     """
 
     id: int
@@ -55,18 +55,18 @@ class Adopted:
 def adopt_query(
     library: Library, map_id: int, *, query_id: int, spot: Spot, account_id: int, settings: Settings
 ) -> Adopted:
-    """Take the photo of an answer into the map, and place it as an edit that can be undone.
+    """Add the photo of an answer to the map, and place it by an edit that can be undone.
 
-    Killed in between, the photo waits in the tray; done again, it is placed.
+    If the process is killed in between, the photo remains in the tray; a repeated call places it.
 
     Raises
     ------
     NotFound
         The answer does not exist, or its photo is missing.
     Conflict
-        The map has this photo in a place already.
+        The photo is placed on the map already.
     UsageError
-        It is not known where: the answer has no hypothesis. Or the place is outside the image.
+        The answer has no hypothesis and no position is given, or the position is outside the image.
     PhotoError, StorageError
     """
     with library.database.read() as session:
@@ -99,12 +99,12 @@ def adopt_query(
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """Give a file that never changes a second name; copy it where the file system does not support that.
+    """Hard-link an immutable file, or copy it if the file system does not support links.
 
     Raises
     ------
     StorageError
-        The disk refused.
+        The file cannot be written.
     """
     try:
         os.link(source, target)

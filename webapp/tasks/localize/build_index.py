@@ -1,6 +1,6 @@
 """Builds or updates the index next to a map.
 
-Only what changed is computed, and a kill at any moment loses no finished photo.
+Only new and changed photos are processed, and a killed build keeps all finished photos.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from webapp.tasks.localize.coding import coding_of
 from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
 
 _IN_PROCESS = 4
-"""So few photos are done here: starting worker processes takes longer."""
+"""Up to this many photos are processed in this process: starting workers would take longer."""
 
 _MOST_OF_ONE_SIZE = 100
 
@@ -36,17 +36,17 @@ class BuildReport:
     Attributes
     ----------
     folder : Path
-        Of the index.
+        Index folder.
     photos : int
-        In the map.
+        Photos in the map.
     extracted, reused, removed : int
-        Photos computed now, taken over, and no longer in the map.
+        Photos extracted now, taken from the old index, and no longer in the map.
     failed : tuple of (int, str, str)
         Experience id, photo and reason.
     descriptors : int
-        In the index, of photos in the map.
+        Descriptors in the index that belong to photos in the map.
     bytes : int
-        On disk.
+        Size on disk.
     """
 
     folder: Path
@@ -66,7 +66,7 @@ def count_reasons(failed: Iterable[tuple[str, str]]) -> str:
     Parameters
     ----------
     failed : iterable of (str, str)
-        Photo and reason; a reason may name its photo.
+        Photo and reason; the reason may contain the photo's name.
 
     Returns
     -------
@@ -90,9 +90,9 @@ class BuildRequest:
     Attributes
     ----------
     cfg : Path
-        Of the map; photo paths are relative to its folder.
+        The map; photo paths are relative to its folder.
     folder : Path
-        Of the index.
+        Index folder.
     jobs : int or None
         Worker processes; None for as many as there are cores.
     """
@@ -105,16 +105,16 @@ class BuildRequest:
 
 
 def update_index(request: BuildRequest, *, settings: Settings, progress: Progress) -> BuildReport:
-    """Bring the index up to the map.
+    """Update the index to the current map.
 
-    Every photo that is finished is on disk at once; segments are made of the finished photos in the map's
-    order, so that an interrupted and continued build ends with the same files as an undisturbed one. Files of
-    the index that are missing or damaged are rebuilt.
+    Each finished photo is written at once; segments are joined from the finished photos in the map's order,
+    so that a resumed build yields the same files as an uninterrupted one. Missing or damaged index files are
+    rebuilt.
 
     Raises
     ------
     StorageError
-        The disk refused, or another process is building.
+        A file cannot be written, or another process is building the index.
     Cancelled
     """
     started = time.perf_counter()
@@ -153,7 +153,7 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
 def _manifest(
     index: IndexFolder, request: BuildRequest, *, settings: Settings, progress: Progress
 ) -> Manifest:
-    """Read the manifest; an empty one where there is none that can be read."""
+    """Read the manifest; an empty one if it is missing or damaged."""
     try:
         manifest = index.read_manifest()
     except IndexDamaged as error:
@@ -165,7 +165,7 @@ def _manifest(
 def _photos(
     old: Manifest, request: BuildRequest, *, settings: Settings, progress: Progress
 ) -> tuple[dict[int, PhotoRecord], int]:
-    """Describe what is new or changed; returns records in the map's order, and how many were described."""
+    """Process new and changed photos; return the records in the map's order and the number extracted."""
     folder = request.cfg.parent
     pictures = level_views(request.map.experiences)
     changed = [e for e in pictures if not is_current(e, old, map_folder=folder)]
@@ -198,7 +198,7 @@ def describe_all(
     settings: Settings,
     progress: Progress,
 ) -> Iterator[PhotoDone]:
-    """Describe photos, when there are many in worker processes or by Dask; yields each once it is done."""
+    """Process photos, many of them in worker processes or on Dask; yield each result when it is done."""
     tasks = _tasks(changed, old, request=request, settings=settings)
     at = Workplace(settings, request.folder, "processes", request.jobs)
     if len(changed) <= _IN_PROCESS:
@@ -209,7 +209,7 @@ def describe_all(
 def _tasks(
     changed: list[Experience], old: Manifest, *, request: BuildRequest, settings: Settings
 ) -> Iterator[PhotoJob]:
-    # A renamed, copied or touched photo has the same bytes, and so many of them.
+    # A renamed, copied or touched photo has the same content, and hence the same size.
     of_size: dict[int, list[str]] = {}
     for record in old.photos.values():
         if record.content:
@@ -217,7 +217,7 @@ def _tasks(
     for e in changed:
         size, _ = size_and_time(request.cfg.parent / e.photo)
         same = of_size.get(size, [])
-        # Where all have one size, as without compression, size identifies nothing.
+        # If many photos have equal size (no compression), the size does not narrow them down.
         indexed = tuple(same) if len(same) <= _MOST_OF_ONE_SIZE else ()
         yield PhotoJob(
             e.id,

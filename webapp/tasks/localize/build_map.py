@@ -27,14 +27,14 @@ class MapBuildReport:
     Attributes
     ----------
     features : str
-        `auto` resolved.
+        Name of the features, `auto` resolved.
     orientation_seconds, calibration_seconds : float or None
-        To work out how the photos were held, and to calibrate; None where the method does neither, or no
-        photo could be used. A calibration that still fits keeps the seconds that it took.
+        Time to estimate orientations and to calibrate (that of the original run, if a stored calibration
+        still fits); None if the method needs neither, or no photo could be used.
     second : MapBuildReport or None
-        Of the second look of method `auto`.
+        Report of the second look of method `auto`.
     global_descriptor : bool
-        The photos are described as a whole, too.
+        Whether the photos have global descriptors.
     """
 
     index: BuildReport
@@ -46,13 +46,13 @@ class MapBuildReport:
 
 
 def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
-    """Bring the indexes of a map up to date, and their calibrations: one for each look of the method.
+    """Update the indexes of a map and their calibrations, one for each look of the method.
 
     Raises
     ------
     MapError, UsageError, MissingPart, InputError, StorageError, Cancelled
     """
-    options.choice()  # what cannot work is reported before anything is read
+    options.choice()  # fail early: check the options before reading any file
     the_map = read_map(cfg)
     options = options_for_retrieval(cfg, options, settings=settings)
     one, *further = cascade.look_options(options, first=choose("verified"), settings=settings)
@@ -69,7 +69,7 @@ def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BuiltLook:
-    """What was built; without a pipeline where there is nothing to calibrate."""
+    """One look that was built; without a pipeline if there is nothing to calibrate."""
 
     report: MapBuildReport
     pipeline: LocalizationPipeline | None = None

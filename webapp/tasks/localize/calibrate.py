@@ -1,4 +1,4 @@
-"""Fits a map's probabilities on trials: its own photos, hidden and looked for."""
+"""Calibrates a map's probabilities on trials: its own photos, hidden and used as queries."""
 
 from __future__ import annotations
 
@@ -28,36 +28,36 @@ from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
 
 _CHANGED_SHARE = 0.1
-"""A map that changed by less, in its photos and their places or its place radius, keeps its calibration."""
+"""A map keeps its calibration while its photos, positions and place radius change by less than this."""
 
 _PREFIX = 8
-"""Characters of a content hash that are enough to detect whether a map has changed much."""
+"""Characters of a content hash that suffice to detect whether a map has changed much."""
 
 _FEWEST_RADII = 10
-"""Photos from which on radii are fitted, in all; of one kind, from which on it has its whole weight."""
+"""Minimum number of samples for fitting radii, and for a kind of trial to have its full weight."""
 
 _PHOTO_SIGMAS = (DEFAULT.photo_sigma, 0.25, 0.5, 3.0)
-"""How far a query may be from its best photo, place radii; the first unless another is better."""
+"""Candidate distances of a query from its best-matching photo, place radii; the first is preferred."""
 
 _BETTER = 0.01
-"""By so much of the place radius in the mean, at least."""
+"""Minimum improvement of the mean error, place radii, for another candidate to be chosen."""
 
 _OFF, _CONTRADICTED, _PER_ERROR = 0.525, 0.1, 2
-"""A map is schematic where computed positions are off by more than this, place radii, and photos are not, for
-more than this share of the photos, and so many times as often as the other way round. On a path the nearest
-photo left stands half a place radius away."""
+"""A trial contradicts the map if its computed position is off by more than `_OFF` place radii, but its best
+photo is not (on a path, the nearest remaining photo is half a place radius away). A map is schematic if these
+are more than a share `_CONTRADICTED` of the trials, plus `_PER_ERROR` times the number of opposite cases."""
 _COVERAGE = 0.68
 
 
 def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
-    """Take the stored calibration where it still fits the map, else make and store a new one.
+    """Return the stored calibration if it still fits the map, else compute and store a new one.
 
     Parameters
     ----------
     map_fov_deg : float or None
-        As given for photos whose EXIF does not state theirs.
+        Horizontal field of view of photos whose EXIF does not state theirs.
     progress : Progress
-        One step a photo.
+        One step per trial.
 
     Raises
     ------
@@ -79,12 +79,12 @@ def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progr
 
 
 def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> dict[int, Trial]:
-    """Have the map's photos play queries; what an earlier run has tried is taken from its record.
+    """Run the trials of a map; those that an earlier run recorded are not repeated.
 
     Returns
     -------
     dict of int to Trial
-        As from `try_photos`.
+        See `try_photos`.
 
     Raises
     ------
@@ -121,13 +121,13 @@ def _attempt(tried: MadeAgain[TriedMap], number: int) -> TrialRecord:
 
 
 def paths(opened: OpenMap) -> tuple[Path, Path]:
-    """Name the files in which a map's calibration may be; the last one is written."""
+    """Return the possible files of a map's calibration; the last one is written."""
     described = opened.indexed.global_descriptors
     return paths_with(opened, None if described is None else described.network)
 
 
 def paths_with(opened: OpenMap, network: GlobalDescriptor | None) -> tuple[Path, Path]:
-    """Name the files of the calibration with a global descriptor, or without one."""
+    """Return the files of the calibration with a global descriptor, or without one."""
     verified = opened.indexed.tuning.retrieval.shortlist
     by_network = opened.indexed.pair_matcher is not None and opened.method != "thorough"
     own = "-network" if by_network else ""
@@ -144,12 +144,12 @@ def still_fits(
     map_fov_deg: float | None,
     place_radius_px: float | None = None,
 ) -> bool:
-    """Check whether a map has changed too little since it was calibrated to calibrate it again.
+    """Check whether a calibration can still be used, as the map has changed little since.
 
     Parameters
     ----------
     place_radius_px : float, optional
-        What counts as right, where that is not the map's own.
+        Place radius, if it is not the map's own.
     """
     if known.map_fov_deg != map_fov_deg:
         return False
@@ -159,18 +159,18 @@ def still_fits(
 
 
 def newest(opened: OpenMap) -> StoredCalibration | None:
-    """Take the stored calibration, also where the map has changed much since; None where there is none."""
+    """Return the stored calibration, even if the map has changed much since; None if there is none."""
     known = (calibrationfile.read(path) for path in reversed(paths(opened)))
     return next((k for k in known if k is not None), None)
 
 
 def fit_trials(indexed: IndexedMap, trials: Sequence[Trial], *, start: Calibration = DEFAULT) -> Calibration:
-    """Fit first what a position and a photo are worth, then the probabilities of what comes of it.
+    """Fit the weights of computed and photo positions, then the probabilities of the resulting positions.
 
     Parameters
     ----------
     start : Calibration
-        What the fit is pulled towards.
+        The fit is regularised towards it.
     """
     fitted = replace(DEFAULT, schematic=_is_schematic(indexed, trials), cases=len(trials))
     if not fitted.schematic:
@@ -193,13 +193,13 @@ def _errors(located: Sequence[LocatedPlace], trial: Trial) -> NDArray[np.float64
 
 
 def _first_positions(trials: Sequence[Trial]) -> list[tuple[PlaceCandidate, Trial]]:
-    """Take the best computed place of each photo that was hidden alone and surely found."""
+    """Return the best computed place of each trial with only the photo hidden and a certain match."""
     computed = [(next((p for p in t.places if p.kind == "position"), None), t) for t in trials]
     return [(p, t) for p, t in computed if p is not None and t.hidden == "photo" and t.strong]
 
 
 def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
-    """Decide whether computed positions contradict the map: wrong where the photo that matches is right."""
+    """Decide whether a map is schematic: computed positions are often wrong, but matched photos right."""
     if indexed.kind_is_given:
         return indexed.kind == "schematic"
     limit = _OFF * indexed.place_radius_px
@@ -214,10 +214,10 @@ def _is_schematic(indexed: IndexedMap, trials: Sequence[Trial]) -> bool:
 
 
 def _photo_sigma(indexed: IndexedMap, trials: Sequence[Trial]) -> float:
-    """Choose the weight of the best photo's place against a computed position.
+    """Choose the weight of the best photo's position relative to a computed one.
 
-    By the mean error, in which one that is farther off than the place radius counts as that. The photos of a
-    walk stand evenly apart, so that counts of errors below a limit hardly differ between weights there.
+    The criterion is the mean error, clipped at the place radius. (On a walk with evenly spaced photos, the
+    number of errors below a limit hardly depends on the weight.)
     """
     chosen, least = DEFAULT.photo_sigma, math.inf
     firsts = _first_positions(trials)
@@ -245,12 +245,12 @@ def _radius_scale(
     errors: Sequence[NDArray[np.float64]],
     place_radius_px: float,
 ) -> float:
-    """Scale the stated spreads so that the radius held the truth in 68 % of the right answers.
+    """Scale the estimated spreads so that the radius contains the truth in 68 % of the correct answers.
 
-    A photo hidden alone is too easy, as its neighbours of the same walk are on both sides of it. One hidden
-    with these is too hard, as what is left is farther away than from most queries. Both kinds have the same
-    weight however many were right, a kind of few less. Never down: a map's own photos are easier than those
-    that come later.
+    A photo hidden alone is too easy, with neighbours of the same walk on both sides; one hidden with its
+    place is too hard, as the remaining photos are farther away than from most queries. Both kinds have equal
+    weight regardless of their numbers, but a kind with few samples has less. The scale is at least 1, as a
+    map's own photos are easier than later queries.
     """
     ratios: dict[Hidden, list[float]] = {"photo": [], "place": []}
     for trial, at, error in zip(trials, located, errors, strict=True):
@@ -266,14 +266,14 @@ def _radius_scale(
 
 
 def _quantile(values: NDArray[np.float64], weights: NDArray[np.float64], *, at: float) -> float:
-    """Interpolate the weighted quantile between the middles of the weights."""
+    """Compute a weighted quantile, interpolated between the midpoints of the weights."""
     order = np.argsort(values, kind="stable")
     share = (np.cumsum(weights[order]) - weights[order] / 2.0) / weights.sum()
     return float(np.interp(at, share, values[order]))
 
 
 def photo_keys(opened: OpenMap) -> frozenset[str]:
-    """Describe each photo by its content and the cell, about a place radius wide, that it stands in."""
+    """Return a key per photo: content hash, and grid cell (about a place radius wide) of its position."""
     cell = 2.0 ** round(math.log2(opened.indexed.place_radius_px))
     cells = np.floor(opened.indexed.position / cell).astype(int).tolist()
     floors = [f",{on}" if on != BASE_FLOOR else "" for on in opened.indexed.floor.tolist()]

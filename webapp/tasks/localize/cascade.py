@@ -1,7 +1,7 @@
-"""The looks of method `auto`: one that is fast, and where it is not sure a second one by other features.
+"""The looks of method `auto`: a fast one and, if that is uncertain, a second one with other features.
 
-A look is the method `verified` with features of its own, an index and a calibration. The second one takes
-learned features, and where the network that matches them is here it matches the best photos.
+A look is the method `verified` with its own features, index and calibration. The second look uses learned
+features; their matching network, if installed, matches the best photos.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 from webapp.tasks.localize.trials import Trial
 
 _QUICKEST = 0.1
-"""Share of the trials that took no longer than one does on an idle machine."""
+"""Quantile of the trials' durations that estimates the time of a trial on an idle machine."""
 
 _SAME_AREAS = 0.9
-"""Share of the photos that both looks have to take for what the other does: in an area, or by itself."""
+"""Minimum share of the photos that both looks assign to the same kind: in an area, or not."""
 
 
 def look_options(
     options: OpenOptions, *, first: FeatureChoice, settings: Settings
 ) -> tuple[OpenOptions, ...]:
-    """Resolve a method into its looks: two for `auto` where the models of the second one are here.
+    """Resolve a method into its looks: two for `auto` if the models of the second one are installed.
 
-    Features that are named are taken alone.
+    With explicitly named features there is a single look.
 
     Parameters
     ----------
     first : FeatureChoice
-        What `auto` features are for the first look.
+        The features that `auto` stands for in the first look.
     """
     if options.method != "auto":
         return (options,)
@@ -59,55 +59,55 @@ def look_options(
 
 
 def of_one_kind(second: OpenOptions, first: OpenMap) -> OpenOptions:
-    """Have the second look take the map for what the first one found it to be.
+    """Let the second look use the kind of map that the first one determined.
 
-    Where a map is mixed, each finds the areas by itself; see `share_areas`.
+    On a mixed map, each look determines the areas by itself; see `share_areas`.
     """
     kind = first.indexed.kind
     return second if kind == "mixed" else replace(second, map_kind=kind)
 
 
 def newest_features(cfg: Path, options: OpenOptions, *, settings: Settings) -> FeatureChoice:
-    """Resolve the features of the first look: those of the newest index, or else the best there are."""
+    """Resolve the features of the first look: those of the newest index, or else the default."""
     bases = index_bases(cfg, options.index)
     return newest_choice(bases, settings.extract, method="verified", matcher=None, models=settings.models)
 
 
 def is_within_budget(both: StoredCalibration, settings: Settings) -> bool:
-    """Check whether a second look is fast enough here, by the trials of the map's own photos."""
+    """Check whether a second look is fast enough on this machine, judged by the map's trials."""
     return both.second_look_s <= settings.retrieval.budget_s
 
 
 def share_areas(first: OpenMap, second: OpenMap) -> bool:
-    """Check whether both looks take about the same photos for areas: else their answers differ in kind."""
+    """Check whether both looks assign about the same photos to areas; else their answers differ in kind."""
     same = (first.indexed.area >= 0) == (second.indexed.area >= 0)
     return float(same.mean()) >= _SAME_AREAS
 
 
 def agree_on_scale(first: Calibration, second: Calibration) -> tuple[Calibration, Calibration]:
-    """Have both looks take the map for schematic where one found it to be."""
+    """Mark the map as schematic for both looks if one of them found it to be."""
     schematic = first.schematic or second.schematic
     return replace(first, schematic=schematic), replace(second, schematic=schematic)
 
 
 def path(first: OpenMap, second: OpenMap) -> Path:
-    """Name the file with the calibration of both looks together, by the files of each."""
+    """Return the file with the joint calibration of both looks; its name combines those of each look."""
     one, other = (calibrate.paths(o)[-1].stem for o in (first, second))
     return first.writable / f"{one}+{second.folder.folder.name}-{other}.json"
 
 
 def place_radius_px(opened: Sequence[OpenMap]) -> float:
-    """Return the place radius of both: features that match more know more of how exact positions are."""
+    """Return the larger place radius: features with more matches detect more noise of the positions."""
     return max(o.indexed.place_radius_px for o in opened)
 
 
 def stored_looks(file: Path) -> StoredCalibration | None:
-    """Read the calibration of both looks together; None where there is none."""
+    """Read the joint calibration of both looks; None if there is none."""
     return calibrationfile.read(file, numbers=looks.LOOKS)
 
 
 def still_fits(known: StoredCalibration, opened: tuple[OpenMap, OpenMap]) -> bool:
-    """Check whether the map has changed too little since to calibrate both looks again."""
+    """Check whether a joint calibration can still be used, as the map has changed little since."""
     fov, radius = opened[0].options.map_fov_deg, place_radius_px(opened)
     return calibrate.still_fits(known, opened[0], map_fov_deg=fov, place_radius_px=radius)
 
@@ -115,7 +115,7 @@ def still_fits(known: StoredCalibration, opened: tuple[OpenMap, OpenMap]) -> boo
 def calibrate_looks(
     opened: tuple[OpenMap, OpenMap], calibrations: tuple[Calibration, Calibration], *, progress: Progress
 ) -> StoredCalibration:
-    """Take the stored calibration of both looks where it still fits the map, else fit it on their trials.
+    """Return the stored joint calibration if it still fits the map, else fit it on the trials of both looks.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def calibrate_looks(
 
 
 def _undisturbed_s(trials: Collection[Trial]) -> float:
-    """Estimate how long a trial takes on an idle machine: a build next to it made many take far longer."""
+    """Estimate the time of a trial on an idle machine: a concurrent build slows many trials down."""
     return float(np.quantile([t.seconds for t in trials], _QUICKEST)) if trials else 0.0
 
 
@@ -151,7 +151,7 @@ def fit_looks(
     *,
     calibrations: tuple[Calibration, Calibration],
 ) -> Calibration:
-    """Fit how much each look counts, on the photos that both have tried."""
+    """Fit the weight of each look on the trials that both have run."""
     radius = place_radius_px(opened)
     cases = []
     for number in sorted(trials[0].keys() & trials[1].keys()):
@@ -169,7 +169,7 @@ def fit_looks(
 
 
 def _hypotheses(trial: Trial, opened: OpenMap, calibration: Calibration) -> tuple[list[Hypothesis], float]:
-    """Give what a look would have answered, and its probability of "not on this map"."""
+    """Return the hypotheses that a look would have given, and its probability of "not on this map"."""
     if not trial.places:
         return [], 1.0
     probability, off_map = probabilities(trial.evidence, calibration)

@@ -1,4 +1,4 @@
-"""What the photos of an index are found by: codes of all descriptors, or one signature a photo."""
+"""Search data of an index: codes of all descriptors, or one signature per photo."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _ENCODED_AT_ONCE = 65_536
 
 
 class Coding(Protocol):
-    """Makes the files of one engine."""
+    """Writes the files of one search engine."""
 
     @property
     def engine(self) -> Engine:
-        """Whose files it makes."""
+        """The search engine."""
 
     def train(self, segments: Collection[SegmentRecord], *, total: int) -> str:
         """Write a codebook for segments that hold `total` descriptors; returns its name."""
@@ -47,7 +47,7 @@ class Coding(Protocol):
 
 
 def coding_of(index: IndexFolder, engine: Engine, *, kind: Kind) -> Coding:
-    """Give what makes the files of an engine."""
+    """Return the coding of an engine."""
     return SignatureCoding(index) if engine == "vlad" else DescriptorCoding(index, kind)
 
 
@@ -66,7 +66,7 @@ class DescriptorCoding:
         return write_search_index(self.index.codebook_path("{hash}"), trained, kind=self.kind)
 
     def _sample(self, segments: Collection[SegmentRecord], *, total: int) -> Iterator[NDArray[np.uint8]]:
-        """Draw the training sample: an equal share of each photo, chosen by the photo's content alone."""
+        """Draw the training sample: the same share of each photo, with a seed from the photo's content."""
         share = min(1.0, ivf.SAMPLE_PER_CELL * ivf.cells_for(total) / total)
         for record in segments:
             segment = read_segment(self.index.segment_path(record.name))
@@ -102,7 +102,7 @@ class DescriptorCoding:
 
 @dataclass(frozen=True, slots=True)
 class SignatureCoding:
-    """One signature a photo."""
+    """One signature per photo."""
 
     index: IndexFolder
     engine: Engine = "vlad"
@@ -111,7 +111,7 @@ class SignatureCoding:
         """Write a codebook for segments that hold `total` descriptors; returns its name."""
         opened = [read_segment(self.index.segment_path(record.name)) for record in segments]
         every = [(c, s, i) for s in opened for i, c in enumerate(s.content) if s.first[i] < s.first[i + 1]]
-        # The photos of a map come in the order of a walk; those of their hashes come from everywhere.
+        # Photos of a map are ordered along a walk; the order of their hashes is random over the map.
         chosen = sorted(every, key=lambda photo: photo[0])[: vlad.SAMPLE_PHOTOS]
         photos = [np.asarray(s.entry(i).features.descriptors) for _, s, i in chosen]
         return write_codebook(self.index.codebook_path("{hash}"), vlad.train(photos))

@@ -1,7 +1,6 @@
-"""Describes a map's photos as a whole, where the user has supplied a model for that; see `global_model`.
+"""Computes global descriptors of a map's photos, if the user has supplied a model; see `global_model`.
 
-Vectors are stored by the content of the photos. Only photos that are new are described, and what was
-described is kept when the work is killed.
+The vectors are stored by content hash. Only new photos are processed, and a killed run keeps its results.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ _SAVED_EVERY_S = 20.0
 
 
 def describe_photos(opened: OpenMap, *, settings: Settings, progress: Progress) -> OpenMap:
-    """Bring the global descriptors of a map's photos up to date and attach them to it.
+    """Update the global descriptors of a map's photos and attach them to it.
 
-    Without a model nothing is done; with one that cannot be used neither, and the progress gets a note of it.
+    Without a usable model nothing is done; an unusable one is reported by `progress.note`.
 
     Parameters
     ----------
     progress : Progress
-        A stage where there is a model, one step a photo that is new.
+        With a model, a stage with one step per new photo.
 
     Raises
     ------
@@ -60,12 +59,12 @@ def describe_photos(opened: OpenMap, *, settings: Settings, progress: Progress) 
 
 
 def with_stored_vectors(opened: OpenMap, network: GlobalDescriptor) -> OpenMap:
-    """Attach the stored global descriptors of a map's photos; without any the map stays as it is."""
+    """Attach the stored global descriptors of a map's photos, if there are any."""
     stored = _stored(opened, network)
     if stored is None:
         return opened
     number = {content: row for row, content in enumerate(stored.contents)}
-    # Of several photos with the same content the index has the first.
+    # Of several photos with equal content, the index has the first.
     row = np.array([number.pop(content, -1) for content in opened.contents], np.int64)
     if (row < 0).all():
         return opened
@@ -74,13 +73,13 @@ def with_stored_vectors(opened: OpenMap, network: GlobalDescriptor) -> OpenMap:
 
 
 def paths(opened: OpenMap, network: GlobalDescriptor) -> tuple[Path, Path]:
-    """Name the files in which the vectors may be, beside the folders of the indexes; the last is written."""
+    """Return the possible files of the vectors, next to the index folders; the last one is written."""
     name = global_vectors.file_name(network.weights)
     return opened.folder.folder.with_name(name), opened.writable.with_name(name)
 
 
 def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, progress: Progress) -> None:
-    """Describe the photos that are new, and store their vectors."""
+    """Compute and store the vectors of new photos."""
     known = _known(opened, network)
     photos = zip(opened.contents, opened.pictures, strict=True)
     todo = {content: e for content, e in photos if content and content not in known}
@@ -114,7 +113,7 @@ def _describe(
     network: GlobalDescriptor,
     settings: Settings,
 ) -> NDArray[np.float32] | None:
-    """Describe a photo; None where the file is no longer the one that was indexed."""
+    """Compute the vector of a photo; None if the file has changed since it was indexed or is unreadable."""
     try:
         data = read_file(path, limits=settings.photo)
         if content_of(experience, hashlib.sha256(data).hexdigest()) != content:
@@ -126,7 +125,7 @@ def _describe(
 
 
 def _known(opened: OpenMap, network: GlobalDescriptor) -> dict[str, NDArray[np.float16]]:
-    """Read the stored vectors of the map's photos, by content."""
+    """Read the stored vectors of the map's photos, by content hash."""
     stored = _stored(opened, network)
     wanted = {*opened.contents}
     pairs = zip(stored.contents, stored.vectors, strict=True) if stored else ()
@@ -140,7 +139,7 @@ def _stored(opened: OpenMap, network: GlobalDescriptor) -> StoredVectors | None:
 
 
 def _store(opened: OpenMap, network: GlobalDescriptor, known: Mapping[str, NDArray[np.float16]]) -> None:
-    """Write vectors, in an order that does not depend on when they were computed."""
+    """Write vectors in an order that does not depend on when they were computed."""
     contents = sorted(known)
     stored = StoredVectors(contents, np.stack([known[c] for c in contents]), network.weights)
     global_vectors.write(paths(opened, network)[-1], stored)

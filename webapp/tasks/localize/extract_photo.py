@@ -1,4 +1,4 @@
-"""One map photo to a finished feature file: the unit of work of a build, run in worker processes."""
+"""Extracts one map photo to a feature file: the unit of work of a build, run in worker processes."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from webapp.files.photos.photo import read_facts, read_file, read_gray
 from webapp.settings import Settings
 
 _BORDER_PX = 15
-"""Width of the patches around keypoints in which there is to be nothing masked."""
+"""Width of the patch around a keypoint that must not contain masked pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoJob:
-    """What a worker needs to know.
+    """Input of a worker.
 
     Attributes
     ----------
     id : int
-        Of the experience.
+        Id of the experience or view.
     cfg : Path
         The map.
     photo : str
-        As it stands in the map.
+        Path as in the map.
     folder : Path
-        Of the index.
+        Index folder.
     indexed : tuple of str
-        SHA-256 of photos that the index holds already and that may be this one.
+        Content hashes of indexed photos of the same size, one of which may be this photo.
     view : LevelView or None
-        Of the photo, which is a panorama.
+        The view to cut, if the photo is a panorama.
     blurred : tuple of BlurBox
-        Parts of any other photo in which nothing is to be recognised.
+        Blurred parts of any other photo, without features.
     """
 
     id: int
@@ -68,18 +68,18 @@ class PhotoJob:
 
 @dataclass(frozen=True, slots=True)
 class PhotoDone:
-    """What became of one photo.
+    """Result of one photo.
 
     Attributes
     ----------
     bytes, mtime_ns : int
-        Of the file that was read; 0 when there was none.
+        Size and time of the file; 0 if it is missing.
     content : str
-        SHA-256; empty when it could not be read.
+        Content hash; empty if the photo could not be read.
     error : str
-        Why there are no features; empty when there are.
+        Why there are no features; empty on success.
     extracted : bool
-        False when its features were there already: from an interrupted build, or under another name.
+        False if its features existed already, from an interrupted build or under another name.
     """
 
     id: int
@@ -91,14 +91,14 @@ class PhotoDone:
 
 
 def extract_photo(job: PhotoJob) -> PhotoDone:
-    """Read, describe and keep one photo; a bad photo is a result, not an exception.
+    """Read one photo and store its features; a bad photo is a result, not an exception.
 
     Raises
     ------
     StorageError
-        The disk refused.
+        The file cannot be written.
     """
-    connect(job.settings)  # in a process of its own
+    connect(job.settings)  # each worker process connects to the storage by itself
     seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))
     try:
         data = read_file(photo_path(job.cfg, job.photo), limits=job.settings.photo)
@@ -113,12 +113,12 @@ def extract_photo(job: PhotoJob) -> PhotoDone:
 
 
 def extract_one(_: None, job: PhotoJob) -> PhotoDone:
-    """Do it as a part of a build: parts share nothing."""
+    """Call `extract_photo` from `in_order`; there is no shared value."""
     return extract_photo(job)
 
 
 def size_and_time(path: Path) -> tuple[int, int]:
-    """Look up a file's bytes and when it was changed, in nanoseconds; zeros when there is none."""
+    """Return a file's size in bytes and modification time in nanoseconds; zeros if it is missing."""
     pointer = pointer_of(path)
     if pointer is not None:
         return pointer.bytes, pointer.mtime_ns
@@ -155,7 +155,7 @@ def _describe(data: bytes, content: str, job: PhotoJob) -> PhotoEntry:
 
 
 def _away_from_mask(features: Features, used: NDArray[np.bool_], *, scale: float) -> NDArray[np.int64]:
-    """Number the keypoints whose patches have nothing of what is masked, nor its border."""
+    """Return the indices of the keypoints whose patches contain no masked pixels."""
     used = cv2.erode(used.astype(np.uint8), np.ones((_BORDER_PX, _BORDER_PX), np.uint8), borderValue=1)
     height, width = used.shape
     x, y = np.rint((features.xy + 0.5) * scale - 0.5).astype(np.int64).T

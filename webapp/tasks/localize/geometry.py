@@ -1,4 +1,4 @@
-"""Attaches what a method computes positions by: orientations of the map's photos, or landmarks."""
+"""Attaches the geometry from which a method computes positions: photo orientations, or landmarks."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from webapp.tasks.localize.open_map import OpenMap
 
 
 def prepare_geometry(opened: OpenMap, *, progress: Progress) -> OpenMap:
-    """Attach what a method computes positions by: landmarks, or the orientations of the map's photos.
+    """Attach the geometry that a method needs: landmarks, or the orientations of the map's photos.
 
     Raises
     ------
     UsageError
-        The method is `landmarks`, and there are none.
+        The method is `landmarks`, and the map has none that can be used.
     StorageError, Cancelled
     """
     if opened.method == "landmarks":
@@ -49,7 +49,7 @@ def find_places(
     closer: Collection[int] = (),
     depths: DepthsExcluding | None = None,
 ) -> PlaceSearch:
-    """Look for the places where a photo may have been taken, by landmarks or as `verified` does."""
+    """Find the places where a photo may have been taken, by landmarks or by method `verified`."""
     if opened.landmarks is not None:
         return find_by_landmarks(opened.indexed, query, fov_deg=fov_deg, laid=opened.landmarks, hide=hide)
     return verified.find_places(
@@ -58,12 +58,12 @@ def find_places(
 
 
 def with_stored_geometry(opened: OpenMap) -> OpenMap:
-    """Attach what is there of that now.
+    """Attach the geometry that is stored, without updating it.
 
     Raises
     ------
     UsageError
-        As from `prepare_geometry`.
+        See `prepare_geometry`.
     """
     if opened.method == "landmarks":
         return with_landmarks(opened, progress=Progress())
@@ -71,22 +71,22 @@ def with_stored_geometry(opened: OpenMap) -> OpenMap:
 
 
 def has_landmarks(cfg: Path) -> bool:
-    """Return whether a map has a cloud that method `landmarks` can ask."""
+    """Return whether a map has a stored cloud of landmarks."""
     return storage.is_there(landmarks_folder(cfg) / CLOUD_FILE)
 
 
 def paths(opened: OpenMap) -> list[Path]:
-    """List the files of the landmarks, where the method asks for them."""
+    """Return the files of the landmarks, if the method uses them."""
     return [landmarks_folder(opened.cfg) / CLOUD_FILE] if opened.method == "landmarks" else []
 
 
 def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
-    """Lay the cloud of a map by its photos, and attach it.
+    """Register the landmark cloud of a map with its photos, and attach it.
 
     Raises
     ------
     UsageError
-        There is none, or none that this program can use.
+        There is no cloud, or it is of an incompatible version.
     """
     folder = landmarks_folder(opened.cfg)
     laid = lay_landmarks(opened, folder)
@@ -106,14 +106,14 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
 
 
 def lay_landmarks(opened: OpenMap, folder: Path) -> LaidCloud | None:
-    """Lay a cloud on the map, as its photos stand now; None where the folder has none that fits."""
+    """Register a cloud with the current photo positions; None if the folder has no compatible one."""
     stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
     if stored is None or submodels is None or stored.key != submodels.cloud_key:
         return None
     number = {content: n for n, content in reversed([*enumerate(opened.contents)]) if content}
     map_photo = np.array([number.get(content, -1) for content in submodels.contents], np.int64)
     photos = [opened.pictures[n] if n >= 0 else None for n in map_photo.tolist()]
-    described = landmarks_folder(opened.cfg)  # also where the folder is of a part
+    described = landmarks_folder(opened.cfg)  # the features are here, also for a partial reconstruction
     lenses = PhotoLenses(described, stored.cloud, dict(enumerate(submodels.contents)))
     results = georegister_all(submodels.submodels, photos, the_map=opened.map, lenses=lenses)
     laid = tuple(result.laid for result in results)

@@ -1,4 +1,4 @@
-"""Where the indexes of a map are, and which of them fits."""
+"""Finds the indexes of a map, and the one to use."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from webapp.settings import ExtractSettings
 
 
 def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
-    """List the folders where a map's indexes may be; only the last is written to.
+    """Return the possible folders of a map's indexes; only the last one is written to.
 
     Parameters
     ----------
     chosen : Path or None
-        What the user asked for: it can serve many maps.
+        Folder chosen by the user, which can contain indexes of many maps.
 
     Returns
     -------
     tuple of Path
-        A folder of this map's in what was asked for; else in `derived` next to the map; where that cannot be
-        written, it is followed by one in the user's cache.
+        The map's folder in `chosen`; by default the one in `derived` next to the map, followed by one in the
+        user's cache if that cannot be written.
     """
     elsewhere = f"{cfg.stem}-{hashlib.sha256(os.fsencode(cfg.resolve())).hexdigest()[:16]}"
     if chosen is not None:
@@ -42,7 +42,7 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
 
 
 def landmarks_folder(cfg: Path) -> Path:
-    """Return the folder in which the reconstruction of a map is kept."""
+    """Return the folder of a map's reconstruction."""
     return index_bases(cfg, None)[-1] / "landmarks"
 
 
@@ -54,16 +54,15 @@ def newest_choice(
     matcher: str | None,
     models: Path | None,
 ) -> FeatureChoice:
-    """Resolve `auto`: the features of the newest complete index that fits, or else the best there are.
+    """Resolve `auto`: the features of the newest index that can be used, or else the method's default.
 
-    An index does not fit where a model that is needed to ask it is not in `models`, which is None for the
-    user's cache. That of the second look of method `auto`, which is built last, is taken where there is no
-    other.
+    An index cannot be used if a model that queries need is missing from `models` (None: the user's cache).
+    The index of the second look of `auto`, which is built last, is used only if there is no other.
 
     Raises
     ------
     UsageError
-        The matcher fits neither.
+        The matcher does not fit any of them.
     """
     fitting = []
     for folder in _newest_first(bases):
@@ -76,7 +75,7 @@ def newest_choice(
                 if is_usable(choice, models, method=method):
                     fitting.append(choice)
         except (IndexDamaged, UsageError):
-            continue  # a build of its features mends the one; for the other, the next may fit
+            continue  # damaged (a build repairs it), or not for this method: try the next one
     if not fitting:
         return choose(method, matcher=matcher)
     second = second_look_features(models)
@@ -84,7 +83,7 @@ def newest_choice(
 
 
 def index_folder(base: Path, choice: FeatureChoice, *, extract: ExtractSettings) -> Path:
-    """Name the folder of the index with these features."""
+    """Return the folder of the index with these features."""
     return base / index_key(choice, extract)
 
 

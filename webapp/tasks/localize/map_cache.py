@@ -1,8 +1,8 @@
-"""Maps of the library kept open, so that a photo is localized at once; one cache a process.
+"""Keeps maps of the library open, so that photos are localized without delay; one cache per process.
 
-What is large of an index is memory-mapped and shared by all processes, but for compressed codes.
-Places come from the records: a photo that was moved counts where it is now, and a new index is taken as
-soon as it is there.
+The large files of an index are memory-mapped and shared by all processes, except compressed codes.
+Positions are read from the database, so that a moved photo takes effect at once, and a new index is used as
+soon as it is written.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
 from webapp.tasks.maps.library_map import as_map
 
 MAX_OPEN = 12
-"""Indexes of maps, two for a map with a second look; one that is asked rarely is opened again."""
+"""Maximum number of open indexes, two for a map with a second look; the least recently used are evicted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class MethodChoice:
     method : str
         One of `METHODS`.
     features : str
-        Of the index to use; `auto` for those that the library's own index has.
+        Features of the index to use; `auto` for those of the library's default index.
     """
 
     method: str = "auto"
     features: str = "auto"
 
     def resolved(self) -> tuple[Method, str]:
-        """Return method and features that fit each other; of both `auto` the features stay so, too.
+        """Return compatible method and features; if both are `auto`, the features stay `auto`.
 
         Raises
         ------
@@ -76,18 +76,18 @@ class MethodChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedMap:
-    """A map that answers at once.
+    """A map that is open for localization.
 
     Attributes
     ----------
     revision : int
-        Of the places it has.
+        Revision of the map's photos and positions.
     not_indexed : int
-        Photos of the map that cannot be found yet.
+        Number of the map's photos that are not in the index yet.
     calibrated : bool
-        False while its probabilities are those of most maps.
+        False while it uses the default calibration.
     to_calibrate : bool
-        Whether it has no calibration, or has changed much since.
+        Whether it has no calibration, or has changed much since it was calibrated.
     """
 
     pipeline: LocalizationPipeline
@@ -98,30 +98,30 @@ class OpenedMap:
 
 
 _OPEN_WAIT_S = 10.0
-"""Seconds to wait while another request opens the map: each that waits holds a thread."""
+"""Seconds to wait while another request opens the map; short, as each waiting request occupies a thread."""
 
 _Files = tuple[tuple[int, int] | None, ...]
 
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """A map's place in the cache; whoever opens it holds the lock."""
+    """Cache entry of a map; the lock is held while it is opened."""
 
     lock: Lock = field(default_factory=Lock)
     ready: OpenedMap | None = None
     opened_with: _Files = ()
-    """Times and sizes of the manifest, the calibration, the orientations and the global descriptors."""
+    """Times and sizes of the files that the open map was read from, see `MapCache._files`."""
 
 
 class MapCache:
-    """Open maps of a library, the ones that were asked last.
+    """LRU cache of open maps of a library.
 
     Parameters
     ----------
     most : int
-        Maximum number kept open.
+        Maximum number of entries.
     on_look : callable
-        Called with whether a map was open already.
+        Called at each look-up with True for a hit, False for a miss.
     """
 
     def __init__(
@@ -140,18 +140,18 @@ class MapCache:
         self._lock = Lock()
 
     def get(self, map_id: int, choice: MethodChoice) -> OpenedMap:
-        """Give a map as it is now; opened by one at a time, however many ask.
+        """Return the current state of a map; concurrent requests open it only once.
 
         Raises
         ------
         NotReady
             It has no index with these features yet.
         BeingOpened
-            Another request is opening it, and that takes long.
+            Another request is still opening it.
         MapError
-            It has no image, no photo, or none with anything to recognise it by.
+            It has no image, no photo, or no photo with features.
         UsageError
-            The features do not exist, or not for this method.
+            The features do not exist or do not work with this method.
         NotFound
             The map is gone.
         IndexDamaged
@@ -169,11 +169,11 @@ class MapCache:
             second = cascade.of_one_kind(further[0], opened.pipeline.opened)
             return _with_second_look(opened, self._get_look(map_id, second))
         except (NotReady, IndexDamaged):
-            return replace(opened, to_calibrate=True)  # it is built meanwhile, and one look answers
+            return replace(opened, to_calibrate=True)  # answer with one look while the second is built
         except BeingOpened:
-            return opened  # until it is open, one look answers
+            return opened  # answer with one look until the second is open
         except (MapError, MissingPart, InputError):
-            return opened  # `expmap build` says why
+            return opened  # `expmap build` reports the reason
 
     def _cfg(self, map_id: int) -> Path:
         with self._library.database.read() as session:
@@ -183,10 +183,10 @@ class MapCache:
             return self._library.cfg(record.slug)
 
     def _get_look(self, map_id: int, options: OpenOptions) -> OpenedMap:
-        choice = options.choice()  # so that an index is open once, however its features were asked for
+        choice = options.choice()  # one cache key per index, however its features were requested
         options = replace(options, features="auto", detector=choice.detector, extractor=choice.extractor)
         slot = self._slot((map_id, options))
-        if not slot.lock.acquire(timeout=_OPEN_WAIT_S):  # from S3, a large map may take minutes
+        if not slot.lock.acquire(timeout=_OPEN_WAIT_S):  # opening a large map from S3 may take minutes
             raise BeingOpened("the map is being opened", wait_s=5, hint="try again in a moment")
         try:
             slot.ready = self._current(slot, map_id, options)
@@ -233,7 +233,7 @@ class MapCache:
             )
         else:
             opened = open_map.with_positions(opened, the_map, options=options)
-        # Looked at before the calibration is read: a newer one is noticed the next time, as is a newer index.
+        # Record this before reading the calibration: a newer one, or a newer index, is noticed next time.
         slot.opened_with = self._files(opened)
         if opened.folder.read_manifest() != opened.manifest:
             slot.opened_with = ()
@@ -256,7 +256,7 @@ class MapCache:
         )
 
     def _described(self, opened: OpenMap) -> tuple[OpenMap, bool]:
-        """Attach global descriptors once the map is calibrated with them; returns whether that is to do."""
+        """Attach global descriptors if the map is calibrated with them; return whether that is still due."""
         network = usable_global_descriptor(self._settings.models)
         if network is None:
             return opened, False
@@ -265,7 +265,7 @@ class MapCache:
         return (described, False) if ready else (opened, True)
 
     def _files(self, opened: OpenMap) -> _Files:
-        """Read size and time of the files that an open map depends on."""
+        """Return size and time of the files that an open map depends on."""
         files = [opened.folder.manifest_path, *calibrate.paths_with(opened, None), *orient_map.paths(opened)]
         files += [*geometry.paths(opened), *model_paths(self._settings.models)]
         network = usable_global_descriptor(self._settings.models)
@@ -275,7 +275,7 @@ class MapCache:
 
 
 def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
-    """Add a second look to a map, where there is time for it and both are calibrated."""
+    """Add the second look to a map, if it is within the time budget and both looks are calibrated."""
     pipeline, further = first.pipeline, second.pipeline
     opened = (pipeline.opened, further.opened)
     not_indexed = max(first.not_indexed, second.not_indexed)
@@ -298,5 +298,5 @@ def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
 
 @lru_cache(maxsize=MAX_OPEN)
 def _stored_looks(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
-    """Read the calibration of two looks, again only when the file has changed."""
+    """Read the calibration of two looks; cached until the file changes."""
     return cascade.stored_looks(path) if seen is not None else None

@@ -1,4 +1,4 @@
-"""Opens a map on a worker of Dask as it is open here: from the same files, once for all parts."""
+"""Opens a map again in another process, from the same files and once for all parts of the work."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Value = TypeVar("Value")
 
 
 class MadeAgain(Generic[Value]):
-    """A value that is not sent to other processes: they make it again.
+    """A value that is not pickled: other processes create it again.
 
     Parameters
     ----------
     make : callable
-        Makes it; what is sent.
+        Creates the value; this is what is pickled.
     value : object, optional
-        Where it is there already.
+        The value, if it exists already.
     """
 
     def __init__(self, make: Callable[[], Value], value: Value | None = None) -> None:
@@ -36,11 +36,11 @@ class MadeAgain(Generic[Value]):
         self._lock = threading.Lock()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Leave the value behind."""
+        """Pickle without the value."""
         return MadeAgain, (self._make,)
 
     def value(self) -> Value:
-        """Return the value; the first call in a process makes it."""
+        """Return the value; the first call in a process creates it."""
         with self._lock:
             if self._value is None:
                 self._value = self._make()
@@ -49,14 +49,14 @@ class MadeAgain(Generic[Value]):
 
 @dataclass(frozen=True, slots=True)
 class MapFiles:
-    """What an open map is opened from.
+    """All that is needed to open a map again.
 
     Attributes
     ----------
     options : OpenOptions
-        With the features that it was opened with.
+        With the resolved features of the open map.
     map_hash : str
-        Of the open map.
+        Hash of the open map.
     """
 
     cfg: Path
@@ -68,7 +68,7 @@ class MapFiles:
 
     @classmethod
     def of(cls, opened: OpenMap) -> MapFiles:
-        """Find them for a map that is open."""
+        """Collect them from an open map."""
         choice = opened.choice
         options = replace(
             opened.options,
@@ -92,7 +92,7 @@ class MapFiles:
         Raises
         ------
         Conflict
-            Its index has become another one.
+            Its index has been changed meanwhile.
         MissingPart, InputError, StorageError, IndexDamaged
         """
         opened = open_index(

@@ -1,4 +1,4 @@
-"""Opens a map for localization: reads it, brings its index up to date, and loads that."""
+"""Opens a map for localization: reads it, updates its index and loads it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from webapp.tasks.localize.index_location import index_bases, index_folder, newe
 
 @dataclass(frozen=True, slots=True)
 class OpenOptions:
-    """What was asked for; None leaves the choice to the program."""
+    """Requested options; None selects a default."""
 
     method: Method = "auto"
     features: str = "auto"
@@ -55,21 +55,21 @@ class OpenOptions:
     map_fov_deg: float | None = None
     """Horizontal field of view of map photos whose EXIF does not state theirs."""
     right_within_px: float | None = None
-    """Instead of the map's own place radius."""
+    """Place radius, instead of the one derived from the map."""
     map_kind: MapKind | None = None
-    """Instead of what the positions and the relative poses of the photos show."""
+    """Kind of the map, instead of the one inferred from positions and relative poses of the photos."""
     second_look: bool = False
-    """It is the second look of method `auto`: a network, where it is here, matches the best photos."""
+    """The map is opened for the second look of `auto`: an installed network matches the best photos."""
     build: bool = True
-    """Bring the index up to date; else the one that is there is taken as it is."""
+    """Update the index; if False, use the existing one unchanged."""
 
     def choice(self) -> FeatureChoice:
-        """Resolve the features; `auto` takes the best there are.
+        """Resolve the features; `auto` takes the method's default.
 
         Raises
         ------
         UsageError
-            The combination cannot work.
+            The combination is not possible.
         """
         return choose(
             self.method,
@@ -87,17 +87,17 @@ class OpenMap:
     Attributes
     ----------
     writable : Path
-        Folder for what else is computed from the index; its own, unless that cannot be written.
+        Folder for files computed from the index: the index folder, or one in the cache if that is read-only.
     built : BuildReport or None
-        When the index had to be built or brought up to date.
+        Set if the index had to be built or updated.
     landmarks : LaidCloud or None
         For method `landmarks`.
     pictures : tuple of Experience
-        What the index has of the map's experiences: their photos, and of panoramas their level views.
+        The indexed pictures: photos, and the level views of panoramas.
     views : mapping of int to LevelView
-        Those among them that are views, by id.
+        The level views among the pictures, by id.
     position_radius_px : mapping of int to float
-        Of the experiences whose positions are not exact, by id.
+        68 % radii of the experiences with inexact positions, by id.
     """
 
     cfg: Path
@@ -122,23 +122,23 @@ class OpenMap:
         object.__setattr__(self, "position_radius_px", inexact_positions(self.map))
 
     def artifact_paths(self, name: str) -> tuple[Path, Path]:
-        """Paths of a file computed from the index: where it is looked for first, and where it is written."""
+        """Return the paths of a file computed from the index: next to the index, and where it is written."""
         return self.folder.folder / name, self.writable / name
 
     @property
     def contents(self) -> list[str]:
-        """SHA-256 of each picture, in the map's order; empty where the index has none of it."""
+        """Content hash of each picture, in the map's order; empty if it is not in the index."""
         return _contents(self.pictures, self.manifest)
 
     @property
     def not_indexed(self) -> int:
-        """How many photos of the map the index does not have as they are now: new, renamed, blurred since."""
+        """Number of the map's photos missing from the index in their current form (new, renamed, blurred)."""
         record = self.manifest.record_of
         return len({experience_of(e.id) for e in self.pictures if record(e.id, picture_of(e)) is None})
 
     @property
     def map_hash(self) -> str:
-        """Stands for the map's photos and positions, 16 hexadecimal characters."""
+        """Hash of the map's photos and positions, 16 hexadecimal characters."""
         pairs = zip(self.pictures, self.contents, strict=True)
         photos = [[e.id, c, *e.position, *([e.floor] if e.floor else [])] for e, c in pairs]
         return hashlib.sha256(json.dumps(photos).encode()).hexdigest()[:16]
@@ -152,24 +152,24 @@ def open_index(
     Parameters
     ----------
     the_map : Map, optional
-        What is in the file, where that is known already.
+        Content of the file, if it has been read already.
 
     Raises
     ------
     MapError
-        It cannot be read, or has no photo to recognise anything by.
+        It cannot be read, or has no photo with features.
     UsageError
-        The combination of features cannot work.
+        The combination of features is not possible.
     NotReady
-        There is no index, and none is to be built.
+        There is no index, and `options.build` is False.
     MissingPart
-        The features need a model that is not here.
+        The features need a model that is not installed.
     InputError
-        The user's file with the model is of another kind.
+        The model file supplied by the user is of another kind.
     StorageError, IndexDamaged, Cancelled
     """
     bases = index_bases(cfg, options.index)
-    # Report what is missing before anything is built.
+    # Fail early: report missing parts before building anything.
     choice = with_weights(_choice(bases, options, settings=settings), settings.models, method=options.method)
     the_map = read_map(cfg) if the_map is None else the_map
     choice = within_memory(choice, the_map, options=options, settings=settings)
@@ -207,9 +207,9 @@ def open_index(
 def within_memory(
     choice: FeatureChoice, the_map: Map, *, options: OpenOptions, settings: Settings
 ) -> FeatureChoice:
-    """Take the matcher that fits into memory, unless one was asked for.
+    """Choose a matcher that fits into memory, unless one was requested.
 
-    It goes by the photos and the keypoints that they may have, which is known before anything is computed.
+    The decision rests on the number of photos and the maximum number of keypoints, both known in advance.
     """
     if options.matcher is not None or choice.engine is None:
         return choice
@@ -219,21 +219,21 @@ def within_memory(
 
 
 def _as_built(choice: FeatureChoice, manifest: Manifest) -> FeatureChoice:
-    """Take the engine that the index has: where nothing is to be built, it can be another one."""
+    """Choose the engine of the index, which may differ from the requested one if nothing is built."""
     return choice if choice.engine is None else replace(choice, matcher=manifest.engine)
 
 
 def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> OpenMap:
-    """Give an open map other positions; what was loaded of its index is used again.
+    """Replace the positions of an open map, reusing its loaded index.
 
     Parameters
     ----------
     opened : OpenMap
-        Whose index is still the newest.
+        Its index must still be the newest.
     the_map : Map
-        May also have other photos than before.
+        Its photos may have changed, too.
     options : OpenOptions
-        That it was opened with.
+        Options with which it was opened.
     """
     if not the_map.experiences:
         raise MapError("the map has no photos", where=str(opened.cfg), hint="place photos on it first")
@@ -250,7 +250,7 @@ def with_positions(opened: OpenMap, the_map: Map, *, options: OpenOptions) -> Op
 
 
 def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
-    """Find the index that was written last, even if it lacks some photos.
+    """Find the most recently written index, even if it lacks photos.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
 
 
 def _choice(bases: Sequence[Path], options: OpenOptions, *, settings: Settings) -> FeatureChoice:
-    """Resolve what was asked for; `auto` takes the newest index that is there."""
+    """Resolve the requested features; `auto` takes those of the newest index."""
     if options.features == "auto" and options.detector is None and options.extractor is None:
         return newest_choice(
             bases,
@@ -298,7 +298,7 @@ def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
 
 
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
-    """Check whether a photo that could not be used is still the same file, or still missing."""
+    """Check whether a photo that failed before is still the same file, or still missing."""
     record = manifest.record_of(experience.id, picture_of(experience))
     if record is None or not record.error:
         return False
@@ -308,7 +308,7 @@ def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Pa
 def _load_latest(
     the_map: Map, folder: IndexFolder, *, cfg: Path, choice: FeatureChoice, options: OpenOptions
 ) -> tuple[Manifest, IndexedMap]:
-    """Load what the manifest names; once more where a build replaced it and its files meanwhile."""
+    """Load the files that the manifest names; retry if a build has replaced them meanwhile."""
     manifest = folder.read_manifest()
     while manifest is not None and manifest.codebook:
         try:
@@ -325,13 +325,13 @@ def _load_latest(
 
 
 def _contents(pictures: Sequence[Experience], manifest: Manifest) -> list[str]:
-    """Look up the content of each picture; empty where the index has none of it."""
+    """Look up the content hash of each picture; empty if it is not in the index."""
     return [r.content if (r := manifest.record_of(e.id, picture_of(e))) else "" for e in pictures]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Loaded:
-    """What is in the files of an index."""
+    """The loaded files of an index."""
 
     segments: Sequence[Segment]
     search: DescriptorSearch | TwoStage
@@ -352,7 +352,7 @@ def _indexed(the_map: Map, loaded: _Loaded, *, manifest: Manifest, options: Open
     segments = loaded.segments
     contents = [c for s in segments for c in s.content]
     pictures = level_views(the_map.experiences)
-    # Of several experiences with one photo the first speaks for it.
+    # If several experiences have the same photo, matches are assigned to the first.
     number = {c: i for i, c in reversed([*enumerate(_contents(pictures, manifest))])}
     ids = np.array([e.id for e in pictures], np.int64)
     position = np.array([e.position for e in pictures], np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Estimates the orientations of a map's photos and depths of what they see; stores them next to the index."""
+"""Estimates orientations of a map's photos and depths of their keypoints; stores them next to the index."""
 
 from __future__ import annotations
 
@@ -36,35 +36,35 @@ from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0
 _MOVED = 0.5
-"""A photo that has been moved farther since, in place radii, has no known orientation."""
+"""A photo that was moved farther than this, in place radii, loses its orientation."""
 
 
 _WELL_KNOWN = 2.0
-"""Sum of trust above which comparing a photo by a network would add little."""
+"""Trust (summed over pairs) from which on matching a photo with a network adds little."""
 
 
 def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
-    """Bring the orientations of a map's photos up to date and attach them to it.
+    """Update the orientations of a map's photos and attach them to it.
 
-    Where the method has a network to match photos with, those of which little is known are compared by it
-    again, all of them: on two cores about a second each.
-    What was found out of single photos is kept: photos that are new are compared with the others, and one
-    that is moved changes nothing but the last, quick step. Killed, it resumes where it was.
+    If the method matches with a network, all photos with little trust are compared again with it, which takes
+    about a second each on two cores.
+    The pairs found are stored: only new photos are compared with the others, and a moved photo merely repeats
+    the last, quick step. A killed run is resumed.
 
     Parameters
     ----------
     opened : OpenMap
-        A method that verifies.
+        Opened for a method that verifies geometry.
     map_fov_deg : float or None
-        As given for photos whose EXIF does not state theirs.
+        Horizontal field of view of photos whose EXIF does not state theirs.
     progress : Progress
-        A stage of comparing, and where there is a network a second one; one step a photo that is new to it.
+        One stage of comparisons, with a network a second one; one step per new photo.
 
     Raises
     ------
     StorageError, Cancelled
     InputError
-        The network is of a file that the user supplied, and OpenCV cannot run it.
+        OpenCV cannot run the network file that the user supplied.
     """
     key = f"{opened.map_hash} {map_fov_deg}"
     usual, again = _comparisons(opened, map_fov_deg)
@@ -88,7 +88,7 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
 
 
 def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservations | None:
-    """Triangulate depths from each stored pair of a map's photos; None where it has no orientations.
+    """Triangulate depths from each stored pair of a map's photos; None for a map without orientations.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def _partners(indexed: IndexedMap, pairs: PhotoPairs) -> NDArray[np.int64]:
 
 
 def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
-    """Give the usual comparison of photos, and the one by the method's network, where it has one."""
+    """Return the usual comparison of photos, and the one by the method's network, if it has one."""
     usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
     network = opened.indexed.pair_matcher
     if network is None or opened.method != "thorough":
@@ -156,7 +156,7 @@ def _up_to_date(
     progress: Progress,
     compare: Callable[[], PhotoPairs],
 ) -> StoredOrientations:
-    """Take the orientations that are in one of the files, or work them out and write them."""
+    """Read the orientations with this key from one of the files, or estimate and write them."""
     known = next((k for k in _there(files) if k.key == key), None)
     if known is not None:
         progress.size(0)
@@ -171,16 +171,13 @@ def _up_to_date(
 
 
 def paths(opened: OpenMap) -> tuple[Path, ...]:
-    """Name the files in which a map's orientations may be, the better ones later; the last one is written."""
+    """Return the possible files of a map's orientations, the best last; the last one is written."""
     usual, own = _usual_paths(opened), _own_paths(opened)
     return own if own == usual else (*usual, *own)
 
 
 def newest(opened: OpenMap) -> StoredOrientations | None:
-    """Read the stored orientations; None where there are none.
-
-    The best that are of the map as it is, else the best of it as it was.
-    """
+    """Read the best stored orientations, preferably of the map's current state; None if there are none."""
     known = _there(paths(opened))
     return next((k for k in known if k.key.startswith(opened.map_hash)), known[0] if known else None)
 
@@ -190,14 +187,14 @@ def _usual_paths(opened: OpenMap) -> tuple[Path, Path]:
 
 
 def _own_paths(opened: OpenMap) -> tuple[Path, Path]:
-    """Name the files with the orientations that are worked out for the map's method."""
+    """Return the files of the orientations that are estimated for the map's method."""
     if opened.method != "thorough":
         return _usual_paths(opened)
     return opened.artifact_paths(f"orientations-{_with_network(opened)}.arrays")
 
 
 def _there(files: tuple[Path, ...]) -> list[StoredOrientations]:
-    """Read those files that can be read, the last one first."""
+    """Read the files that exist and are valid, the last one first."""
     return [k for path in reversed(files) if (k := orientations.read(path)) is not None]
 
 
@@ -206,7 +203,7 @@ def _with_network(opened: OpenMap) -> str:
 
 
 def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> OpenMap:
-    """Give an open map the orientations of those of its photos that are where they were."""
+    """Attach stored orientations to an open map, for the photos that have not been moved far since."""
     if stored is None:
         return opened
     indexed = opened.indexed
@@ -215,7 +212,7 @@ def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> Ope
     moved = np.hypot(*(indexed.position - stored.position[row]).T)
     known = (row >= 0) & (moved <= _MOVED * indexed.place_radius_px)
     there = stored.orientations
-    # Of several photos with the same content the index has the first, and so have the pairs.
+    # Of several photos with equal content, the index and the pairs refer to the first.
     first = _numbers(opened.contents)
     now = np.array([i if known[i := first.get(c, -1)] else -1 for c in stored.contents], np.int64)
     found = MapExtrinsics(
@@ -229,7 +226,7 @@ def with_orientations(opened: OpenMap, stored: StoredOrientations | None) -> Ope
 
 
 def _with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
-    """Give an open map its extrinsics, and see by them what kind of map it is; areas have none."""
+    """Attach extrinsics to an open map and derive the kind of map; photos in areas get no trust."""
     indexed = opened.indexed
     places = _describe(opened, trust=extrinsics.trust, partner=extrinsics.partner)
     trust = np.where(places.area < 0, extrinsics.trust, 0.0)
@@ -244,7 +241,7 @@ def _with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
 
 
 def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: NDArray[np.int64]) -> MapPlaces:
-    """Find out what kind of map it is and how near is right, unless the user says so."""
+    """Determine the kind of map and its place radius, unless the user states them."""
     size, options = opened.map.satellite, opened.options
     places = describe_places(
         opened.indexed.position,
@@ -258,7 +255,7 @@ def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: ND
 
 
 class _Known(NamedTuple):
-    """Pairs by the map's numbers, and the contents of the photos whose partners have been looked for."""
+    """Pairs with photo numbers of the map, and the content hashes of the photos that have been compared."""
 
     pairs: PhotoPairs
     done: set[str]
@@ -271,7 +268,7 @@ class _Comparison:
     Attributes
     ----------
     name : str
-        Of what matches; it has a file of its own.
+        Name of the matcher, used in the file name.
     """
 
     opened: OpenMap
@@ -281,7 +278,7 @@ class _Comparison:
 
     @property
     def weights(self) -> str:
-        """What stands for the network; empty where there is none."""
+        """Identifies the network's weights; empty without a network."""
         return self.matcher.weights if self.matcher else ""
 
     @property
@@ -306,9 +303,9 @@ class _Comparison:
         return _Known(pairs, set(stored.contents[: stored.done]))
 
     def run(self, photos: Iterable[int], progress: Progress, *, stage: bool = True) -> PhotoPairs:
-        """Compare those of some photos that are not yet; gives all pairs that are known.
+        """Compare those of the given photos that have not been compared; return all known pairs.
 
-        Without `stage` the progress does not get their number.
+        Without `stage`, `progress.size` is not called.
         """
         contents = self.opened.contents
         number = _numbers(contents)
@@ -361,12 +358,12 @@ def _match(compared: MadeAgain[_Compared], photo: int) -> PhotoPairs:
 
 
 def _numbers(contents: list[str]) -> dict[str, int]:
-    """Number photos by content; of several with the same the first stands for all, and is compared."""
+    """Map content hashes to photo numbers; of several equal photos the first is used."""
     return {content: i for i, content in reversed([*enumerate(contents)]) if content}
 
 
 def _store(path: Path, pairs: PhotoPairs, *, contents: list[str], done: set[str], key: str) -> None:
-    """Write pairs by content: the photos that are done come first."""
+    """Write pairs with the content hashes of their photos, those that have been compared first."""
     ordered = sorted({c for c in contents if c}, key=lambda c: c not in done)
     place = {c: i for i, c in enumerate(ordered)}
     number = np.array([place.get(c, -1) for c in contents], np.int64)

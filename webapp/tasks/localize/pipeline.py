@@ -1,18 +1,19 @@
 """The localization of one photo, stage by stage.
 
-1. read: the photo is decoded upright and small enough, and its field of view is read; a panorama is cut into
-   views, each of which goes through the next stages (`query_photo`);
-2. extract: keypoints and descriptors (`core.features`), and before, where there is a model, one of the whole;
-3. retrieve, verify, position: the map's photos that match, relative poses, positions (`core.localize`);
+1. read: decode the photo upright and downscaled, read its field of view and, where a model is installed,
+   compute its global descriptor; cut a panorama into views, each of which passes through the following
+   stages (`query_photo`);
+2. extract: keypoints and descriptors (`core.features`);
+3. retrieve, verify, position: matching map photos, relative poses, positions (`core.localize`);
 4. calibrate: evidence becomes probabilities (`core.hypotheses.calibration`);
-5. prior: photos are taken where the photos of the map are, along the paths between them
+5. prior: queries are likely near the map's photos and on the paths between them
    (`core.hypotheses.path_prior`).
 
-Method `auto` goes through 1 to 4 once more, by other features, where the answer is not sure, and combines
-both looks (`core.hypotheses.looks`).
+If the answer is uncertain, method `auto` repeats stages 2 to 4 with other features and combines both looks
+(`core.hypotheses.looks`).
 
 `observe` stops before the prior: several photos of one spot (`spot.py`) and the frames of a sequence
-(`sequence.py`) are combined first, and have priors of their own.
+(`sequence.py`) are combined first and have their own priors.
 """
 
 from __future__ import annotations
@@ -61,12 +62,12 @@ from webapp.tasks.localize.query_photo import QueryPhoto, pictures_of, read_quer
 from webapp.telemetry import span
 
 _ALL = 100
-"""More hypotheses than a look has."""
+"""Maximum number of hypotheses of a look, large enough to keep all."""
 
 
 @dataclass(slots=True)
 class _Stopwatch:
-    """Seconds of each stage, and of all of them; the photo has been read before it starts."""
+    """Seconds per stage and in total; reading the photo is timed before it starts."""
 
     seconds: dict[str, float]
     _begun: float = field(default_factory=time.perf_counter)
@@ -89,20 +90,20 @@ class LocalizationPipeline:
     Attributes
     ----------
     calibration : StoredCalibration or None
-        None for a method that has none.
+        None for a method without calibration.
     fov_deg : float or None
-        Horizontal field of view of the queries, instead of what their EXIF says.
+        Horizontal field of view of the queries, instead of the one in their EXIF.
     sightings : DepthObservations or None
-        Of the map's keypoints, where photos are to be hidden: for depths that do not rest on them. Where
-        this is None, no depths are used then.
+        Depth observations of the map's keypoints, to compute depths without the photos that are hidden. If
+        None, no depths are used when photos are hidden.
     asked : Method or None
-        The method that was asked for, where the map is opened for one of its looks.
+        The requested method, where it differs from that of the open map (`auto`, landmarks on demand).
     second : LocalizationPipeline or None
         The second look of `auto`.
     both : Calibration
-        Of both looks together.
+        Calibration of the two looks combined.
     around : LandmarksAround or None
-        Solves the camera where the map has no landmarks of its own.
+        Solves the camera pose from landmarks made on demand, for a map without landmarks.
     """
 
     opened: OpenMap
@@ -134,7 +135,7 @@ class LocalizationPipeline:
         return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
 
     def limit_accuracy(self, answer: Answer) -> Answer:
-        """Make no position of a finished answer more exact than those of the map's photos."""
+        """Enlarge the radii of a final answer to at least the accuracy of the map's photo positions."""
         return limit_accuracy(answer, self.opened.position_radius_px)
 
     def observe(
@@ -150,7 +151,7 @@ class LocalizationPipeline:
         Parameters
         ----------
         include : frozenset of int
-            Experience ids of which the best are verified in any case; `vote` compares with all.
+            Experience ids of which the best are verified even if the votes name none; unused by `vote`.
 
         Raises
         ------
@@ -177,7 +178,7 @@ class LocalizationPipeline:
         return joint.combine(answers, paths=self.opened.indexed.paths, top=_ALL)
 
     def _look(self, photo: QueryPhoto, *, hide: frozenset[int], include: frozenset[int]) -> Answer:
-        """Localize by the pipeline's own features."""
+        """Localize with the pipeline's own features, without the second look."""
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
             features = self._extract(photo)
@@ -252,7 +253,7 @@ class LocalizationPipeline:
 
     @property
     def place_radius_px(self) -> float:
-        """How far off a right hypothesis may be, map pixels."""
+        """Largest error of a correct hypothesis, map pixels."""
         return cascade.place_radius_px(self.all_opened)
 
     @property
@@ -262,13 +263,13 @@ class LocalizationPipeline:
 
     @property
     def map_kind(self) -> MapKind:
-        """What the positions of the map's photos are."""
+        """Kind of the map: metric, areas, schematic or mixed."""
         kind = self.opened.indexed.kind
         schematic = self.calibration is not None and self.calibration.calibration.schematic
         return "schematic" if schematic and kind == "metric" else kind
 
     def answer_source(self, *, sequence: bool = False) -> AnswerSource:
-        """Describe what gives the answers, for their JSON."""
+        """Describe the method and the map of the answers, for their JSON."""
         return AnswerSource(
             self.method, self.features, self.map.georeference, self.map.revision,
             self.map_kind, self.place_radius_px, sequence, self.map.floors,
@@ -276,23 +277,23 @@ class LocalizationPipeline:
 
     @property
     def build_seconds(self) -> float | None:
-        """Time the index took."""
+        """Build time of the indexes; None if unknown."""
         return _sum(o.manifest.build_seconds for o in self.all_opened)
 
     @property
     def calibration_seconds(self) -> float | None:
-        """Time the calibration took; None for a method that has none."""
+        """Duration of the calibrations; None for a method without calibration."""
         stored = (self.calibration, self.second.calibration if self.second else None)
         return _sum(c.seconds for c in stored if c is not None)
 
     @property
     def index_bytes(self) -> int:
-        """Size of the index on disk."""
+        """Size of the indexes on disk."""
         return sum(o.folder.bytes_on_disk() for o in self.all_opened)
 
 
 def _sum(seconds: Iterable[float | None]) -> float | None:
-    """Add up what is known; None where nothing is."""
+    """Sum the known values; None if there are none."""
     known = [s for s in seconds if s is not None]
     return sum(known) if known else None
 
@@ -305,18 +306,18 @@ def open_pipeline(
     progress: Progress,
     fov_deg: float | None = None,
 ) -> LocalizationPipeline:
-    """Open a map for localization: index and orientations brought up to date, probabilities calibrated.
+    """Open a map for localization: update its index and orientations, and calibrate its probabilities.
 
     Parameters
     ----------
     fov_deg : float, optional
-        Horizontal field of view of the queries, instead of what their EXIF says.
+        Horizontal field of view of the queries, instead of the one in their EXIF.
 
     Raises
     ------
     MapError, UsageError, StorageError, IndexDamaged, Cancelled
     """
-    options.choice()  # what cannot work is reported before anything is read
+    options.choice()  # fail early: check the options before reading any file
     the_map = read_map(cfg)
     asked, options = options.method, options_for_retrieval(cfg, options, settings=settings)
     around = None if options.method == asked else LandmarksAround(settings, progress, build=True)
@@ -351,7 +352,7 @@ def _open_look(
 def with_second_look(
     first: LocalizationPipeline, second: LocalizationPipeline, *, progress: Progress
 ) -> LocalizationPipeline:
-    """Give a pipeline its second look, calibrated with the first; both must be calibrated themselves.
+    """Add a second look to a pipeline and calibrate both together; each must be calibrated by itself.
 
     Raises
     ------
@@ -378,7 +379,7 @@ def join_looks(
     calibrations: tuple[Calibration, Calibration],
     both: Calibration,
 ) -> LocalizationPipeline:
-    """Put two looks together; `calibrations` are those on which they agree."""
+    """Combine two looks; `calibrations` are those returned by `cascade.agree_on_scale`."""
     if first.calibration is None or second.calibration is None:
         raise ValueError("both looks have to be calibrated")
     one = replace(first.calibration, calibration=calibrations[0])

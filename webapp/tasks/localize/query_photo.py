@@ -1,4 +1,4 @@
-"""Reads a query once for all looks at it: a photo, or a panorama as level views of what is around."""
+"""Reads a query once for all looks: a photo, or a panorama cut into level views."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.maps.cut_panoramas import CutOptions
 
 _CUT = CutOptions()
-"""A query is cut as a map's panoramas are."""
+"""A query panorama is cut like those of a map."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanoramaView:
-    """Which part of a panorama a view shows.
+    """A level view of a query panorama.
 
     Attributes
     ----------
     panorama : (int, int)
-        Width and height, pixels.
+        Width and height of the panorama, pixels.
     turn_deg : float
-        By how much it is turned clockwise from the middle of the panorama.
+        Clockwise rotation of the view from the middle of the panorama.
     """
 
     size: ViewSize
@@ -44,7 +44,7 @@ class PanoramaView:
     turn_deg: float
 
     def to_panorama(self, answer: Answer) -> Answer:
-        """Give the answer to the panorama: its middle is where it looks, and matches are in its pixels."""
+        """Convert the view's answer to the panorama: heading of its middle, and matches in its pixels."""
         whole = None if answer.fov is None else FieldOfView(360.0, answer.fov.source)
         hypotheses = tuple(self._of_middle(h) for h in answer.hypotheses)
         evidence = tuple(self._on_panorama(e) for e in answer.evidence)
@@ -62,7 +62,7 @@ class PanoramaView:
 
 
 def to_experiences(answer: Answer, opened: OpenMap) -> Answer:
-    """Give an answer about views of the map's panoramas to these: matches are in their pixels."""
+    """Replace views of the map's panoramas in an answer by the panoramas, with matches in their pixels."""
     if not opened.views:
         return answer
     hypotheses = tuple(
@@ -70,7 +70,7 @@ def to_experiences(answer: Answer, opened: OpenMap) -> Answer:
         for h in answer.hypotheses
     )
     best: dict[int, Evidence] = {}
-    for one in answer.evidence:  # the best first
+    for one in answer.evidence:  # sorted, best first
         best.setdefault(experience_of(one.experience), one)
     evidence = tuple(_of_experience(one, opened) for one in best.values())
     return replace(answer, hypotheses=hypotheses, evidence=evidence)
@@ -89,7 +89,7 @@ def _of_experience(evidence: Evidence, opened: OpenMap) -> Evidence:
 
 
 def pictures_of(experiences: Collection[int], opened: OpenMap) -> frozenset[int]:
-    """Return the ids of what the index has of some experiences; of panoramas those of their views."""
+    """Return the ids of the indexed pictures of some experiences: photos, or views of panoramas."""
     wanted = {experience_of(id) for id in experiences}
     if not opened.views:
         return frozenset(wanted)
@@ -105,9 +105,9 @@ class QueryPhoto:
     vector : (d,) float32 or None
         Its global descriptor.
     seconds : float
-        Reading it took.
+        Time to read it.
     view : PanoramaView or None
-        What it shows of a panorama.
+        Set for a view of a panorama.
     """
 
     gray: GrayPhoto
@@ -117,7 +117,7 @@ class QueryPhoto:
     view: PanoramaView | None = None
 
     def turned(self, quarters: int) -> QueryPhoto:
-        """Turn it clockwise: a photo that lies on its side, for features that know upright ones only."""
+        """Rotate it clockwise by quarter turns, for features that are not rotation-invariant."""
         gray, fov = self.gray.turned(quarters), self.fov
         if quarters % 2:
             width, height = self.gray.full_size
@@ -126,7 +126,7 @@ class QueryPhoto:
         return replace(self, gray=gray, fov=fov)
 
     def turned_back(self, answer: Answer, *, quarters: int) -> Answer:
-        """Give the answer to this photo, `turned`, in pixels of the photo as it was."""
+        """Convert an answer about this rotated photo (`turned`) to pixels of the original photo."""
         evidence = tuple(
             replace(e, query_xy=_turned_back(e.query_xy, self.gray.full_size, quarters))
             for e in answer.evidence
@@ -135,7 +135,7 @@ class QueryPhoto:
 
 
 def _turned_back(xy: NDArray[np.float32], size: tuple[int, int], quarters: int) -> NDArray[np.float32]:
-    """Turn pixels of a photo of that size counterclockwise; pixel centres have whole numbers."""
+    """Rotate pixels of a photo of this size counterclockwise; pixel centres have integer coordinates."""
     width, height = size
     for _ in range(quarters):
         xy = np.column_stack([xy[:, 1], width - 1 - xy[:, 0]])
@@ -146,14 +146,14 @@ def _turned_back(xy: NDArray[np.float32], size: tuple[int, int], quarters: int) 
 def read_query(
     path: Path, *, settings: Settings, fov_deg: float | None, describe: GlobalDescriptor | None
 ) -> list[QueryPhoto]:
-    """Read a photo, or cut a panorama that says that it is one into views.
+    """Read a photo; a panorama with the metadata of one is cut into views.
 
     Parameters
     ----------
     fov_deg : float or None
-        Horizontal field of view of a photo, instead of what its EXIF says.
+        Horizontal field of view of a photo, instead of the one in its EXIF.
     describe : GlobalDescriptor or None
-        Describes it as a whole.
+        Computes the global descriptor.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Answers requests on a map, and queues the job that its index or its calibration needs first.
+"""Answers requests on a map, and queues the job that builds its index or its calibration.
 
-A map that photos were added to answers at once, without them; one that was never built says that it is being
-built. Both are one kind of job, which exists once for each method and features.
+A map with new photos answers at once, without them; a map without an index raises `NotReady` while it is
+built. Both queue the same kind of job, one per method and features.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from webapp.tasks.localize.map_cache import MapCache
 from webapp.tasks.localize.upload import LocalizeRequest, LocalizeResult
 
 LANDMARKS_JOB = "landmarks"
-"""Kind of the job that reconstructs photos of a map."""
+"""Kind of the job that reconstructs landmarks from photos of a map."""
 
 _OWN_JOB: tuple[Method, ...] = ("thorough", "landmarks")
 """Methods that need more than the index and the orientations, and have a calibration of their own."""
@@ -36,7 +36,7 @@ _OWN_JOB: tuple[Method, ...] = ("thorough", "landmarks")
 def localize_or_build(
     library: Library, record: MapRecord, *, cache: MapCache, request: LocalizeRequest, settings: Settings
 ) -> LocalizeResult:
-    """Localize photos; where the index is missing or lacks photos, have it built in the background.
+    """Localize photos; if the index is missing or lacks photos, queue a build in the background.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def localize_or_build(
     if result.opened.to_calibrate:
         _calibrate(library, record, method, features=features, settings=settings)
     if result.form.get("note") == on_demand.NOT_YET:
-        with suppress(StorageError):  # a full disk: the answer is there all the same
+        with suppress(StorageError):  # the answer is valid even if the disk is full
             _reconstruct_around(library, record, result, settings=settings)
     return result
 
@@ -80,7 +80,7 @@ def _reconstruct_around(
 def _build_index(
     library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
 ) -> bool:
-    """Queue a build unless there is one; return False for a map that has nothing to build from."""
+    """Queue a build unless one is pending; return False for a map without placed photos or image."""
     with library.database.read() as session:
         row = session.get_one(MapRecord, record.id)
         if not maps.counts(session, row)[1] or row.satellite_path is None:
@@ -94,7 +94,7 @@ def _build_index(
 def _calibrate(
     library: Library, record: MapRecord, method: Method, *, features: str, settings: Settings
 ) -> None:
-    """Queue a calibration, once for each state of the map, and not at once after one that failed."""
+    """Queue a calibration, once per state of the map, and not while a job is pending or has just failed."""
     key = _job_key(method, features)
     with library.database.read() as session:
         at_work = _index_jobs(session, record.id, key=key)
@@ -105,7 +105,7 @@ def _calibrate(
 
 
 def _state(session: Session, record: MapRecord, settings: Settings) -> str:
-    """Describe what the outcome of a job depends on: another one would come to the same."""
+    """Return a key of all that determines a job's result: with an equal key it need not run again."""
     revision = session.get_one(MapRecord, record.id).revision
     described = usable_global_descriptor(settings.models)
     weights = "" if described is None else f" {described.weights}"
@@ -113,7 +113,7 @@ def _state(session: Session, record: MapRecord, settings: Settings) -> str:
 
 
 def _job_key(method: Method, features: str) -> str:
-    """Name a job: one builds what all methods need of features, but for those in `_OWN_JOB`."""
+    """Return the key of a job: one job per features serves all methods except those in `_OWN_JOB`."""
     if method in _OWN_JOB:
         return f"{features} {method}"
     return "" if features in ("auto", choose("verified").name) else features

@@ -1,4 +1,4 @@
-"""Joins finished photos into the segments of an index, and trains its codebook."""
+"""Joins extracted photos into the segments of an index, and trains its codebook."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ PHOTOS_PER_SEGMENT = 1000
 """Number of photos joined at once, which bounds the memory of a build."""
 
 _MOST_SMALL = 16
-"""When there are more segments than this with less than half of that, they are joined."""
+"""If more segments than this have less than half of `PHOTOS_PER_SEGMENT`, they are merged."""
 
 _MOST_DEAD = 0.3
-"""Share of a segment's photos no longer in the map from which the rest of it is rewritten."""
+"""A segment is rewritten if more than this share of its photos is no longer in the map."""
 
 _RETRAIN_GROWTH = 4
-"""A codebook trained on a map this many times smaller no longer divides it well."""
+"""Growth factor of the number of descriptors beyond which the codebook is retrained."""
 
 
 def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifest:
-    """Leave out of a manifest what its files no longer hold: `join` rebuilds it.
+    """Return a manifest without the entries whose files are missing or damaged, for `join` to rebuild.
 
     Parameters
     ----------
     coding : Coding
-        Of the engine that the index should have.
+        Coding of the engine that the index should have.
 
     Returns
     -------
     Manifest
-        The same one where no file is missing or damaged.
+        Equal to `manifest` if no file is missing or damaged.
     """
     codebook = manifest.codebook if manifest.engine == coding.engine else ""
     if codebook and not coding.holds(None, codebook=codebook):
@@ -62,17 +62,17 @@ def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifes
 def join(
     index: IndexFolder, manifest: Manifest, *, coding: Coding, settings: Settings, progress: Progress
 ) -> Manifest:
-    """Make segments and codes of all photos that the manifest names.
+    """Write the segments and codes of all photos that the manifest names.
 
     Parameters
     ----------
     manifest : Manifest
-        The photos as they should be; segments and codebook as they are.
+        The wanted photos; the existing segments and codebook.
 
     Returns
     -------
     Manifest
-        With the segments and the codebook that hold those photos; their files are on disk.
+        With segments and codebook for these photos; their files are on disk.
     """
     wanted = {p.content: None for p in manifest.photos.values() if p.content}
     opened = {s.name: read_segment(index.segment_path(s.name)) for s in manifest.segments}
@@ -125,7 +125,7 @@ def descriptors_in_map(index: IndexFolder, manifest: Manifest) -> int:
 def _worth_keeping(
     records: Collection[SegmentRecord], opened: Mapping[str, Segment], *, wanted: Collection[str]
 ) -> list[SegmentRecord]:
-    """Leave out the segments that are better rewritten: small and many, or with much that is gone."""
+    """Leave out the segments to rewrite: small ones if there are many, and ones with many removed photos."""
 
     def small(record: SegmentRecord) -> bool:
         return record.photos < PHOTOS_PER_SEGMENT // 2
@@ -149,5 +149,5 @@ class _Source:
         if content in self._place:
             segment, photo = self._place[content]
             return segment.entry(photo)
-        # Not mapped: a map keeps its file open, and a process may not have a thousand files open.
+        # Not memory-mapped: a mapping keeps its file open, and the number of open files is limited.
         return read_segment(self._index.spool_path(content), mapped=False).entry(0)

@@ -1,4 +1,4 @@
-"""Localizes the frames of a sequence: live, by the frames before each, or recorded, by all of them."""
+"""Localizes the frames of a sequence: live (filtering) or recorded (smoothing)."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from webapp.settings import PhotoLimits
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 FRAME_TOP = 10
-"""Number of hypotheses considered of each frame."""
+"""Number of hypotheses considered per frame."""
 
 _LEAST_STEP = 0.5
-"""EXIF often counts whole seconds: photos of one second were not taken at once."""
+"""Minimum time step: EXIF often has whole seconds, so that equal times do not mean simultaneous photos."""
 
 
 def motion(pipeline: LocalizationPipeline, *, speed_px: float | None = None) -> MotionModel:
-    """Describe the usual motion of a camera over the map."""
+    """Return the motion model of a camera on the map."""
     return motion_model_on(pipeline.opened.indexed.paths, speed_px=speed_px)
 
 
 class SequenceFilter:
-    """Localizes the frames of a sequence one by one, each also by the frames before it.
+    """Localizes the frames of a sequence one by one, each using all previous frames.
 
     Parameters
     ----------
     speed_px : float, optional
-        Usual way from a frame to the next, map pixels; None for that of most sequences.
+        Typical distance between consecutive frames, map pixels; None for the default.
     steps : mapping of Path to float
-        Time since the frame before, in usual intervals, where it is not 1.
+        Time since the previous frame, in typical frame intervals, where it is not 1.
     """
 
     def __init__(
@@ -69,12 +69,12 @@ class SequenceFilter:
 
 
 class SmoothedSequence:
-    """Answers about the frames of a recorded sequence, each by all frames before and after it.
+    """Answers about the frames of a recorded sequence, smoothed over all frames.
 
     Parameters
     ----------
     answers : mapping of Path to Answer or PhotoError
-        Of each frame.
+        The result of each frame.
     """
 
     def __init__(self, answers: Mapping[Path, Answer | PhotoError]) -> None:
@@ -102,18 +102,18 @@ def smooth_sequence(
     speed_px: float | None = None,
     steps: Mapping[Path, float] = MappingProxyType({}),
 ) -> SmoothedSequence:
-    """Localize all frames of a sequence, each by all others.
+    """Localize all frames of a sequence, smoothed over all of them.
 
     Parameters
     ----------
     photos : sequence of Path
-        In the order in which they were taken.
+        In the order of capture.
     progress : Progress
-        One step a photo.
+        One step per photo.
     speed_px : float, optional
-        Usual way from a frame to the next, map pixels.
+        Typical distance between consecutive frames, map pixels.
     steps : mapping of Path to float
-        Time since the frame before, in usual intervals, where it is not 1.
+        Time since the previous frame, in typical frame intervals, where it is not 1.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def smooth_sequence(
 
 
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:
-    """Put photos into the order in which they were taken.
+    """Sort photos by capture time.
 
     Returns
     -------
     steps : dict
-        Time since the photo before, over the median of all such times; as `SequenceFilter` takes it.
+        Time since the previous photo, divided by the median of these times, as for `SequenceFilter`.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path,
 
 
 def _taken_at(photo: Path, limits: PhotoLimits) -> float | None:
-    """Seconds by the camera's clock; None for a photo that cannot be read: localizing it reports that."""
+    """Return the capture time in seconds; None for an unreadable photo, which localization reports later."""
     try:
         taken_at = read_facts(photo, limits=limits).taken_at
     except PhotoError:

@@ -1,6 +1,6 @@
-"""The filter over a sequence whose frames come one by one, to whichever process answers.
+"""Filters a live sequence whose frames may be processed by different processes.
 
-The belief about a sequence is a small file in the library's folder, which expires after some minutes.
+The belief of a sequence is kept in a small file in the library's folder, which expires after some minutes.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.sequence import motion
 
 MAX_AGE_S = 600.0
-"""So long after its last frame a sequence is known."""
+"""Time after its last frame at which a sequence expires."""
 
 _FOLDER = "sequences"
 _FORMAT = 2
-"""Of the file; one of another starts the sequence over."""
+"""Format of the file; a file of another format restarts the sequence."""
 
 
 def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
-    """Name the file of a sequence, and delete those that are old.
+    """Return the file of a sequence, and delete expired files.
 
     Parameters
     ----------
     account_id : int
-        Whose sequence it is: nobody else's id names it.
+        Owner of the sequence; the ids of different accounts are independent.
     id : str
-        Chosen by who asks.
+        Chosen by the client.
     """
     folder = library.inner / _FOLDER
     folder.mkdir(exist_ok=True)
@@ -47,16 +47,16 @@ def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Pa
 
 
 def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, top: int) -> Answer:
-    """Join the answer about the next frame with what is known.
+    """Update the belief of a sequence by the answer about its next frame, and return the filtered answer.
 
     Parameters
     ----------
     file : Path
-        Of the sequence; it is overwritten. Without one a sequence starts.
+        State of the sequence; it is overwritten. If it does not exist, a new sequence starts.
     answer : Answer
-        About the frame alone.
+        Answer from the frame alone.
     pipeline : LocalizationPipeline
-        What gave it. The sequence starts over when the map has changed since.
+        Pipeline that gave the answer. The sequence restarts if the map has changed.
     top : int
         Maximum number of hypotheses.
 

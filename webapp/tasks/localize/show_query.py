@@ -1,4 +1,4 @@
-"""Finds the file of a photo that was asked about, or a preview of it, for those who may see it."""
+"""Finds the file of a query photo, or a preview of it; access is checked by the caller."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from webapp.store.schema import QueryRecord
 
 
 def original(library: Library, query: QueryRecord) -> Path:
-    """Find the file of a query, as it came.
+    """Return the original file of a query.
 
     Raises
     ------
@@ -30,14 +30,14 @@ def original(library: Library, query: QueryRecord) -> Path:
 
 
 def preview(library: Library, query: QueryRecord, *, kind: Kind, settings: Settings) -> Path:
-    """Find a preview of a query, and make it when it is wanted for the first time.
+    """Return a preview of a query, which is created on first use.
 
     Raises
     ------
     NotFound, PhotoError
         The photo is missing or damaged.
     StorageError
-        The disk refused.
+        The file cannot be written.
     """
     path = _preview_path(library, query, kind)
     if not path.exists():
@@ -55,7 +55,7 @@ def delete_files(library: Library, rows: Iterable[QueryRecord]) -> None:
         for kind in SIDES:
             path = _preview_path(library, query, kind)
             discard(path)
-            discard(path.with_suffix(".jpg"))  # as 0.7.0 named all of them
+            discard(path.with_suffix(".jpg"))  # the name in version 0.7.0
         discard(queries.folder(library, query.map_id) / query.file)
 
 

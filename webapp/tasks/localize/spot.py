@@ -1,7 +1,7 @@
-"""Localizes photos of one spot together, with hints: about where they were taken, and in which direction.
+"""Localizes photos of one spot together, with hints: their approximate position and compass heading.
 
-A hint never excludes a place: a circle is a prior, a compass a likelihood. Where all photos of the shortlist
-are outside the circle, the best within it are verified too.
+A hint never excludes a place: the circle is a prior, the compass heading a likelihood. If all shortlisted
+photos are outside the circle, the best photos within it are verified, too.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from webapp.errors import UsageError
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 _ALL = 100
-"""Hypotheses before anything is weighed: more than any method has whose places are few."""
+"""Maximum number of hypotheses before the hints are applied; large enough to keep all places in practice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """What is known of photos besides themselves.
+    """Hints about photos.
 
     Attributes
     ----------
     near : CirclePrior or None
-        About where they were taken.
+        Approximate position.
     heading_deg : float or None
-        Where the camera looked, degrees clockwise from north.
+        Heading of the camera, degrees clockwise from north.
     """
 
     near: CirclePrior | None = None
@@ -52,7 +52,7 @@ def observe(pipeline: LocalizationPipeline, photo: Path, *, hints: Hints) -> Ans
     PhotoError
         It cannot be used.
     UsageError
-        There is no photo of the map in the circle.
+        No photo of the map is in the circle.
     """
     return pipeline.observe(photo, top=_ALL, include=_within(pipeline, hints.near))
 
@@ -65,14 +65,14 @@ def combine(
     Parameters
     ----------
     answers : sequence of Answer
-        By `observe`, one a photo; at least one.
+        From `observe`, one per photo; at least one.
     top : int
         Maximum number of hypotheses.
 
     Returns
     -------
     best : int
-        Number of the photo that it takes heading and evidence from.
+        Index of the photo whose heading and evidence are used.
     """
     weighed, best = combine_without_prior(pipeline, answers, hints=hints)
     paths = pipeline.opened.indexed.paths
@@ -84,13 +84,13 @@ def combine(
 def combine_without_prior(
     pipeline: LocalizationPipeline, answers: Sequence[Answer], *, hints: Hints
 ) -> tuple[Answer, int]:
-    """Combine all but the prior over exact positions, which a sequence has its own of."""
+    """Combine all but the path prior on positions; a sequence has a prior of its own."""
     paths = pipeline.opened.indexed.paths
     answer = joint.combine(answers, paths=paths, top=_ALL)
     if hints.near is not None:
         answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
-        # A panorama may be matched with photos that look anywhere.
+        # A panorama matches photos of any heading.
         around = any(one.fov is not None and one.fov.degrees >= 360.0 for one in answers)
         looked_deg = {} if around else photo_headings(pipeline)
         answer = apply_compass(answer, hints.heading_deg, looked_deg=looked_deg)
@@ -99,9 +99,9 @@ def combine_without_prior(
 
 
 def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
-    """Where photos of the map looked: as they say themselves, else as was worked out from what they see.
+    """Return the headings of the map's photos by id: the recorded one, else that of the orientation.
 
-    A panorama looks everywhere, and is not among them.
+    Panoramas are left out, as they look in all directions.
     """
     indexed = pipeline.opened.indexed
     computed = zip(indexed.ids.tolist(), _from_north(pipeline).tolist(), strict=True)
@@ -112,7 +112,7 @@ def photo_headings(pipeline: LocalizationPipeline) -> dict[int, float]:
 
 
 def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:
-    """Compute the headings of the map's photos, degrees from north; NaN where not known."""
+    """Compute the headings of the map's photos, degrees clockwise from north; NaN where unknown."""
     indexed, georeference = pipeline.opened.indexed, pipeline.map.georeference
     headings = indexed.image_headings_deg()
     if georeference is None:
@@ -123,12 +123,12 @@ def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:
 
 
 def _within(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:
-    """List the photos of the map in the circle, or so near to it that it may mean their place.
+    """Return the ids of the map's photos in the circle, or within a place radius of it.
 
     Raises
     ------
     UsageError
-        None is.
+        There are none.
     """
     if near is None:
         return frozenset()

@@ -1,4 +1,4 @@
-"""The photos of a map play queries: each is hidden, alone or with others, and looked for."""
+"""Trials: photos of a map are used as queries, each hidden from the map alone or with others."""
 
 from __future__ import annotations
 
@@ -35,49 +35,49 @@ Hidden = Literal["photo", "place", "surroundings"]
 MOST_PHOTOS = 200
 
 _HIDDEN: tuple[Hidden, ...] = ("photo", "surroundings", "photo", "place")
-"""What is hidden with a photo that plays a query, in turn: itself, as when somebody comes by again; what
-stands as near as the next place; and all around, so that it plays a photo from elsewhere."""
+"""What is hidden in successive trials: the photo alone, like a repeated visit; all photos of its place; or
+all of its surroundings, like a query from off the map."""
 
 _OFF_MAP_WEIGHT = 0.2
-"""Of a photo from elsewhere against one from the map: by their numbers in `_HIDDEN`, 15 of 16 are taken to be
-from the map. With less, photos of look-alike streets are placed; with more, maps that look alike all over (a
-corridor, a campus) refuse their own."""
+"""Weight of an off-map trial relative to an on-map one: with the mix of `_HIDDEN`, a prior of 15/16 that a
+query is on the map. With less, photos of look-alike streets are placed; with more, maps of repetitive
+appearance (a corridor, a campus) reject their own photos."""
 
 _SAME_PLACE = 1.05
-"""Photos nearer than this, in spacings of the map, are hidden with a photo that plays a query: what is
-left is about as far from it as a map's photos are from a new one."""
+"""Photos within this distance, in photo spacings of the map, are hidden with the trial's photo: the remaining
+ones are about as far away as map photos are from a new query."""
 
 _ELSEWHERE, _MOST_HIDDEN = 10.0, 0.6
-"""Photos nearer than this, in place radii, are hidden with a photo that plays one from elsewhere: along a
-path one sees far. At most about this share of the map is hidden, the nearest photos."""
+"""For an off-map trial, photos within this distance in place radii are hidden (visibility along a path is
+long), but at most about this share of the map, the nearest photos."""
 
 _OTHER_DAY_EVERY, _LEFT_ON_OTHER_DAY = 2, 10
-"""Every second photo whose place is hidden plays one of another day, when one in ten of its keypoints is
-found again."""
+"""Every second trial with a hidden place keeps only one in ten of its keypoints, as if few were detected
+again on another day."""
 
 _ALIKE = 0.5
-"""Photos of an area with more than this share of the most similar one's votes are of the same capture."""
+"""Photos of an area with more than this share of the most votes count as the same capture."""
 
 _STRONG_INLIERS = 40
-"""Inliers from which on a photo surely shows the same as the query."""
+"""Number of inliers from which on a photo certainly shows the same scene as the query."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A photo of the map that played a query.
+    """A photo of the map that was used as a query.
 
     Attributes
     ----------
     evidence : (h, EVIDENCE) float64
     places : list of PlaceCandidate
-        Their photos are left out.
+        Without their photos if read from a record.
     truth : (x, y)
     floor : int
         Id of its floor.
     strong : bool
-        The best photo surely shows the same.
+        The best-matching photo certainly shows the same scene.
     seconds : float
-        It took.
+        Duration of the search.
     """
 
     evidence: NDArray[np.float64]
@@ -90,7 +90,7 @@ class Trial:
 
     @property
     def weight(self) -> float:
-        """How much it counts in a fit."""
+        """Weight in a fit."""
         return _OFF_MAP_WEIGHT if self.hidden == "surroundings" else 1.0
 
     @property
@@ -98,11 +98,11 @@ class Trial:
         return any(floor != BASE_FLOOR for floor in (self.floor, *(p.floor for p in self.places)))
 
     def error_px(self, at: MapPixel, floor: int) -> float:
-        """Compute how far a place is from the truth; infinitely far on another floor."""
+        """Compute the distance of a place from the truth; infinite on another floor."""
         return math.dist(at, self.truth) if floor == self.floor else math.inf
 
     def to_record(self) -> dict[str, Any]:
-        """Give plain values."""
+        """Convert it to plain values."""
         places = [[p.kind, *p.position, p.sigma_px, *p.anchor, p.area] for p in self.places]
         return {
             "evidence": self.evidence.tolist(),
@@ -138,14 +138,15 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriedMap:
-    """A map whose photos play queries.
+    """A map whose photos are used as queries.
 
     Attributes
     ----------
     sightings : DepthObservations or None
-        Of the map's keypoints, for depths that do not rest on the hidden photos. Without them there are none.
+        Depth observations of the map's keypoints, to compute depths without the hidden photos; if None, no
+        depths are used.
     find : callable or None
-        Looks for a photo's places, as `find_places` does, which is taken by default.
+        Finds the places of a query; `find_places` by default.
     """
 
     indexed: IndexedMap
@@ -159,16 +160,16 @@ class TriedMap:
 
     @property
     def trials(self) -> int:
-        """Number of photos that are tried, evenly spread over the map."""
+        """Number of trials, evenly spread over the map's photos."""
         return min(MOST_PHOTOS, len(self.indexed.ids))
 
     def attempt(self, number: int) -> TrialRecord:
-        """Look for a photo; None where that cannot be done.
+        """Run a trial; None if it is not possible.
 
         Parameters
         ----------
         number : int
-            Of the trial.
+            Number of the trial.
         """
         indexed = self.indexed
         trial = _try(
@@ -190,21 +191,21 @@ def try_photos(
     known: Mapping[int, TrialRecord] = MappingProxyType({}),
     keep: Callable[[int, TrialRecord], None] = lambda number, trial: None,
 ) -> dict[int, Trial]:
-    """Look for at most `MOST_PHOTOS` photos of the map, evenly spread over it, each hidden from it.
+    """Run trials on at most `MOST_PHOTOS` photos, evenly spread over the map.
 
     Parameters
     ----------
     attempts : callable, optional
-        Tries photos by the numbers of their trials, in that order; by default here, one after the other.
+        Runs trials by number and yields the records in that order; by default one after the other, here.
     known : mapping of int to TrialRecord
-        Photos that an earlier run has tried.
+        Trials of an earlier run.
     keep : callable
-        Is given each other photo's number and its trial.
+        Called with the number and the record of each new trial.
 
     Returns
     -------
     dict of int to Trial
-        By the number of the trial; photos that cannot be used are left out.
+        By number; trials that are not possible are left out.
     """
     progress.size(tried.trials)
     new = (attempts or partial(map, tried.attempt))(n for n in range(tried.trials) if n not in known)
@@ -231,7 +232,7 @@ def _try(
     same_place_px: float,
     find: FindPlaces,
 ) -> Trial | None:
-    """Look for one photo; None where it has no features, or nothing of the map is left to look through."""
+    """Run one trial; None if the photo has no features, or no photo of the map remains."""
     features = indexed.features(photo)
     if features is None:
         return None
@@ -258,7 +259,7 @@ def _try(
 def _hide(
     indexed: IndexedMap, photo: int, features: Features, *, hidden: Hidden, same_place_px: float
 ) -> NDArray[np.bool_]:
-    """Choose the photos that are hidden with one that plays a query; (p,)."""
+    """Choose the photos that are hidden in a trial; (p,)."""
     mine = experiences_of(indexed.ids)
     itself: NDArray[np.bool_] = mine == mine[photo]
     area = int(indexed.area[photo])
@@ -278,7 +279,7 @@ def _hide(
 
 
 def _capture(indexed: IndexedMap, itself: NDArray[np.bool_], features: Features) -> NDArray[np.bool_]:
-    """Find the photos that look as if they were taken with one: many share a place, and few a moment."""
+    """Find the photos of an area that appear to be from the same capture as the trial's photo."""
     neighbours = indexed.tuning.retrieval.neighbours + 1
     nearest = candidates(indexed, features.descriptors, k=neighbours, hide=indexed.ids[itself].tolist())
     votes = weighted_votes(filter_by_rotation(indexed, features, found=nearest), len(indexed.ids))

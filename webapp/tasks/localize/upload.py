@@ -1,4 +1,4 @@
-"""Localizes uploaded photos on a map of the library, and stores photo and answer."""
+"""Localizes uploaded photos on a map of the library, and stores the photo and the answer."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 from webapp.threads import permit
 
 MAX_PHOTOS = 8
-"""Of one spot, in one request."""
+"""Maximum number of photos of one spot in a request."""
 
 _QUICK = BoundedSemaphore(2)
-"""More at the same time would only wait for each other, and each takes memory for its photo."""
+"""Concurrent localizations: more would only compete for the cores, and each needs memory for its photo."""
 
 _THOROUGH = BoundedSemaphore(1)
-"""Takes a second or two a photo, and memory for its networks: others do not wait for it."""
+"""Separate limit, so that other methods need not wait: a second or two per photo, and much memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,13 @@ class LocalizeRequest:
     top : int
         Maximum number of hypotheses.
     fov_deg : float or None
-        Horizontal field of view, instead of what EXIF says.
+        Horizontal field of view, instead of the one in EXIF.
     near : CirclePrior or None
-        About where they were taken.
+        Approximate position.
     heading_deg : float or None
-        Where the camera looked.
+        Compass heading of the camera.
     sequence : Path or None
-        State of the sequence that this is the next frame of; rewritten.
+        State file of the sequence to which this is the next frame; it is updated.
     key : str or None
         Idempotency key of the client: the answer is stored once, however often the request is sent.
     """
@@ -83,11 +83,11 @@ class LocalizeResult:
     Attributes
     ----------
     form : dict
-        As `localize --json` prints it.
+        JSON form, as printed by `localize --json`.
     best : int
-        Number of the photo that the evidence is about.
+        Index of the photo to which the evidence belongs.
     opened : OpenedMap
-        The map that it is on.
+        The map on which it was localized.
     """
 
     form: dict[str, Any]
@@ -106,11 +106,11 @@ def localize_uploads(
     PhotoError
         One of them cannot be used.
     UsageError
-        A circle without a photo of the map; too many photos.
+        No photo of the map is in the circle, or there are too many photos.
     NotReady, MapError, NotFound, IndexDamaged
-        The map cannot answer.
+        The map cannot be opened.
     Busy
-        Others are being answered.
+        Too many other requests are being processed.
     """
     if not 1 <= len(request.photos) <= MAX_PHOTOS:
         raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
@@ -148,9 +148,9 @@ def store_result(
     Parameters
     ----------
     request : LocalizeRequest
-        Its file is moved.
+        The file of its best photo is moved.
     account_id : int
-        Account that asked.
+        Account of the requester.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def store_result(
     NotFound
         The map is gone.
     DiskFull, StorageError
-        Nothing was kept.
+        Nothing was stored.
     """
     photo = request.photos[result.best]
     facts = read_facts(photo.path, limits=settings.photo)
@@ -182,7 +182,7 @@ def store_result(
         if record is None:
             raise NotFound("the map is gone")
         known = queries.keyed(session, record, key=request.key, account_id=account_id)
-        if known is not None:  # sent twice at the same time
+        if known is not None:  # the same request was sent twice
             return known.id
         old = queries.add(session, record, row=row, most=settings.upload.queries_per_map)
         move_in(photo.path, queries.folder(library, map_id) / row.file)

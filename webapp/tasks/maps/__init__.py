@@ -1,1 +1,1 @@
-"""Maps of the library: photos, positions, checks, edits, their files."""
+"""Maps of the library: photos, positions, checks, edits and files."""

@@ -1,4 +1,4 @@
-"""Takes one complete file into a map: checked, kept, placed by its GPS, its previews made."""
+"""Adds a complete photo file to a map: checks and stores it, places it by GPS and makes its previews."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _MAX_NAME = 300
 
 @dataclass(frozen=True, slots=True)
 class KnownOfPhoto:
-    """What a service says of its photo, which goes before the photo's EXIF; None where it does not know.
+    """Metadata of a photo from its service, which take precedence over EXIF; None if unknown.
 
     Attributes
     ----------
@@ -74,13 +74,13 @@ class IncomingPhoto:
     Attributes
     ----------
     file : Path
-        Complete, on the same disk as the library (its uploads folder); is moved or deleted.
+        Complete file on the same file system as the library (its uploads folder); it is moved or deleted.
     name : str
-        Of the original file; any text.
+        Name of the original file; any text.
     id : int or None
-        That was reserved for it in the map; None takes the next one.
+        Id reserved for it in the map; None for the next one.
     known : KnownOfPhoto or None
-        Of a photo that is from a service.
+        Metadata of a photo from a service.
     """
 
     file: Path
@@ -90,7 +90,7 @@ class IncomingPhoto:
 
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
-"""Opens a change of a map: the library's, or that of a job which holds its lease."""
+"""Begins a change of a map: `Library.changing`, or that of a job with its lease."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,17 +100,17 @@ class Intake:
     Attributes
     ----------
     id : int
-        Of the photo in the map.
+        Id of the photo in the map.
     name : str
-        Of the file, as it is kept.
+        Name under which it is stored.
     duplicate : bool
-        The map had a photo of the same content already: nothing was changed.
+        The map already had a photo with the same content: nothing was changed.
     placed : bool
-        It has a place on the satellite image.
+        It has a position on the satellite image.
     gps_problem : str or None
-        Why it was not placed by its GPS, for people.
+        Why it was not placed by its GPS, for display.
     job : int or None
-        That takes it into the index.
+        Id of the job that adds it to the index.
     """
 
     id: int
@@ -130,27 +130,27 @@ def add_photo(
     by_gps: bool = True,
     changing: Changing | None = None,
 ) -> Intake:
-    """Take a photo into a map.
+    """Add a photo to a map.
 
-    When this returns, photo and record are on the disk. Killed at any point, the map has the photo or has it
-    not; at most its file waits without a record, until it comes again or is swept away.
+    The operation is atomic and durable: after a kill, the map either has the photo or not; at most, a file
+    without a record remains until it is uploaded again or swept.
 
     Parameters
     ----------
     by_gps : bool
-        Place it by its GPS where map and photo know where they are.
+        Place it by its GPS, if the photo has a position and the map a georeference.
     changing : callable, optional
-        Instead of the library's own.
+        Used instead of `library.changing`.
 
     Raises
     ------
     PhotoError
-        It is not a photo of a known format, damaged, cut off, or larger than the limits. The file is as
-        it was.
+        It is not a photo of a known format, is damaged or truncated, or exceeds the limits. The file is
+        unchanged.
     NotFound
         The map is gone.
     DiskFull, StorageError
-        The disk or the object storage refused.
+        The disk or the object storage failed.
     """
     name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):
@@ -158,7 +158,7 @@ def add_photo(
         around = find_panorama(source, facts, limits=settings.photo)
         previews = preview.make_previews(source, limits=settings.photo)
     sha256 = sha256_of(source)
-    stored = storage.store(source)  # before the change, which would hold up others meanwhile
+    stored = storage.store(source)  # before the transaction, which blocks other writers
     with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
@@ -178,26 +178,26 @@ def add_photo(
         keep(source, folder=folder, row=kept, stored=stored)
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
-            # before the record is kept: a photo whose previews the disk refuses is refused as a whole
+            # before the commit: if the previews cannot be written, the whole photo is rejected
             preview.write_previews(folder, kept.id, previews=previews)
     forget_intake(folder, kept)
     return Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 
 
 def suffix_of(facts: PhotoFacts) -> str:
-    """Return the ending of a photo's file, by its content."""
+    """Return the suffix of a photo's file, by its format."""
     return _SUFFIXES[facts.format]
 
 
 def tidy_name(name: str) -> str:
-    """Return a file's name as it can be kept: no control characters, no halves of characters, not endless."""
+    """Return a storable file name: valid Unicode without control characters, of limited length."""
     text = name.encode("utf-8", "replace").decode("utf-8")
     text = "".join(c for c in text if unicodedata.category(c) != "Cc").strip()
     return text[-_MAX_NAME:] or "photo"
 
 
 def why_no_gps(facts: PhotoFacts) -> str | None:
-    """Say why a photo has no GPS position, and what helps; None when it has one."""
+    """Explain why a photo has no GPS position, and what helps; None if it has one."""
     if isinstance(facts.gps, Gps):
         return None
     reason = facts.gps.reason
@@ -239,13 +239,13 @@ def _row(facts: PhotoFacts, *, name: str, sha256: str, size_bytes: int) -> Photo
 
 
 def mark_panorama(row: Photo, tags: PanoramaTags, *, masked: Sequence[BlurBox] = ()) -> None:
-    """Make a record that of a panorama."""
+    """Mark a record as a panorama."""
     row.panorama, row.fov_deg = panorama_fields(Panorama(tuple(masked))), 360.0
     row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 
 def _say(row: Photo, known: KnownOfPhoto) -> None:
-    """Complete a record by what a service says."""
+    """Complete a record from the metadata of a service."""
     row.source = source_fields(known.source)
     row.gps_lat, row.gps_lon = known.position
     row.gps_accuracy_m, row.gps_problem = known.accuracy_m, None
@@ -255,7 +255,7 @@ def _say(row: Photo, known: KnownOfPhoto) -> None:
 
 
 def _place(row: Photo, record: MapRecord, facts: PhotoFacts) -> str | None:
-    """Place a new photo by its GPS; gives the reason why it lies outside, if it does."""
+    """Place a new photo by its GPS; return the reason if that is not possible, such as outside the image."""
     image = image_of(record)
     if image is None or image.georeference is None or row.gps_lat is None or row.gps_lon is None:
         return None

@@ -1,4 +1,4 @@
-"""Takes a map folder of the library into the database as it is; no file is copied or changed."""
+"""Registers an existing map folder of the library in the database; no file is copied or changed."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 
 @dataclass(frozen=True, slots=True)
 class FolderContents:
-    """What a map folder holds, ready to be registered.
+    """Contents of a map folder, ready to be registered.
 
     Attributes
     ----------
     cfg_sha256 : str or None
-        Of the `map.cfg` that was read.
+        Hash of the `map.cfg` that was read.
     photos : tuple of Photo
-        Records with their ids; of no map yet.
+        Records with their ids, not yet assigned to a map.
     problems : tuple of str
-        One sentence for each photo that is missing or unreadable. Its record has no size and no EXIF.
+        A message for each missing or unreadable photo, whose record has no size and no EXIF.
     tray : tuple of Photo
-        Records of photos without a place, with ids that no other photo of the map has.
+        Records of photos without a position, with unique ids.
     """
 
     map: Map
@@ -70,21 +70,21 @@ def adopt_map(
 ) -> int:
     """Register the folder of a map that is in the library but not in the database.
 
-    Ids, revision and files stay as they are. A photo that is missing or unreadable keeps its place on the
-    map; the linter reports it.
+    Ids, revision and files are unchanged. Missing or unreadable photos keep their positions; the linter
+    reports them.
 
     Parameters
     ----------
     slug : str
         Name of the folder, which has a `map.cfg`.
     account_id : int
-        Who owns the map from then on.
+        Owner of the map.
     name : str or None
-        For people; by default the title in its `map.json`, or made from the slug.
+        Display name; by default the title in its `map.json`, or derived from the slug.
     settings : Settings, optional
-        The limits of photos count.
+        Only the limits of photos are used.
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def adopt_map(
     MapError
         The folder cannot be read as a map.
     UsageError
-        The folder's name cannot be used in an address, or the map's name is not valid.
+        The folder's name cannot be used in a URL, or the map's name is not valid.
     Conflict
         The database has such a map already.
     """
@@ -122,7 +122,7 @@ def adopt_map(
 
 
 def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContents:
-    """Read a map folder and look at each of its photos.
+    """Read a map folder and all its photos.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContent
     Cancelled
         The user stopped it.
     """
-    sha256 = file_sha256(cfg)  # before it is read: a change in between is noticed as one from outside
+    sha256 = file_sha256(cfg)  # before reading: a change in between is detected as an outside edit
     map_ = read_map(cfg)
     _check_placements(map_, cfg)
     check_room_for_ids(map_, cfg)
@@ -152,18 +152,18 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContent
 
 
 def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
-    """Give a record without photos the contents of its folder; the files count as written by us.
+    """Fill a record with the contents of its folder; the files count as exported by the library.
 
     Parameters
     ----------
     session : Session
-        That writes.
+        Session with write access.
     record : MapRecord
         In the database, without photos.
     """
     map_ = contents.map
     record.satellite_revision = record.exported_revision = map_.revision
-    record.revision = map_.revision + bool(contents.tray)  # which the files do not hold
+    record.revision = map_.revision + bool(contents.tray)  # the tray is not in the files yet
     record.exported_sha256 = contents.cfg_sha256
     record.next_id = max([map_.next_id, *(row.id + 1 for row in contents.tray)])
     record.satellite_path = map_.satellite.path
@@ -183,7 +183,7 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
 
 
 def _keep_gps(rows: Iterable[Photo], map_: Map) -> None:
-    """Note the GPS of photos that are where it had them and whose files do not have it."""
+    """Record the GPS position of photos that were placed by it, if their files have none."""
     by_gps = {e.id: e.position for e in map_.experiences if e.by_gps}
     for row in rows:
         if row.id in by_gps and row.gps_lat is None and map_.georeference is not None:
@@ -191,7 +191,7 @@ def _keep_gps(rows: Iterable[Photo], map_: Map) -> None:
 
 
 def queue_derived(session: Session, record: MapRecord) -> None:
-    """Queue what is derived from an imported map: its index, tiles of its image."""
+    """Queue the jobs for an imported map: its index, and the tiles of a large image."""
     if record.photos:
         jobs.enqueue(session, INDEX_JOB, map_id=record.id)
     if max(record.satellite_width or 0, record.satellite_height or 0) > DISPLAY_SIDE_PX:
@@ -199,20 +199,20 @@ def queue_derived(session: Session, record: MapRecord) -> None:
 
 
 def salted(sha256: str, id: int) -> str:
-    """Give the second of two lines with the same photo a hash of its own: a map has each hash once.
+    """Return a different hash for the second of two lines with the same photo, as hashes must be unique.
 
-    The first line keeps the true one, by which the photo is recognised when it is uploaded again.
+    The first line keeps the true hash, by which the photo is recognised when it is uploaded again.
     """
     return hashlib.sha256(f"{sha256}/{id}".encode()).hexdigest()
 
 
 def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
-    """Make the record of an experience's photo; what the map says goes before its EXIF.
+    """Make the record of an experience's photo; values of the map take precedence over EXIF.
 
     Returns
     -------
     row : Photo
-        Of no map yet. With size 0 where the photo cannot be read.
+        Not yet assigned to a map; with size 0 if the photo cannot be read.
     problem : str or None
         Why it cannot be read.
     """
@@ -247,12 +247,12 @@ def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[
 
 
 def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLimits) -> Photo:
-    """Make the record of a photo without a place; of no map yet, without id and path.
+    """Make the record of a photo without a position, not yet assigned to a map, without id and path.
 
     Parameters
     ----------
     known : UnplacedPhoto, optional
-        What `map.json` says about it, which goes before its EXIF.
+        Its values in `map.json`, which take precedence over EXIF.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLim
 
 
 def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
-    """Complete a record by what the file says."""
+    """Complete a record from the photo's file."""
     check_decodes(path, limits=limits)
     data = read_file(path, limits=limits)
     facts = read_facts(data, limits=limits)
@@ -290,7 +290,7 @@ def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
 
 
 def check_room_for_ids(map_: Map, cfg: Path) -> None:
-    """Refuse a map whose next photos would have ids that no `.cfg` can hold.
+    """Refuse a map whose next photo ids would be too large for a `.cfg`.
 
     Raises
     ------
@@ -305,7 +305,7 @@ def check_room_for_ids(map_: Map, cfg: Path) -> None:
 
 
 def _check_placements(map_: Map, cfg: Path) -> None:
-    """Refuse placements whose files are one, or the map's own, on any disk: they could not be written."""
+    """Refuse placements whose file names are equal, or that of the map, ignoring case."""
     names = [cfg.stem.casefold(), *(placement.name.casefold() for placement in map_.placements)]
     if len(set(names)) < len(names):
         raise MapError("two placements have one file name", where=str(cfg), hint="rename one of them")
@@ -318,12 +318,12 @@ def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:
 
 
 class PhotoFiles:
-    """Photos of a map's folder, each read once: the second time it takes no time, and no lock waits for it.
+    """Cache of the photos of a map's folder: read once, so that no lock is held while a photo is read again.
 
     Parameters
     ----------
     cfg : Path
-        Of the map.
+        The map.
     """
 
     def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
@@ -331,7 +331,7 @@ class PhotoFiles:
         self._read: dict[Experience, tuple[Photo, str | None]] = {}
 
     def row(self, experience: Experience) -> tuple[Photo, str | None]:
-        """Make a new record of an experience's photo, as `adopt_map.photo_row` does."""
+        """Make a new record of an experience's photo; see `photo_row`."""
         if experience not in self._read:
             self._read[experience] = photo_row(self._files, experience, limits=self._limits)
         row, problem = self._read[experience]
@@ -339,14 +339,14 @@ class PhotoFiles:
 
 
 def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> None:
-    """Add records of photos as if they had been removed: the edit that brings them back can be undone.
+    """Add records of photos marked as removed, so that the edit that restores them can be undone.
 
     Parameters
     ----------
     session : Session
-        That writes.
+        Session with write access.
     rows : iterable of Photo
-        With ids from `next_id` on, not yet of any map, removed.
+        Marked as removed, with ids from `next_id` on, not yet assigned to a map.
     """
     for row in rows:
         row.map_id, row.revision = record.id, record.revision

@@ -1,4 +1,4 @@
-"""Checks a map: all that is wrong with it, and how to fix it."""
+"""Checks a map: lists all its problems, and how to fix them."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from webapp.settings import PhotoLimits, Settings
 
 _QUERIES = "queries"
 _SEPARATORS = re.compile(r"[;,\t]")
-"""What people separate columns by, rightly or not."""
+"""Column separators in use, valid or not."""
 
 
 @dataclass(frozen=True, slots=True)
 class SideFiles:
-    """Findings about the files next to a `.cfg`, and what `map.json` gives: georeference, tray, floors."""
+    """Findings about the files next to a `.cfg`, and the georeference and photo names from `map.json`."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None
@@ -49,7 +49,7 @@ def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
     Returns
     -------
     SideFiles
-        Empty where there is no `map.json`.
+        Empty if there is no `map.json`.
     """
     file = json_path(cfg_path).name
     try:
@@ -74,7 +74,7 @@ def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
 
 
 def _floor_image(cfg_path: Path, name: str, *, file: str) -> Iterator[Finding]:
-    """Find an image of a floor that is not there, or that a link leads away from."""
+    """Find a missing image of a floor, or one whose link leads out of the folder."""
     try:
         there = photo_path(cfg_path, name).is_file()
     except MapError:
@@ -85,7 +85,7 @@ def _floor_image(cfg_path: Path, name: str, *, file: str) -> Iterator[Finding]:
 
 
 def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterator[Finding]:
-    """Find records of photos that the `.cfg` no longer has."""
+    """Find records in `map.json` whose id is missing from the `.cfg`, or has another photo there."""
     for id, record in known.experiences.items():
         line = lines.get(id)
         if line is None:
@@ -98,7 +98,7 @@ def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterato
 
 
 def _positions(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterator[Finding]:
-    """Find sub-pixel positions that do not round to those of the `.cfg`."""
+    """Find sub-pixel positions that do not round to the ones in the `.cfg`."""
     for id, record in known.experiences.items():
         line = lines.get(id)
         if line is None or line.photo != record.photo or record.position is None:
@@ -117,7 +117,7 @@ def _positions(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Ite
 
 
 def _placement(cfg_path: Path, name: str, *, pieces: Scan) -> list[Finding]:
-    """Check the `.cfg` of a placement by itself and against the map's."""
+    """Check the `.cfg` of a placement, by itself and against that of the map."""
     path = placement_path(cfg_path, name)
     try:
         placed = scan(read_bytes(path))
@@ -155,17 +155,17 @@ def _image(pieces: Scan) -> tuple[object, ...]:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What the check of a map found.
+    """Result of checking a map.
 
     Attributes
     ----------
     photos : int
-        Lines of photos that could be read.
+        Number of readable photo lines.
     findings : tuple of Finding
         Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
     places : MapPlaces or None
-        What kind of map the positions alone make, and how far off a right answer may be; None where no photo
-        has a position on an image of known size.
+        Kind of map and place radius by the positions alone; None if no photo has a position, or the image
+        size is unknown.
     """
 
     cfg_path: Path
@@ -187,21 +187,21 @@ class CheckReport:
 def check_map(
     cfg_path: Path, *, settings: Settings, progress: Progress, content: bytes | None = None
 ) -> CheckReport:
-    """Check a map file, the files next to it and the photos it names.
+    """Check a map file, the files next to it and the photos that it names.
 
     Parameters
     ----------
     settings : Settings
-        The limits of photos count.
+        Only the limits of photos are used.
     progress : Progress
-        One step a photo.
+        One step per photo.
     content : bytes, optional
-        Of the map file, instead of what stands in it.
+        Used instead of the content of the map file.
 
     Raises
     ------
     MapError
-        The file does not exist, or cannot be read at all.
+        The file does not exist or cannot be read.
     Cancelled
         The user stopped it.
     """
@@ -225,14 +225,14 @@ def _places(pieces: Scan) -> MapPlaces | None:
 
 @dataclass(frozen=True, slots=True)
 class _FileChecker:
-    """Looks at the files that a map names."""
+    """Checks the files that a map names."""
 
     files: MapFolder
     limits: PhotoLimits
     georeference: Georeference | None
 
     def find(self, name: str) -> FileFacts:
-        """Return whether the file is there."""
+        """Return whether the file exists."""
         try:
             path = self.files.place(name)
         except MapError as error:
@@ -240,7 +240,7 @@ class _FileChecker:
         return FileFacts("ok" if is_there(path) else "missing")
 
     def photo(self, name: str) -> FileFacts:
-        """Return whether a photo that is there can be decoded, and where its GPS puts it."""
+        """Return whether an existing photo can be decoded, and the pixel of its GPS position."""
         path = self.files.path(name)
         try:
             check_decodes(path, limits=self.limits)
@@ -253,7 +253,7 @@ class _FileChecker:
         return FileFacts("ok", gps=pixel if math.isfinite(pixel.x) and math.isfinite(pixel.y) else None)
 
     def image(self, name: str) -> tuple[FileFacts, tuple[int, int] | None]:
-        """Return whether an image that is there can be read, and its size in pixels."""
+        """Return whether an existing image can be read, and its size in pixels."""
         try:
             return FileFacts("ok"), image_size(self.files.path(name))
         except PhotoError as error:
@@ -292,14 +292,14 @@ def _folder_facts(
 
 
 def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> list[str]:
-    """List the photos that no map in the folder names, not even on a line that could not be read.
+    """List the photos that no map in the folder names, not even on an unreadable line.
 
-    Photos in `queries/` are those that the map is tried with: they belong to no map.
+    Photos in `queries/` are example queries and are left out.
 
     Parameters
     ----------
     pieces : Scan
-        Of the map file.
+        Scan of the map file.
     present : sequence of str
         Photos below the folder.
     """

@@ -1,4 +1,4 @@
-"""Cuts panoramas into level perspective views, which are photos like all others."""
+"""Cuts panoramas into level perspective views, which are ordinary photos."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class CutOptions:
     Attributes
     ----------
     views : int
-        Evenly all around; the first looks where the middle of the panorama does.
+        Number of views, evenly spaced; the first is at the middle of the panorama.
     focal_35mm : int
-        Of each, in 35 mm film, mm: 17 has 91 degrees.
+        35 mm equivalent focal length of each view, mm; 17 corresponds to 91 degrees.
     lowest_deg : float
-        What is farther below the horizon is masked: the robot or the tripod.
+        Parts farther below the horizon are masked (robot, tripod).
     highest_deg : float
-        The same above it: the sky.
+        Parts farther above it are masked (sky).
     assume : bool
-        Also take photos for panoramas that are twice as wide as high and do not say so.
+        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
     """
 
     views: int = VIEWS
@@ -47,7 +47,7 @@ class CutOptions:
 
 @dataclass(frozen=True, slots=True)
 class PanoramaPose:
-    """Where a panorama was taken and its middle looks, degrees clockwise from north; None is unknown."""
+    """Position of a panorama and heading of its middle, degrees clockwise from north; None if unknown."""
 
     position: LatLon | None = None
     heading_deg: float | None = None
@@ -57,7 +57,7 @@ class PanoramaPose:
 
 @dataclass(frozen=True, slots=True)
 class CutPhoto:
-    """A photo of the folder: the views that were written, or why there are none."""
+    """Result for a photo of the folder: the views that were written, or why there are none."""
 
     photo: str
     views: tuple[str, ...] = ()
@@ -67,7 +67,7 @@ class CutPhoto:
 def cut_panoramas(
     folder: Path, out: Path, *, options: CutOptions, limits: PhotoLimits, progress: Progress
 ) -> Iterator[CutPhoto]:
-    """Cut the panoramas of a folder and of those in it; each photo is given when its views are written.
+    """Cut the panoramas of a folder and its subfolders; yield each photo when its views are written.
 
     Raises
     ------
@@ -98,26 +98,26 @@ def cut_panoramas(
 
 
 def view_turns(options: CutOptions) -> tuple[int, ...]:
-    """Return by how many degrees the views are turned from the middle of the panorama, as their names say."""
+    """Return the rotations of the views from the middle of the panorama, degrees, as in their names."""
     return tuple(round(360.0 * number / options.views) for number in range(options.views))
 
 
 def cut_panorama(
     path: Path, out: Path, *, options: CutOptions, limits: PhotoLimits, pose: PanoramaPose | None = None
 ) -> Iterator[str]:
-    """Cut one panorama; the name of each view is given when it is written, in the order of `view_turns`.
+    """Cut one panorama; yield the name of each view when it is written, in the order of `view_turns`.
 
     Parameters
     ----------
     out : Path
-        `NAME.jpg`, of the views `NAME_060.jpg`; its folder is made.
+        `NAME.jpg` for views such as `NAME_060.jpg`; its folder is created.
     pose : PanoramaPose, optional
-        Goes before what the file says.
+        Used instead of the pose in the file.
 
     Raises
     ------
     PhotoError
-        It is damaged, or not a whole panorama.
+        It is damaged, or not a full panorama.
     StorageError
     """
     content = read_file(path, limits=limits)

@@ -1,4 +1,4 @@
-"""Deletes a map in the bin for good, and what a job still wrote for one."""
+"""Permanently deletes a map in the bin, and files that a job wrote for a deleted map."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord
 
 _DELETED = "deleted"
-"""Folder for what is being deleted, next to the database."""
+"""Folder for files being deleted, next to the database."""
 
 
 def delete_map(library: Library, map_id: int) -> None:
     """Delete a map: its records, then its files.
 
-    The folder leaves the library first, under a name that nobody finds; killed in between, the map is still
-    in the bin and can be deleted again.
+    The folders are first moved out of the library; after a kill in between, the map is still in the bin and
+    can be deleted again.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def delete_map(library: Library, map_id: int) -> None:
     Conflict
         It is not in the bin.
     StorageError
-        The disk refused.
+        A folder cannot be moved.
     """
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
@@ -49,22 +49,22 @@ def delete_map(library: Library, map_id: int) -> None:
 
 
 def delete_orphans(library: Library) -> None:
-    """Delete folders in which a job that was running wrote after their map had been deleted.
+    """Delete folders to which a running job has written after their map was deleted.
 
-    They hold nothing but what is computed from a map; a folder with anything else may be somebody's own.
+    These contain derived files only; a folder with any other file is kept, as it may be a user's.
 
     Raises
     ------
     StorageError
-        The disk refused.
+        A folder cannot be moved.
     """
     computed = [folder for folder in library.folder.glob(f"*/{DERIVED}") if _is_alone(folder)]
     if not computed:
         return
-    with library.database.write() as session:  # no map is made meanwhile
+    with library.database.write() as session:  # prevents new maps meanwhile
         known = {*session.scalars(select(MapRecord.slug))}
         for folder in computed:
-            # Another process may have been faster, or somebody has put files there.
+            # Checked again: another process may have deleted it, or a user may have added files.
             if folder.parent.name not in known and _is_alone(folder):
                 _take_out(library, folder.parent, slug=folder.parent.name)
     _empty(library)
@@ -78,7 +78,7 @@ def _is_alone(folder: Path) -> bool:
 
 
 def _take_out(library: Library, folder: Path, *, slug: str) -> None:
-    """Move a folder out of the library, to where nobody finds it."""
+    """Move a folder out of the library, to the folder of deleted files."""
     deleted = library.inner / _DELETED
     deleted.mkdir(parents=True, exist_ok=True)
     try:

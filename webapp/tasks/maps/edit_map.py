@@ -1,4 +1,4 @@
-"""Edits that people make on the page of a map, checked and kept as one step each."""
+"""Validates edits made on the page of a map, and applies each as one step that can be undone."""
 
 from __future__ import annotations
 
@@ -20,25 +20,24 @@ from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
 KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "note", "floor", "remove")
-"""Words for a step."""
+"""Kinds of edits."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestedEdit:
-    """What shall change.
+    """A requested edit.
 
     Attributes
     ----------
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note`,
-        `floor` or `removed` by photo. x and y
-        come together; None for both puts the photo back into the tray.
+        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note`, `floor` or `removed` by
+        photo. x and y must be given together; None for both moves the photo back to the tray.
     placement : str or None
-        Whose positions change; None for the main one.
+        Placement whose positions change; None for the main one.
     seen : int or None
-        Newest revision that who edits knows of.
+        Newest revision known to the author.
     """
 
     kind: str
@@ -53,14 +52,14 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
     Returns
     -------
     int or None
-        Revision of the edit; None when everything was so already.
+        Revision of the edit; None if nothing changed.
 
     Raises
     ------
     UsageError
         A position is outside the image, or a value is not valid.
     Conflict
-        Somebody else has changed one of the photos since `seen`.
+        One of the photos was changed after `seen`.
     NotFound
     """
     if edit.kind not in KINDS:
@@ -69,7 +68,7 @@ def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: 
         session, record = change.session, change.record
         if edit.placement is not None:
             placements.check_name(session, record, edit.placement)
-        there = maps.present_photos(session, record, edit.changes)  # kept: the session forgets unused rows
+        there = maps.present_photos(session, record, edit.changes)  # the session has weak references
         changes: dict[str, Mapping[str, Any] | None] = {}
         for id in there:
             fields = _with_panorama(there[id], edit.changes[id])
@@ -115,7 +114,7 @@ def _targets(
 
 
 def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Check what is said of a panorama; one has a field of view of a whole turn."""
+    """Validate a change of `panorama`, and set the matching field of view; 360 degrees for a panorama."""
     if "panorama" not in fields:
         return fields
     panorama = parse_panorama(fields["panorama"], where=f"photo/{photo.id}")
@@ -131,7 +130,7 @@ def _with_panorama(photo: Photo, fields: Mapping[str, Any]) -> Mapping[str, Any]
 def _with_floor(
     record: MapRecord, photo: Photo, fields: Mapping[str, Any], *, placement: str | None
 ) -> Mapping[str, Any]:
-    """Check the floor; a photo in the tray is on none, but one that only leaves a further placement stays."""
+    """Validate the floor; reset it for a photo moved to the tray, but not for one that leaves a placement."""
     if placement is None and fields.get("x_px", ...) is None and photo.floor != BASE_FLOOR:
         return {**fields, "floor": BASE_FLOOR}
     known = {BASE_FLOOR, *(floor["id"] for floor in record.floors or ())}
@@ -176,7 +175,7 @@ def _check_inside(record: MapRecord, at: Mapping[str, float | None], *, id: int)
         raise UsageError(
             "the map has no satellite image to place photos on", where=f"photo/{id}", hint="set one first"
         )
-    if not (0 <= x <= width and 0 <= y <= height):  # not a number is outside too
+    if not (0 <= x <= width and 0 <= y <= height):  # also true for NaN
         raise UsageError(
             f"the position ({x:g}, {y:g}) is outside the image",
             where=f"photo/{id}",

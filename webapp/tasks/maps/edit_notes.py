@@ -1,4 +1,4 @@
-"""Writes notes on spots of a map of the library, each change as one edit that can be undone."""
+"""Edits notes at spots of a library map; each change is one edit that can be undone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from webapp.tasks.maps.library_map import floors, notes
 
 
 def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
-    """Add a note; its id is chosen here.
+    """Add a note with a new id.
 
     Returns
     -------
@@ -29,7 +29,7 @@ def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -
     UsageError
         The note is not valid, or the map has too many.
     NotFound
-        A photo that it names is not there.
+        A photo of the note does not exist.
     """
     with library.changing(map_id) as change:
         there = notes(change.record)
@@ -48,20 +48,20 @@ def change_note(
     seen: int | None = None,
     keep_floor: bool = False,
 ) -> int | None:
-    """Replace a note; the revision is None when it was so already.
+    """Replace a note; return the revision of the edit, or None if nothing changed.
 
     Parameters
     ----------
     keep_floor : bool
-        It stays on its floor, whatever `note` says.
+        Ignore the floor of `note`, and keep the current one.
     seen : int or None
-        Newest revision that the author knows; None overwrites whatever is there.
+        Newest revision known to the author; None overwrites without a check.
 
     Raises
     ------
     UsageError
     NotFound
-        The note, or a photo that it names, is not there.
+        The note, or one of its photos, does not exist.
     Conflict
         The note was changed after `seen`.
     """
@@ -74,7 +74,7 @@ def change_note(
 def remove_note(
     library: Library, map_id: int, *, id: int, account_id: int, seen: int | None = None
 ) -> int | None:
-    """Take a note away; `seen` as for `change_note`.
+    """Remove a note; for `seen` see `change_note`.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Photos that come with a map to try it on, as with the sample: those in `queries` next to its `.cfg`.
+"""Example queries of a map, such as the sample map: photos in `queries` next to its `.cfg`.
 
-Where `queries.csv` lists the positions of some, the others were taken elsewhere.
+If `queries.csv` lists the positions of some of them, the others were taken elsewhere.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MOST = 12
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """An example photo, by its file name, and whether it was taken elsewhere than on the map."""
+    """File name of an example photo, and whether it was taken outside the map."""
 
     name: str
     elsewhere: bool
@@ -43,7 +43,7 @@ def examples_of(cfg: Path) -> list[Example]:
 def _listed(path: Path) -> set[str]:
     try:
         return {query.name for query in queries_csv.read(path)}
-    except TableError:  # there is none, or it is not such a list: nothing is known of the photos
+    except TableError:  # missing or of another format: no positions are known
         return set()
 
 
@@ -53,7 +53,7 @@ def path_of(cfg: Path, name: str) -> Path:
     Raises
     ------
     NotFound
-        The map has none of that name.
+        The map has no example with this name.
     """
     if name not in (example.name for example in examples_of(cfg)):
         raise NotFound("the map has no such example photo", hint="reload the page")
@@ -61,7 +61,7 @@ def path_of(cfg: Path, name: str) -> Path:
 
 
 def thumb_of(cfg: Path, name: str, *, limits: PhotoLimits) -> Path:
-    """Find the small picture of an example photo; made when it is asked for first.
+    """Return the thumbnail of an example photo, which is created on first use.
 
     Raises
     ------

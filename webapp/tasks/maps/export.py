@@ -1,8 +1,8 @@
 """Writes `map.cfg` and `map.json` of library maps from the database.
 
-The database is the truth, and an edit is acknowledged once it is in there (`Library.changing`). The files
-follow: the worker calls `export_late_maps` twice a second, so that many quick edits cost one export; after a
-kill it continues where it was. Whoever reads the files, or gives them out, calls `export_map` before.
+The database is authoritative: an edit is acknowledged once it is committed (`Library.changing`), and the
+files follow. The worker calls `export_late_maps` twice a second, so that many quick edits need one export; a
+killed export is completed later. Code that reads or serves the files must call `export_map` first.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ _log = logging.getLogger(__name__)
 
 LOCK = "export.lock"
 _POLL_S = 0.005
-"""An export takes a few hundredths of a second."""
+"""Polling interval of the lock, seconds: an export takes a few hundredths of a second."""
 
 
 def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> bool:
     """Write the files of a map if they are older than its records.
 
-    Several at once take turns, and the next one finds the newest revision written already. A `map.cfg` that
-    was changed from outside is left as it is.
+    Concurrent exports of a map are serialised; later ones find the newest revision written already. A
+    `map.cfg` that was edited outside the library is not touched.
 
     Parameters
     ----------
     overwrite : bool
-        Write over a file that was changed from outside.
+        Overwrite a file that was edited outside the library.
 
     Returns
     -------
     bool
-        False when the file was changed from outside: it can be taken over or overwritten.
+        False if the file was edited outside the library: it can be applied or overwritten.
 
     Raises
     ------
     StorageError
-        The disk refused; the records are safe, and a later export writes them.
+        The disk failed; the records are safe, and a later export writes them.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -60,7 +60,7 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
     if slug is None:
         return True
     derived = library.map_folder(slug) / DERIVED
-    if not has_library(library.folder):  # not mounted: what is written here would be in the way later
+    if not has_library(library.folder):  # not mounted: do not write files below the mount point
         raise StorageError("the folder of the library is not there", where=str(library.folder))
     try:
         derived.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def export_late_maps(library: Library) -> bool:
     Returns
     -------
     bool
-        False where the disk refused for one of them; the log says why.
+        False if one of them could not be written; the reason is in the log.
     """
     with library.database.read() as session:
         late = (MapRecord.exported_revision < MapRecord.revision, MapRecord.satellite_path.is_not(None))
@@ -92,12 +92,12 @@ def export_late_maps(library: Library) -> bool:
 
 
 def changed_outside(record: MapRecord, cfg: Path) -> bool:
-    """Check whether `map.cfg` is neither what was written last nor what was there before."""
+    """Check whether `map.cfg` is neither the version written last nor the one before."""
     return file_sha256(cfg) not in (None, record.exported_sha256, record.previous_sha256)
 
 
 def file_sha256(path: Path) -> str | None:
-    """Hash a small file; None where there is none."""
+    """Hash a small file; None if it does not exist."""
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except FileNotFoundError:
@@ -125,9 +125,9 @@ def _export(library: Library, map_id: int, *, cfg: Path, overwrite: bool) -> boo
 
 
 def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
-    """Note what is going to be written: a writer that is killed leaves the old file or the new one.
+    """Record the hashes of the current and the new file, as a killed writer may leave either of them.
 
-    The revision is noted only after the files are written, so that the next run finishes what was begun.
+    The revision is recorded only after the files are written, so that the next run completes the export.
     """
     there = file_sha256(cfg)
     with library.database.write() as session:
@@ -137,7 +137,7 @@ def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
 
 
 def _exported_placements(cfg: Path) -> set[str]:
-    """Names of the placements in `map.json`, without a check of all else in it; only their files are ours."""
+    """Return the placements named in `map.json`, the only ones whose files may be deleted."""
     try:
         placements = json.loads(read_bytes(json_path(cfg)))["placements"]
         names = {str(placement["name"]) for placement in placements}

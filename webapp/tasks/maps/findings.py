@@ -1,4 +1,4 @@
-"""What the linter finds about a map of the library, and fixes of it, as edits that can be undone."""
+"""Findings of the linter about a map of the library, and their fixes, as edits that can be undone."""
 
 from __future__ import annotations
 
@@ -44,33 +44,33 @@ FIXES: dict[Code, FixName] = {
     Code.IMAGE_SIZE_DIFFERS: "image-size",
     Code.ORPHAN_PHOTO: "adopt",
 }
-"""Kinds of findings that a button puts right."""
+"""Findings that can be fixed by a button."""
 
 FIX_NAMES: tuple[FixName, ...] = get_args(FixName)
 
 OUTSIDE = "outside-edit"
 _TOGETHER = 5
-"""More findings of one kind are joined."""
+"""More findings than this of one kind are grouped into one."""
 
 KIND = "fix"
-"""Of the edit."""
+"""Kind of the edit."""
 
 Changes = dict[str, Mapping[str, Any] | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something that is wrong with a library map.
+    """A problem of a library map.
 
     Attributes
     ----------
     code : str
-        As the linter has it; `outside-edit` for a map file that was changed from outside.
+        Code of the linter; `outside-edit` for a map file that was edited outside the library.
     severity : {"error", "warning"}
     hint : str or None
-        What to do where no fix does it.
+        What to do, if there is no automatic fix.
     ids : tuple of int
-        Photos that it is about.
+        Affected photos.
     """
 
     code: str
@@ -84,12 +84,12 @@ class Problem:
 def list_findings(
     library: Library, map_id: int, *, settings: Settings, progress: Progress | None = None
 ) -> list[Problem]:
-    """Check a map of the library as its records have it.
+    """Check a map of the library, as stored in its records.
 
     Parameters
     ----------
     progress : Progress, optional
-        One step a photo.
+        One step per photo.
 
     Returns
     -------
@@ -120,12 +120,12 @@ def list_findings(
 
 
 def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
-    """List photos in a map's folder that its records do not know, and that are no copies of known ones.
+    """List photos in a map's folder that have no record and are not copies of ones that do.
 
     Returns
     -------
     list of str
-        Relative to the folder.
+        Paths relative to the folder.
     """
     rows = maps.photos(session, record)
     known = {normal_name(row.path) for row in rows} | images_of(session, record)
@@ -135,7 +135,7 @@ def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
 
 
 def swapped(record: MapRecord, rows: Iterable[Photo]) -> list[int]:
-    """List the photos that fit their GPS much better with x and y exchanged, by the linter's measure."""
+    """List the photos that agree with their GPS much better if x and y are swapped, as the linter decides."""
     where = georeference(record)
     found = []
     for row in rows:
@@ -154,7 +154,7 @@ def swapped(record: MapRecord, rows: Iterable[Photo]) -> list[int]:
 
 
 def _lines(map_: Map) -> bytes:
-    """Write the records as a map file, also where that would be refused: the linter says why."""
+    """Write the records as a map file, even an invalid one, for the linter to check."""
     image = map_.satellite
     lines = [(image.path, image.width, image.height)]
     lines += [(e.id, e.photo, *whole_pixel(e.position)) for e in map_.experiences]  # type: ignore[misc]
@@ -162,12 +162,12 @@ def _lines(map_: Map) -> bytes:
 
 
 def _counts(finding: Finding) -> bool:
-    """Leave out side files of the map, which are written from the records, and photos without a record."""
+    """Ignore findings about side files, which are written from the records, and photos without a record."""
     return not finding.file and finding.code is not Code.ORPHAN_PHOTO
 
 
 def _as_problems(findings: Sequence[Finding], map_: Map, *, gps_swapped: Sequence[int]) -> list[Problem]:
-    """Group the findings by kind, and know photos by their ids instead of lines."""
+    """Group the findings by kind, with photo ids instead of line numbers."""
     by_code: dict[Code, list[Finding]] = defaultdict(list)
     for finding in findings:
         by_code[finding.code].append(finding)
@@ -204,7 +204,7 @@ def _problem(group: Sequence[Finding], ids: tuple[int, ...]) -> Problem:
 
 
 def _ids(map_: Map, group: Sequence[Finding]) -> tuple[int, ...]:
-    """Return the photos that findings are about: line 2 is the first."""
+    """Return the photos of findings by their line numbers; the first photo is on line 2."""
     lines = [finding.line - 2 for finding in group]
     return tuple(map_.experiences[line].id for line in lines if 0 <= line < len(map_.experiences))
 
@@ -224,28 +224,28 @@ def _outside(shown: dict[str, Any]) -> Problem:
 def fix_findings(
     library: Library, map_id: int, *, fix: str, ids: Sequence[int], account_id: int, settings: Settings
 ) -> int | None:
-    """Apply a fix to the photos that a finding is about.
+    """Apply a fix to the photos of a finding.
 
     Parameters
     ----------
     fix : str
         One of `findings.FIX_NAMES`.
     ids : sequence of int
-        Photos; not needed for fixes of the map as a whole.
+        Photos; ignored by fixes of the map as a whole.
     account_id : int
-        Who does it.
+        Author of the edit.
 
     Returns
     -------
     int or None
-        Revision that the edit made; None when the records stayed as they were.
+        Revision of the edit; None if the records did not change.
 
     Raises
     ------
     UsageError
-        The fix does not exist, or does not help here.
+        The fix does not exist or is not applicable.
     NotFound
-        A photo that the map has not.
+        The map has no such photo.
     Conflict
         There is nothing left to fix.
     MapError, PhotoError, StorageError
@@ -306,7 +306,7 @@ def _swap(record: MapRecord, photo: Photo) -> Mapping[str, Any]:
 
 
 def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
-    """Take the image's own size; photos that are outside then go back to the tray."""
+    """Set the true size of the image; photos that are then outside return to the tray."""
     if record.satellite_path is None:
         raise UsageError("the map has no satellite image", hint="upload one")
     width, height = image_size(photo_path(cfg, record.satellite_path))
@@ -318,7 +318,7 @@ def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
 
 
 def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Photo]:
-    """Read the photos of the folder that no record knows; unreadable ones stay where they are."""
+    """Read the photos of the folder that have no record; unreadable ones are ignored."""
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
         cfg = library.cfg(record.slug)
@@ -332,7 +332,7 @@ def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Pho
 
 
 def _adopt(session: Session, record: MapRecord, strangers: Sequence[Photo]) -> Changes:
-    """Bring photos into the tray, each once, without those that have come into the map meanwhile."""
+    """Add photos to the tray, without duplicates and those added to the map in the meantime."""
     rows = maps.photos(session, record)
     known = {row.path for row in rows} | {row.sha256 for row in rows}
     new: list[Photo] = []

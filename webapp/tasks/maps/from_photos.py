@@ -1,4 +1,4 @@
-"""A map from a folder of photos: their positions become pixels of a satellite image, or of a blank plan."""
+"""Makes a map from a folder of photos, placed on a satellite image or on a blank plan."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ _PHOTOS = "photos"
 
 @dataclass(frozen=True, slots=True)
 class PanoramaOptions:
-    """How panoramas are taken.
+    """How panoramas are recognised and masked.
 
     Attributes
     ----------
     assume : bool
-        Photos twice as wide as high are panoramas, also where they do not say so.
+        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
     mask : Path or None
-        Image that is black where nothing is to be recognised in any of them.
+        Image that is black where features are ignored in all panoramas.
     lowest_deg, highest_deg : float
-        What is farther below or above the horizon is masked.
+        Limits below and above the horizon, beyond which panoramas are masked.
     """
 
     assume: bool = False
@@ -65,7 +65,7 @@ class PanoramaOptions:
 
 @dataclass(frozen=True, slots=True)
 class PlaceOptions:
-    """What the user asks for.
+    """Options of the user.
 
     Attributes
     ----------
@@ -74,13 +74,13 @@ class PlaceOptions:
     satellite : Path or None
         The image; None makes a blank plan.
     source : GeoSource or None
-        Where the image's georeference comes from; not needed with positions in pixels.
+        Source of the image's georeference; not needed for positions in pixels.
     positions : Path or None
         Positions by file name, instead of EXIF.
     copy : bool
-        Copy what lies outside the map's folder into it.
+        Copy files from outside the map's folder into it.
     force : bool
-        Replace a map that is there already; photos that it has keep their ids.
+        Replace an existing map; its photos keep their ids.
     panoramas : PanoramaOptions
     """
 
@@ -95,14 +95,14 @@ class PlaceOptions:
 
 @dataclass(frozen=True, slots=True)
 class PlaceReport:
-    """Every file of the folder, and how the image was georeferenced.
+    """The result for each file of the folder, and for the georeference of the image.
 
     Attributes
     ----------
     written : bool
-        False when no photo could be placed: then there is no map.
+        False if no photo could be placed: no map is written.
     residuals_m : tuple of float
-        Of the control points, metres.
+        Residuals of the control points, metres.
     """
 
     cfg: Path
@@ -113,7 +113,7 @@ class PlaceReport:
     warnings: tuple[str, ...] = ()
 
     def count(self, state: FileState) -> int:
-        """Count the files that became `state`."""
+        """Count the files with this state."""
         return sum(file.state is state for file in self.files)
 
 
@@ -125,9 +125,9 @@ def map_from_photos(
     Parameters
     ----------
     folder : Path
-        Searched with all folders below it.
+        Searched recursively.
     progress : Progress
-        One step a file.
+        One step per file.
 
     Returns
     -------
@@ -137,23 +137,23 @@ def map_from_photos(
     Raises
     ------
     UsageError
-        The request cannot work: the map exists, photos or image lie outside its folder, no georeference,
-        positions too far apart for a blank plan ...
+        Invalid options: the map exists, photos or image lie outside its folder, there is no georeference,
+        the positions are too far apart for a blank plan ...
     GeoreferenceError, TableError
         The georeference or the positions cannot be read.
     MapError
-        The map to replace cannot be read, or the positions' `.cfg`.
+        The map to replace, or a `.cfg` with the positions, cannot be read.
     PhotoError
         The satellite image cannot be read.
     StorageError
-        The disk refused.
+        A file cannot be written.
     """
     target = NewMapFolder(options.cfg, folder, copy=options.copy)
     target.check(force=options.force, satellite=options.satellite)
     before = read_map(options.cfg) if options.cfg.exists() else None
     positions = read_positions(options.positions) if options.positions else None
     _check_sources(options, positions)
-    # the image comes before the photos: an error in it shows at once
+    # fail early: read the image before the many photos
     image = _georeferenced(options.satellite, options.source) if options.satellite else None
     _check_same_image(positions, image)
     names = list_files(folder, leave_out=[options.cfg.parent / DERIVED])
@@ -241,7 +241,7 @@ def _own_file(surveyed: SurveyedFile) -> SurveyedFile:
 
 
 def _refuse_far_apart(plan: BlankPlan, latlon: Mapping[str, LatLon]) -> None:
-    """Refuse a plan on which all photos of a place would be one dot: two places, or a wrong position."""
+    """Refuse a plan that spans a huge area, because of two separate places or a wrong position."""
     if max(plan.width, plan.height) * plan.metres_per_pixel < _FAR_M:
         return
     pixels = plan.georeference.pixel_from_latlon(list(latlon.values()))
@@ -256,7 +256,7 @@ def _refuse_far_apart(plan: BlankPlan, latlon: Mapping[str, LatLon]) -> None:
 
 
 class NewMapFolder:
-    """The folder that a map is written into.
+    """The folder into which a map is written.
 
     Parameters
     ----------
@@ -276,11 +276,11 @@ class NewMapFolder:
 
     @property
     def plan_path(self) -> Path:
-        """The blank plan: `plan.png` of `map.cfg`, `NAME.plan.png` of any other `NAME.cfg`."""
+        """Path of the blank plan: `plan.png` for `map.cfg`, `NAME.plan.png` for any other `NAME.cfg`."""
         return self._cfg.with_name("plan.png" if self._cfg.stem == "map" else f"{self._cfg.stem}.plan.png")
 
     def check(self, *, force: bool, satellite: Path | None) -> None:
-        """Refuse what would overwrite something, or could not be written down.
+        """Refuse options that would overwrite files, or that a map cannot represent.
 
         Raises
         ------
@@ -300,23 +300,23 @@ class NewMapFolder:
 
     def same(self, path: Path, others: Iterable[Path]) -> bool:
         """Return whether `path` is one of the others."""
-        # os.path.realpath, unlike Path.resolve, also answers for links in a circle
+        # unlike Path.resolve, os.path.realpath does not fail on circular links
         return any(os.path.realpath(path) == os.path.realpath(other) for other in others)
 
     def photo_name(self, name: str) -> str:
-        """Name a photo of the photos' folder as the map does: relative to the map's folder."""
+        """Return the name of a photo in the map, relative to the map's folder."""
         folder = self._photos.resolve()
         if folder.is_relative_to(self._base):
             return (folder / name).relative_to(self._base).as_posix()
         return f"{_PHOTOS}/{name}"
 
     def image_name(self, satellite: Path | None) -> str:
-        """Name the satellite image, or the blank plan, as the map does.
+        """Return the name of the satellite image or blank plan in the map.
 
         Raises
         ------
         UsageError
-            The image lies outside the map's folder and is not to be copied, or a map cannot hold its name.
+            The image lies outside the map's folder without the option `copy`, or has an unsuitable name.
         """
         if satellite is None:
             return self.plan_path.name
@@ -338,19 +338,19 @@ class NewMapFolder:
     def write(
         self, map_: Map, *, originals: Mapping[str, str], satellite: Path | None, plan: BlankPlan | None
     ) -> None:
-        """Write the map, last its `.cfg`.
+        """Copy files into the map's folder as needed, then write the map.
 
         Parameters
         ----------
         originals : mapping of str to str
-            Name of each photo in the map -> in the photos' folder.
+            Name in the map -> name in the photos' folder, for each photo.
         plan : BlankPlan or None
             The blank plan to draw.
 
         Raises
         ------
         StorageError, UsageError
-            The disk refused, or a copy would replace another file.
+            A file cannot be written, or a copy would replace another file.
         """
         try:
             self._base.mkdir(parents=True, exist_ok=True)

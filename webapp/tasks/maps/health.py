@@ -23,7 +23,7 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
 LIMIT = 200
-"""Maximum number of photos tried, evenly spread over the map."""
+"""Maximum number of photos used, evenly spread over the map."""
 
 _FILE = "health.json"
 _VERSION = 1
@@ -32,17 +32,17 @@ _VERSION = 1
 def find_weak_places(
     cfg: Path, *, settings: Settings, progress: Progress, options: OpenOptions | None = None
 ) -> dict[str, Any]:
-    """Localize photos of the map as if they were not on it, and keep what that says about them.
+    """Localize photos of the map, each hidden from it, and store an assessment of each photo.
 
     Parameters
     ----------
     progress : Progress
-        Two steps a photo, after those of the index.
+        Two steps per photo, after those of the index.
 
     Returns
     -------
     dict
-        As `stored` gives it.
+        As from `read_health`.
 
     Raises
     ------
@@ -74,13 +74,14 @@ def find_weak_places(
 
 
 def read_health(cfg: Path) -> dict[str, Any] | None:
-    """Read what was found last.
+    """Read the last result of `find_weak_places`.
 
     Returns
     -------
     dict or None
-        `revision` of the map then, `place_radius_px`, and `photos`: `id`, `state` (`confusable`, `lonely`,
-        `one-direction` or `good`), `taken_for`, `probability`. None where nothing of this version is there.
+        `revision` of the evaluated map, `place_radius_px`, and `photos`: `id`, `state` (`confusable`,
+        `lonely`, `one-direction` or `good`), `taken_for`, `probability`. None if there is no file of this
+        version.
     """
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())

@@ -1,4 +1,4 @@
-"""Joins the photos that the cameras of a rig took at one instant to panoramas."""
+"""Joins photos taken by the cameras of a rig at the same instant into panoramas."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 
 _FORMAT = 1
-"""Part of what stands for a panorama: one that was joined by other rules is made anew."""
+"""Version of the joining, part of a panorama's key: panoramas of another version are made again."""
 
 _WIDEST = 32_000
-"""Pixels of a panorama across."""
+"""Maximum width of a panorama, pixels."""
 
 _CELLS_DEG = (1, 2, 3, 4, 5, 6, 10, 15)
-"""Cells of a mask: the finest that does not make it too ragged."""
+"""Possible cell sizes of a mask; the finest that needs few enough boxes is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,9 @@ class JoinOptions:
     Attributes
     ----------
     width : int or None
-        Of the panoramas, pixels; None for as many pixels a degree as the photos have.
+        Width of the panoramas, pixels; None for the angular resolution of the photos.
     mask : Path or None
-        File for the mask of what no camera of the rig sees.
+        Output file for the mask of the parts that no camera of the rig sees.
     """
 
     width: int | None = None
@@ -57,7 +57,7 @@ class JoinOptions:
 
 @dataclass(frozen=True, slots=True)
 class JoinedPanorama:
-    """An instant: the panorama, whether it was there already, or why there is none."""
+    """The panorama of an instant, whether it is new, or why there is none."""
 
     panorama: str
     photos: tuple[str, ...]
@@ -74,9 +74,9 @@ def join_panoramas(
     limits: PhotoLimits,
     progress: Progress,
 ) -> Iterator[JoinedPanorama]:
-    """Join the photos of a folder; each panorama is given when it is written.
+    """Join the photos of a folder; yield each panorama when it is written.
 
-    One that is there, of the same photos and the same rig, is not made again.
+    An existing panorama of the same photos and the same rig is not made again.
 
     Raises
     ------
@@ -140,7 +140,7 @@ class _Instant:
             return JoinedPanorama(self.path.name, there, problem=str(error))
 
     def seen(self) -> NDArray[np.bool_]:
-        """Which pixels of the panorama a camera sees, at two pixels a degree."""
+        """Return which pixels of the panorama are seen by a camera, at two pixels per degree."""
         photos, _ = self._read(
             [read_file(self.folder / str(name), limits=self.limits) for name in self.names]
         )
@@ -170,7 +170,7 @@ class _Instant:
         return hashlib.sha256(json.dumps([rig, digests]).encode()).hexdigest()[:32]
 
     def _tags(self, facts: Sequence[PhotoFacts], key: str) -> CameraTags:
-        """Gather time, position and heading, each from the photo that looks ahead most of those with it."""
+        """Collect time, position and heading, each from the most forward-looking photo that has it."""
         ahead = sorted(
             zip(self.cameras, facts, strict=True),
             key=lambda one: abs((one[0].yaw_deg + 180.0) % 360.0 - 180.0),
@@ -193,7 +193,7 @@ class _Instant:
 
 
 def _key_in(path: Path) -> str | None:
-    """Read what stands for a panorama that is there; None where there is none of ours."""
+    """Read the key of an existing panorama; None if it is missing or has no key."""
     try:
         found: Mapping[int, object] = piexif.load(str(path))["Exif"]
     except (*DAMAGED, OSError):
@@ -203,7 +203,7 @@ def _key_in(path: Path) -> str | None:
 
 
 def write_mask(path: Path, seen: NDArray[np.bool_]) -> None:
-    """Write a mask for panoramas, black where nothing is seen, in cells as small as it may have.
+    """Write a mask for panoramas, black where nothing is seen, with the smallest possible cells.
 
     Raises
     ------

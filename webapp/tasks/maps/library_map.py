@@ -1,4 +1,4 @@
-"""A map of the library as the map model has it."""
+"""Builds the map model from the records of the library."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
 _SAME_PX = 1.0
-"""So close to where its GPS has it a photo was placed by that."""
+"""A photo within this distance of its GPS position counts as placed by GPS."""
 
 
 def as_map(session: Session, record: MapRecord) -> Map | None:
@@ -43,7 +43,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
     Returns
     -------
     Map or None
-        With the photos that have a place; None as long as there is no satellite image.
+        Its experiences are the placed photos; None if there is no satellite image yet.
     """
     if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
         return None
@@ -86,7 +86,7 @@ def floors(record: MapRecord) -> tuple[Floor, ...]:
 
 
 def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
-    """Return the ids of photos that are where their GPS has them: whoever placed one knew better."""
+    """Return the ids of photos at their GPS positions; all others were placed deliberately."""
     known = [
         p
         for p in photos
@@ -115,7 +115,7 @@ def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
 
 
 def _facts(photo: Photo) -> dict[str, Any]:
-    """Return what is known of a photo besides its place, as the map model names it."""
+    """Return the fields of a photo in the map model, except its position."""
     return {
         "heading_deg": photo.heading_deg,
         "fov_deg": photo.fov_deg,
@@ -130,7 +130,7 @@ def _facts(photo: Photo) -> dict[str, Any]:
 
 
 def _placements(session: Session, record: MapRecord, *, ids: set[int]) -> tuple[Placement, ...]:
-    """Collect the further placements; a photo that has no place in the main one has none here."""
+    """Collect the further placements, without photos that have no position in the main one."""
     found = select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)
     positions: dict[str, dict[int, MapPixel]] = defaultdict(dict)
     for row in session.scalars(found.order_by(PlacedElsewhere.placement, PlacedElsewhere.photo_id)):

@@ -1,4 +1,4 @@
-"""A `map.cfg` that was changed outside of the library: compared, shown, and applied or written again."""
+"""Handles a `map.cfg` that was edited outside the library: compares it, and applies or overwrites it."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ Change = Mapping[str, Any] | None
 
 @dataclass(frozen=True, slots=True)
 class TakeOverResult:
-    """What was taken over.
+    """Result of applying the file.
 
     Attributes
     ----------
     revision : int or None
-        That the edit made; None when the file said the same in other words.
+        Revision of the edit; None if the file differs in form only.
     left_out : tuple of str
-        Sentences about photos that could not be read.
+        Messages about photos that could not be read.
     """
 
     revision: int | None
@@ -50,15 +50,15 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
     Parameters
     ----------
     settings : Settings
-        The limits of photos count.
+        Only the limits of photos are used.
 
     Returns
     -------
     dict or None
-        None when nobody has changed the file. Else `sha256` of the file; `problem`, a sentence, where it
-        cannot be taken over; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`,
-        sentences; `placements`, `control_points` and `floors`, names; `notes`, titles; `georeference`,
-        whether it changes.
+        None if the file was not edited. Else `sha256` of the file; `problem`, a message if it cannot be
+        applied; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`, messages;
+        `placements`, `control_points` and `floors`, names; `notes`, titles; `georeference`, whether it
+        changes.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -80,23 +80,23 @@ def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any]
 def take(
     library: Library, map_id: int, *, account_id: int, settings: Settings, sha256: str
 ) -> TakeOverResult:
-    """Take the file over into the records, as one edit that can be undone.
+    """Apply the file to the records, as one edit that can be undone.
 
     Parameters
     ----------
     account_id : int
-        Who does it.
+        Author of the edit.
     sha256 : str
-        Of the file that was shown.
+        Hash of the file that was shown.
 
     Raises
     ------
     MapError, UsageError
-        The file cannot be taken over.
+        The file cannot be applied.
     Conflict
-        The file is another one by now, or has not been changed.
+        The file has changed since it was shown, or was not edited.
     StorageError
-        The disk refused; what was taken over is safe.
+        The disk failed; changes that were applied are safe.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -104,7 +104,7 @@ def take(
         files = PhotoFiles(cfg, settings.photo)
         _check_same(record, cfg, sha256=sha256)
         with show_relative_to(cfg.parent):
-            plan(session, record, cfg, files=files)  # reads the photos, while others may write
+            plan(session, record, cfg, files=files)  # reads the photos before the write lock is taken
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         _check_same(record, cfg, sha256=sha256)
@@ -123,12 +123,12 @@ def take(
 
 
 def discard(library: Library, map_id: int, *, sha256: str) -> None:
-    """Write the file again from the records.
+    """Overwrite the file from the records.
 
     Raises
     ------
     Conflict
-        The file is another one than was shown.
+        The file has changed since it was shown.
     StorageError
     """
     with library.database.read() as session:
@@ -156,27 +156,27 @@ def _plan_json(found: TakeOverPlan) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class TakeOverPlan:
-    """What to do to have the records say what the file says.
+    """Changes that bring the records into agreement with the file.
 
     Attributes
     ----------
     changes : dict of str to mapping or None
-        As `store.maps.edits.apply` takes them.
+        Changes for `store.maps.edits.apply`.
     new : list of Photo
-        Records to add first, removed and without a place; `changes` brings them in.
+        Records to add first, marked as removed and without a position; `changes` restores and places them.
     renamed : dict of int to str
         New paths of photos whose files were renamed.
     moved, turned, added, removed, kept : list of dict
-        For people: photos with `id` and `name`; `kept` ones were changed in the library since the file was
-        written, and stay as they are there.
+        For display: photos with `id` and `name`; `kept` ones were changed in the library since the file was
+        written, and keep the library's state.
     left_out : list of str
-        Sentences about photos of the file that cannot be read.
+        Messages about photos of the file that cannot be read.
     placements : list of str
         Names of further placements that change.
     control_points : list of str
         Names of control points that change.
     notes : list of str
-        Titles of notes that change; of the note of a photo, the name of the photo.
+        Titles of notes that change; for the note of a photo, the photo's name.
     floors : list of str
         Names of floors that change.
     georeference : bool
@@ -205,14 +205,14 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
     Parameters
     ----------
     files : PhotoFiles
-        Reads the photos that no record knows.
+        Reads the photos that have no record.
 
     Raises
     ------
     MapError
         The file cannot be read as a map.
     UsageError
-        It is about another satellite image.
+        It refers to another satellite image.
     """
     map_ = read_map(cfg)
     check_room_for_ids(map_, cfg)
@@ -237,7 +237,7 @@ def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -
 
 
 class _Planner:
-    """Collects a plan photo by photo."""
+    """Builds a plan photo by photo."""
 
     def __init__(self, record: MapRecord, files: PhotoFiles, *, rows: Iterable[Photo]) -> None:
         self.plan = TakeOverPlan()
@@ -247,7 +247,7 @@ class _Planner:
         self._floors: set[int] = set()
 
     def take_photos(self, experiences: Iterable[Experience]) -> dict[int, int]:
-        """TakeOverPlan for all photos; gives the id in the records of each id in the file."""
+        """Plan all photos; return the id in the records for each id in the file."""
         found, rest = self._matched(list(experiences))
         for e, row in found:
             self._changed(e, row)
@@ -266,7 +266,7 @@ class _Planner:
         return ids
 
     def take_floors(self, session: Session, map_: Map) -> None:
-        """Plan the floors; those that the file does not have stay."""
+        """Plan the floors; those missing from the file are kept."""
         changed = outside_listed.changed_floors(session, self._record, map_)
         self.plan.changes |= changed
         self.plan.floors += [fields["name"] for fields in changed.values()]
@@ -275,7 +275,7 @@ class _Planner:
         self._floors = known if map_.floors else set()
 
     def take_placements(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """TakeOverPlan for the further placements."""
+        """Plan the further placements."""
         there = session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == self._record.id))
         before = {(row.placement, row.photo_id): (row.x_px, row.y_px) for row in there}
         after = {
@@ -296,9 +296,9 @@ class _Planner:
                 self.plan.placements.append(name)
 
     def take_listed(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
-        """Plan control points, and notes but those of placed photos; what the file does not have stays."""
+        """Plan control points and notes (except those of placed photos); keep those missing in the file."""
         in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in ids.values()}
-        # Photos that were removed have no line, but what is about them still names them.
+        # Removed photos have no line, but points and notes still refer to them.
         known = {id: id for id in self._rows.keys() - set(ids.values())} | dict(ids)
         points = outside_listed.changed_points(session, self._record, map_, known=known)
         notes = outside_listed.changed_notes(session, self._record, map_, known=known)
@@ -314,7 +314,7 @@ class _Planner:
     def _matched(
         self, experiences: list[Experience]
     ) -> tuple[list[tuple[Experience, Photo]], list[Experience]]:
-        """Find the record of each line: by id and photo, else by the photo alone."""
+        """Find the record of each line by id and path, or else by path alone."""
         found, rest = [], []
         for e in experiences:
             row = self._rows.get(e.id)
@@ -357,7 +357,7 @@ class _Planner:
             self.plan.turned.append(_named(row))
 
     def _new(self, e: Experience, *, taken: set[int]) -> int | None:
-        """TakeOverPlan for a line whose photo no record has; gives its id, None where it is left out."""
+        """Plan a line whose photo has no record; return its id, or None if it is left out."""
         row, problem = self._files.row(e)
         if problem is not None:
             self.plan.left_out.append(problem)
@@ -365,7 +365,7 @@ class _Planner:
         same = next((r for r in self._rows.values() if r.sha256 == row.sha256), None)
         if same is not None and same.id not in taken and same.id not in self.plan.renamed:
             self.plan.renamed[same.id] = e.photo
-            # map.json, which knows photos by their names, says nothing of this one
+            # map.json identifies photos by path, and so has no entry for the renamed one
             self._changed(replace(e, floor=same.floor) if e.floor == BASE_FLOOR else e, same)
             return same.id
         row.id = max(e.id, self._next_id)
@@ -388,7 +388,7 @@ def _named(row: Photo) -> dict[str, Any]:
 
 
 def _differences(e: Experience, row: Photo) -> dict[str, Any]:
-    """Return the fields that the file says otherwise; what a `.cfg` cannot hold it does not say otherwise."""
+    """Return the fields that differ in the file; fields without a value there do not differ."""
     differs: dict[str, Any] = {"removed": False} if row.removed else {}
     at = None if row.x_px is None or row.y_px is None else MapPixel(row.x_px, row.y_px)
     if at is None or whole_pixel(at) != whole_pixel(e.position):

@@ -1,4 +1,4 @@
-"""Control points, notes and floors next to a changed `map.cfg`: those that differ from the records."""
+"""Compares control points, notes and floors of an edited map file with the records."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Fields = dict[str, Any]
 def changed_points(
     session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
 ) -> dict[str, Fields]:
-    """Give the control points that change, by target of an edit; those that the file does not have stay.
+    """Return the control points that change, by target of an edit; those missing in the file are kept.
 
     Parameters
     ----------
     known : mapping of int to int
-        Id in the records of each photo that the file may name, removed ones included.
+        Id in the records for each photo id that may occur in the file, including removed photos.
     """
     after = {}
     for point in map_.control_points:
@@ -40,9 +40,9 @@ def changed_points(
 def changed_notes(
     session: Session, record: MapRecord, map_: Map, *, known: Mapping[int, int]
 ) -> dict[str, Fields]:
-    """Give the notes on spots that change, as `changed_points` does control points.
+    """Return the notes at spots that change; see `changed_points`.
 
-    A file without floors does not know where they are: they stay on theirs.
+    If the file has no floors, existing notes stay on theirs.
     """
     there = {note.id: note for note in notes(record)}
     after = {}
@@ -55,7 +55,7 @@ def changed_notes(
 
 
 def changed_floors(session: Session, record: MapRecord, map_: Map) -> dict[str, Fields]:
-    """Give the floors that change, as `changed_points` does control points."""
+    """Return the floors that change; see `changed_points`."""
     after = {f"floor/{floor.id}": floor_fields(floor) for floor in map_.floors}
     before = {f"floor/{floor.id}": floor_fields(floor) for floor in floors(record)}
     return _changed(session, record, before=before, after=after)
@@ -64,7 +64,7 @@ def changed_floors(session: Session, record: MapRecord, map_: Map) -> dict[str, 
 def _changed(
     session: Session, record: MapRecord, *, before: Mapping[str, Fields], after: Mapping[str, Fields]
 ) -> dict[str, Fields]:
-    """Leave out what is the same, and what was changed in the library since the file was written."""
+    """Leave out equal ones, and those changed in the library since the file was written."""
     return {
         target: fields
         for target, fields in after.items()

@@ -1,8 +1,8 @@
-"""The files of a map's photos: how they are called, and what an interrupted intake has left of them.
+"""Names and stores the files of a map's photos, and deletes the remains of interrupted uploads.
 
-A photo keeps the name of its original file where no other photo of the map has it. Before a file is moved in,
-a note of it is written, which is deleted once the record is kept: a file that has a note and no record is no
-person's.
+A photo keeps its original file name unless another photo of the map has it. Before a file is moved in, a note
+is written, which is deleted once the record is committed: a file with a note but without a record was left by
+an interrupted upload, not put there by a person.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from webapp.store.library import Library
 from webapp.store.schema import MapRecord, Photo
 
 PHOTOS = "photos"
-"""Folder of a map that its photos are in."""
+"""Folder of a map's photos."""
 
 _INTAKE = "intake"
-"""Folder in `derived` of the notes: each is named by the hash of a file, and holds its path."""
+"""Folder of the notes in `derived`: each is named by the hash of a file and contains its path."""
 
 _UNSAFE = re.compile(r'["*/:;<>?\\|]+')
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
-"""Names that Windows keeps for devices."""
+"""Names that Windows reserves for devices."""
 
 _SAME_ENDINGS = {"jpg": {"jpg", "jpeg", "jpe"}, "tif": {"tif", "tiff"}, "heic": {"heic", "heif"}}
 _MOST_BYTES = 100
-"""Of a name; a longer one is shortened, and gets the hash of its content."""
+"""Maximum length of a name; a longer one is shortened and gets a hash of the content."""
 _SHORT_STEM = 40
 _HASH_DIGITS = (8, 16, 64)
 
 
 def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, suffix: str) -> str:
-    """Choose the path of a photo: its own name, or one with its hash where that is taken.
+    """Choose the path of a photo: its original name, or one with its hash if that is taken.
 
-    A file with the same content that waits there without a record is taken for the photo's.
+    An existing file with the same content and without a record is reused.
 
     Parameters
     ----------
     folder : Path
-        Of the map.
+        Folder of the map.
     row : Photo
-        Not yet of the map; with its original name and its hash.
+        Not yet part of the map; with its original name and its hash.
     suffix : str
-        The ending that its content has.
+        Suffix of its format.
 
     Returns
     -------
     str
-        Relative to the folder.
+        Path relative to the folder.
     """
     stem, ending = _plain_name(row.name, suffix)
     whole = f"{stem}.{ending}"
@@ -70,12 +70,12 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
 
 
 def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = None) -> None:
-    """Move a file to its path, or delete it where the photo has its file; see `forget_intake`.
+    """Move a file to its path, or delete it if the photo already has its file; see `forget_intake`.
 
     Parameters
     ----------
     stored : Pointer or None
-        Of the object that has its content already: then a pointer comes to the path.
+        Pointer to the object with the file's content, if it was stored: then the pointer is written instead.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = Non
     target = folder / row.path
     if is_there(target):
         if stored is not None and stored.sha256 == row.sha256 and not target.is_file():
-            put_in_place(source, target, pointer=stored)  # the object that it named may be lost
+            put_in_place(source, target, pointer=stored)  # the object of the old pointer may be lost
         else:
             source.unlink()
         return
@@ -98,26 +98,26 @@ def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = Non
 
 
 def forget_intake(folder: Path, row: Photo) -> None:
-    """Delete the note of a file whose record is kept."""
+    """Delete the note of a file whose record is committed."""
     discard(_note(folder, row.sha256))
 
 
 def sweep_orphans(library: Library, map_id: int) -> int:
-    """Delete files in the photo folder of a map that no record knows: their intake was interrupted.
+    """Delete files in the photo folder of a map that were left without a record by interrupted uploads.
 
-    Files that a person has put there are left alone.
+    Files that a person has put there are not touched.
 
     Returns
     -------
     int
-        Files deleted.
+        Number of files deleted.
     """
     swept = 0
     with library.database.read() as session:
         slug = session.get_one(MapRecord, map_id).slug
     if not any((library.map_folder(slug) / DERIVED / _INTAKE).glob("*")):
         return 0
-    with library.database.write() as session:  # intake moves its files in a session that writes, too
+    with library.database.write() as session:  # excludes uploads, which move files in write sessions, too
         record = session.get_one(MapRecord, map_id, with_for_update=True)
         folder = library.map_folder(record.slug)
         known = set(session.scalars(select(Photo.path).where(Photo.map_id == map_id)))
@@ -137,7 +137,7 @@ def _note(folder: Path, sha256: str) -> Path:
 
 
 def _plain_name(name: str, suffix: str) -> tuple[str, str]:
-    """Return stem and ending of a photo's own name, without what a disk or a `.cfg` cannot hold."""
+    """Return stem and suffix of a photo's original name, without characters unsuitable for a `.cfg`."""
     last = PurePosixPath(name.replace("\\", "/")).name
     stem, _, ending = last.rpartition(".")
     if not stem:
@@ -155,7 +155,7 @@ def _is_free(file: Path, row: Photo) -> bool:
 
 
 def _is_known(session: Session, record: MapRecord, path: str) -> bool:
-    """Return whether a photo has this path on a disk that knows no letter case."""
+    """Return whether a photo of the map has this path, ignoring case."""
     paths = select(Photo.path).where(Photo.map_id == record.id)
     if path.isascii():
         paths = paths.where(func.lower(Photo.path) == path.lower())

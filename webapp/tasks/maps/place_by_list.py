@@ -1,4 +1,4 @@
-"""Places photos by a list that names them: what would move is shown before anything does."""
+"""Places photos by a list of names and positions, with a preview of the changes."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from webapp.tasks.maps.placing import (
 )
 
 _SAME_PX = 1e-3
-"""A photo that is moved by less stays where it is."""
+"""A smaller displacement does not count as a move."""
 
 
 @dataclass(frozen=True, slots=True)
 class PositionList:
-    """A list of positions, and how it is read.
+    """A list of positions, and options for reading it.
 
     Attributes
     ----------
     file : Path
-        A `.cfg` by its ending; all else is recognised by its content.
+        A `.cfg` is recognised by its suffix, other formats by their content.
     name : str
-        As its sender calls it, for errors.
+        Original name, for error messages.
     columns : str or None
-        Which column of a table holds what; None to guess from its header.
+        Meaning of the columns of a table; None to guess it from the header.
     move_placed : bool
-        Whether photos that have a place are moved too.
+        Whether to move photos that have a position already.
     """
 
     file: Path
@@ -54,14 +54,14 @@ class PositionList:
 
 @dataclass(frozen=True, slots=True)
 class ListedPhoto:
-    """Where a list has a photo.
+    """The position of a photo in a list.
 
     Attributes
     ----------
     before : MapPixel or None
-        Where it is now.
+        Current position.
     moved_px, moved_m : float or None
-        From there; None for a photo without a place, and without a georeference.
+        Distance from it; None without a current position, `moved_m` also without a georeference.
     """
 
     spot: PhotoSpot
@@ -71,23 +71,23 @@ class ListedPhoto:
 
     @property
     def moves(self) -> bool:
-        """Whether it has a place, and another one in the list."""
+        """Whether it has a position, and a different one in the list."""
         return self.spot.problem is None and self.moved_px is not None and self.moved_px >= _SAME_PX
 
 
 @dataclass(frozen=True, slots=True)
 class ListPreview:
-    """What a list says about the photos of a map.
+    """Expected result of placing by a list.
 
     Attributes
     ----------
     unknown : tuple of str
-        Names in the list that no photo of the map has.
+        Names in the list that match no photo of the map.
     ambiguous : tuple of str
-        Names in the list that could mean several photos, several names that mean one, and names that several
-        points of the list have.
+        Names in the list that match several photos, that match the same photo as another name, or that occur
+        several times.
     missing : int
-        Photos of the map without a place that the list does not name.
+        Number of photos of the map without a position that are not in the list.
     """
 
     photos: tuple[ListedPhoto, ...]
@@ -97,14 +97,14 @@ class ListPreview:
 
 
 def preview(library: Library, map_id: int, *, listed: PositionList) -> ListPreview:
-    """Look where the photos would come; nothing is changed.
+    """Preview where the photos would be placed; nothing is changed.
 
     Raises
     ------
     TableError, TrackError, MapError
-        The list breaks its format.
+        The list is not valid in its format.
     UsageError
-        The map has no satellite image, or no georeference where the list needs one, or the list was made on
+        The map has no satellite image, or no georeference although the list needs one; the list was made on
         an image of another size; or the columns do not fit.
     """
     positions = _read(listed)
@@ -115,22 +115,22 @@ def preview(library: Library, map_id: int, *, listed: PositionList) -> ListPrevi
 def place_by_list(
     library: Library, map_id: int, *, listed: PositionList, account_id: int
 ) -> tuple[PlacingResult, ListPreview]:
-    """Place the photos that a list names, as one edit; those that have a place are moved if that is wanted.
+    """Place the photos of a list, as one edit; placed photos are moved only with `listed.move_placed`.
 
     Parameters
     ----------
     account_id : int
-        Who does it, and can undo it.
+        Author of the edit, who can undo it.
 
     Returns
     -------
     ListPreview
-        As `preview` would have given it.
+        As from `preview` just before.
 
     Raises
     ------
     TableError, TrackError, MapError, UsageError
-        As `preview`.
+        See `preview`.
     """
     positions = _read(listed)
     with library.changing(map_id) as change:

@@ -1,4 +1,4 @@
-"""Places photos in the tray by a GPX track and the times when they were taken."""
+"""Places photos in the tray by a GPX track and their capture times."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _MAX_S = 10 * 366 * 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """How the times of photos become those of the track.
+    """Conversion of photo times to track times.
 
     Attributes
     ----------
     offset_s : float
-        Is added to every time of a photo.
+        Added to each photo time.
     zone : tzinfo
-        Of times that do not say their own.
+        Time zone of photo times without one.
     max_gap_s : float
-        Largest time between two fixes of the track that is bridged.
+        Longest gap between two fixes of the track that is interpolated.
     """
 
     offset_s: float = 0.0
@@ -51,7 +51,7 @@ class Clock:
     max_gap_s: float = 60.0
 
     def __post_init__(self) -> None:
-        """Reject what is not a time span.
+        """Reject invalid time spans.
 
         Raises
         ------
@@ -63,16 +63,16 @@ class Clock:
             raise UsageError("the largest gap must be above 0 seconds", where="max_gap_s")
 
     def seconds(self, taken_at: str) -> float:
-        """Turn the time of a photo (ISO 8601) into seconds since 1970, UTC, the offset not added."""
+        """Convert a photo time (ISO 8601) to seconds since 1970, UTC, without the offset."""
         moment = datetime.fromisoformat(taken_at)
         ahead = moment.utcoffset() if moment.tzinfo else self.zone.utcoffset(moment)
-        # in two steps, because the first of January of the year 1 in Prague has no date in UTC
+        # in two steps, as a conversion to UTC would overflow for 1 January of year 1 in Prague
         return (moment.replace(tzinfo=None) - _EPOCH - (ahead or timedelta())).total_seconds()
 
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedPhoto:
-    """A photo that the track says nothing about."""
+    """A photo for which the track gives no position."""
 
     id: int
     name: str
@@ -81,7 +81,7 @@ class UnmatchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class MatchedPhoto:
-    """Where a photo in the tray comes by the track."""
+    """The position of a photo in the tray by the track."""
 
     spot: PhotoSpot
     latlon: LatLon
@@ -90,14 +90,14 @@ class MatchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What placing by the track would do.
+    """Expected result of placing by the track.
 
     Attributes
     ----------
     found : tuple of MatchedPhoto
-        Also those outside the image: their spot has a problem.
+        Including those outside the image, whose spot has a problem.
     suggested : ClockOffset or NoMatch
-        The offset by which photos that know their position fit the track best.
+        The clock offset with which photos with GPS fit the track best.
     """
 
     found: tuple[MatchedPhoto, ...]
@@ -129,7 +129,7 @@ def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> 
     Raises
     ------
     UsageError
-        The map has no satellite image, or that no georeference.
+        The map has no satellite image, or the image has no georeference.
     """
     with library.database.read() as session:
         return _match(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
@@ -138,22 +138,22 @@ def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> 
 def place_by_track(
     library: Library, map_id: int, *, track: FixTrack, clock: Clock, account_id: int
 ) -> tuple[PlacingResult, Preview]:
-    """Place the photos in the tray that the track knows, as one edit.
+    """Place the photos in the tray that match the track, as one edit.
 
     Parameters
     ----------
     account_id : int
-        Who does it, and can undo it.
+        Author of the edit, who can undo it.
 
     Returns
     -------
     Preview
-        As `preview` would have given it.
+        As from `preview` just before.
 
     Raises
     ------
     UsageError
-        The map has no satellite image, or that no georeference.
+        The map has no satellite image, or the image has no georeference.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

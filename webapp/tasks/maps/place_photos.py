@@ -1,4 +1,4 @@
-"""Photos of a folder: surveyed, and placed on the image by their positions, one verdict a file."""
+"""Surveys the photos of a folder, and places them on the image by their positions; one result per file."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ class FileState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SurveyedFile:
-    """A file and what is known of it.
+    """A surveyed file.
 
     Attributes
     ----------
     name : str
-        Relative to the folder, forward slashes.
+        Relative to the folder, with forward slashes.
     facts : PhotoFacts or None
-        None when it is not a readable photo.
+        None if it is not a readable photo.
     state : FileState or None
-        Why it cannot be placed; None when it has a position.
+        Why it cannot be placed; None if it has a position.
     reason : str or None
-        The same as a sentence.
+        The same as a message.
     """
 
     name: str
@@ -60,7 +60,7 @@ class SurveyedFile:
 
     @property
     def gps(self) -> Gps | None:
-        """The EXIF position, where the photo's place is that one."""
+        """The EXIF position, if it is the photo's position."""
         gps = self.facts.gps if self.facts else None
         return gps if isinstance(gps, Gps) and self.position == (gps.lat, gps.lon) else None
 
@@ -79,11 +79,11 @@ def survey(
     Parameters
     ----------
     names : sequence of str
-        Relative to it.
+        Paths relative to the folder.
     positions : Positions or None
         Positions by file name, instead of those in EXIF.
     assume_panoramas : bool
-        Photos twice as wide as high are panoramas, also where they do not say so.
+        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
 
     Returns
     -------
@@ -149,11 +149,11 @@ class FileResult:
     reason : str or None
         Why it was not placed.
     experience : Experience or None
-        As it stands in the map, when it was placed.
+        The experience in the map, if it was placed.
     latlon : LatLon or None
-        Where it was taken, when that is known.
+        Geographic position, if known.
     notes : tuple of str
-        What was odd about it.
+        Remarks on irregularities.
     """
 
     name: str
@@ -173,11 +173,11 @@ class MapImage:
     width, height : int
         Pixels.
     georeference : Georeference or None
-        None where the positions are in pixels and nothing else is known.
+        None if unknown; positions are in pixels then.
     residuals_m : tuple of float
-        Of its control points, metres.
+        Residuals of its control points, metres.
     warnings : tuple of str
-        About its georeference.
+        Warnings about its georeference.
     """
 
     width: int
@@ -188,7 +188,7 @@ class MapImage:
 
 
 def unplaced(s: SurveyedFile) -> FileResult:
-    """Return the verdict on a file that the survey has given up."""
+    """Return the result for a file that cannot be placed according to the survey."""
     assert s.state is not None
     return FileResult(s.name, s.state, s.reason, notes=s.facts.notes if s.facts else ())
 
@@ -199,14 +199,14 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
     Parameters
     ----------
     image : MapImage
-        With a georeference, unless the position is in pixels.
+        Must have a georeference, unless the position is in pixels.
     photo : str
         Its name in the map.
 
     Returns
     -------
     FileResult
-        A placed photo has the id 0 until `with_ids` numbers it.
+        A placed photo has id 0 until `with_ids` assigns one.
     """
     if s.state is not None or s.facts is None or s.position is None:
         return unplaced(s)
@@ -241,7 +241,7 @@ def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
 
 
 def with_ids(placed: Sequence[FileResult], before: Map | None) -> tuple[list[FileResult], int]:
-    """Number the photos; those of the map that is replaced keep their ids, and no id is used again."""
+    """Assign ids to the photos; photos of the replaced map keep theirs, and no id is reused."""
     known = {e.photo: e.id for e in before.experiences} if before else {}
     next_id = before.next_id if before else 0
     files = []
@@ -256,7 +256,7 @@ def with_ids(placed: Sequence[FileResult], before: Map | None) -> tuple[list[Fil
 
 
 def how_far(pixel: MapPixel, image: MapImage) -> str:
-    """Say how far beyond which edge of the image a position is."""
+    """Describe how far beyond which edge of the image a position is."""
     if not math.isfinite(pixel.x):
         return "its position is beyond the horizon of the image"
     edge = MapPixel(min(max(pixel.x, 0.0), image.width), min(max(pixel.y, 0.0), image.height))

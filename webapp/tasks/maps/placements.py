@@ -1,4 +1,4 @@
-"""Further placements of a library map: made, replaced and deleted, as edits that can be undone."""
+"""Creates, replaces and deletes further placements of a library map, as edits that can be undone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, PlacedElsewhere
 
 KIND = "placement"
-"""Of the edit."""
+"""Kind of the edit."""
 
 
 def put(
@@ -30,28 +30,28 @@ def put(
     positions: Mapping[int, MapPixel] | None = None,
     clusters_px: float | None = None,
 ) -> int | None:
-    """Make a placement, or replace it.
+    """Create or replace a placement.
 
     Parameters
     ----------
     positions : mapping of int to MapPixel, optional
-        By photo; by default those of the map.
+        Positions by photo id; by default those of the map.
     clusters_px : float, optional
-        Instead: photos within this radius are gathered at their centre.
+        Instead of `positions`: move photos within this radius of each other to their common centre.
 
     Returns
     -------
     int or None
-        Revision that the edit made; None when nothing changed.
+        Revision of the edit; None if nothing changed.
 
     Raises
     ------
     UsageError
-        The name is taken by another file, a position is outside the image, or the map has no photos placed.
+        The name collides with another file, a position is outside the image, or no photo is placed.
     MapError
         The name is not valid.
     NotFound
-        A photo that is not placed on the map.
+        A photo is not placed on the map.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -78,7 +78,7 @@ def put(
 def _gathered(
     session: Session, record: MapRecord, there: Mapping[int, MapPixel], *, radius_px: float
 ) -> dict[int, MapPixel]:
-    """Gather the photos of each floor by themselves."""
+    """Gather the photos of each floor separately."""
     floor_of = {photo.id: photo.floor for photo in maps.photos_by_id(session, record, there).values()}
     wanted: dict[int, MapPixel] = {}
     for floor in sorted(set(floor_of.values())):
@@ -88,12 +88,12 @@ def _gathered(
 
 
 def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
-    """Delete a placement; the photos and their places on the map stay. Gives the revision of the edit.
+    """Delete a placement, but not its photos or their positions on the map; return the edit's revision.
 
     Raises
     ------
     NotFound
-        There is none of that name.
+        There is no placement with this name.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -106,13 +106,14 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int 
 
 
 def check_name(session: Session, record: MapRecord, name: str) -> None:
-    """Refuse a name whose file would be that of the map or of another placement, on any disk.
+    """Refuse a name whose file would collide with that of the map or another placement, ignoring case.
 
     Raises
     ------
     MapError
-        It is not a name at all.
+        The name is not valid.
     UsageError
+        The name collides.
     """
     check_placement_name(name)
     others = session.scalars(

@@ -1,4 +1,4 @@
-"""Puts many photos of a library map in places, as one edit: what all ways of it share, and by GPS."""
+"""Places many photos of a library map as one edit: shared functions, and placing by GPS."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from webapp.tasks.maps.place_photos import MapImage, how_far
 
 @dataclass(frozen=True, slots=True)
 class RequestedPose:
-    """Where a photo shall be; a heading or floor of None stays as it is, a radius of None is exact."""
+    """Requested pose of a photo; None leaves heading or floor unchanged, a radius of None means exact."""
 
     photo: Photo
     position: LatLon | MapPixel
@@ -30,12 +30,12 @@ class RequestedPose:
 
 @dataclass(frozen=True, slots=True)
 class PhotoSpot:
-    """Where a photo comes on the image.
+    """Resulting position of a photo on the image.
 
     Attributes
     ----------
     pixel : MapPixel
-        Perhaps outside, or NaN.
+        May be outside the image, or NaN.
     problem : str or None
         How far outside it is.
     """
@@ -50,7 +50,7 @@ class PhotoSpot:
 
 @dataclass(frozen=True, slots=True)
 class OutsidePhoto:
-    """A photo that is not placed because its position is not on the image."""
+    """A photo that is not placed, as its position is outside the image."""
 
     id: int
     name: str
@@ -64,9 +64,9 @@ class PlacingResult:
     Attributes
     ----------
     placed : tuple of int
-        Ids of the photos, also of those that were there already.
+        Ids of the photos, including those that have not moved.
     job : int or None
-        That updates the index, where other photos are on the map now.
+        Id of the job that updates the index, if the set of placed photos has changed.
     """
 
     placed: tuple[int, ...]
@@ -75,7 +75,7 @@ class PlacingResult:
 
 
 def image_of(record: MapRecord) -> MapImage | None:
-    """Return the satellite image of a map; None as long as there is none."""
+    """Return the satellite image of a map; None if there is none yet."""
     if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
         return None
     return MapImage(record.satellite_width, record.satellite_height, georeference(record))
@@ -98,7 +98,7 @@ def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
 
 
 def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSpot]:
-    """Compute where photos come on an image, which has a georeference where positions are in degrees."""
+    """Compute the pixels of photos on an image; positions in degrees require its georeference."""
     spots = []
     for one in wanted:
         pixel = one.position
@@ -114,16 +114,16 @@ def find_spots(image: MapImage, wanted: Iterable[RequestedPose]) -> list[PhotoSp
 def place_spots(
     session: Session, record: MapRecord, *, spots: Iterable[PhotoSpot], kind: str, account_id: int
 ) -> PlacingResult:
-    """Place the photos that come on the image, as one edit.
+    """Place the photos that are within the image, as one edit.
 
     Parameters
     ----------
     session : Session
-        That writes.
+        Session with write access.
     kind : str
-        Of the edit.
+        Kind of the edit.
     account_id : int
-        Who does it.
+        Author of the edit.
     """
     changes: dict[str, Mapping[str, Any]] = {}
     placed, outside = [], []
@@ -140,17 +140,17 @@ def place_spots(
 
 
 def place_by_gps(library: Library, map_id: int, *, account_id: int) -> PlacingResult:
-    """Place every photo that has no place yet and a GPS position on the image, as one edit.
+    """Place all photos in the tray whose GPS positions are within the image, as one edit.
 
     Parameters
     ----------
     account_id : int
-        Who does it, and can undo it.
+        Author of the edit, who can undo it.
 
     Raises
     ------
     UsageError
-        The map has no satellite image, or that no georeference.
+        The map has no satellite image, or the image has no georeference.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

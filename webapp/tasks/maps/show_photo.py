@@ -1,4 +1,4 @@
-"""Finds a photo's file or preview, for those who may see it, and blurs parts of it in all its previews."""
+"""Finds a photo's file or preview (access is checked by the caller), and blurs parts of its previews."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 
 class NewBlur(NamedTuple):
-    """What is to be blurred in a photo.
+    """Requested blurring of a photo.
 
     Attributes
     ----------
     boxes : sequence of BlurBox
-        All of it.
+        The complete new list of boxes.
     seen : sequence of BlurBox or None
-        What was blurred when it was chosen; None to replace whatever is blurred now.
+        The boxes that were blurred when these were chosen; None to overwrite without a check.
     """
 
     boxes: Sequence[BlurBox]
@@ -47,7 +47,7 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
     NotFound
         It is missing on the disk.
     MapError
-        Its path, or a link on the way, leads out of the map's folder.
+        Its path leads out of the map's folder, perhaps by a link.
     """
     cfg = library.cfg(slug)
     with show_file_as(photo.name, cfg):
@@ -58,26 +58,26 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
 
 
 def boxes_of(photo: Photo) -> list[BlurBox]:
-    """List what is blurred in the pictures of a photo."""
+    """Return the blurred boxes of a photo."""
     return [BlurBox(**box) for box in photo.blurred or ()]
 
 
 def look_of_photo(photo: Photo) -> str | None:
-    """Return a key of what is blurred in a photo; None where nothing is."""
+    """Return a key of the blurred boxes of a photo; None if there are none."""
     return look_of(boxes_of(photo))
 
 
 def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:
-    """Find a preview of a photo, and make it where it is missing.
+    """Return a preview of a photo, which is created if missing.
 
     Raises
     ------
     NotFound, PhotoError
         The photo is missing or damaged.
     MapError
-        Its path, or a link on the way, leads out of the map's folder.
+        Its path leads out of the map's folder, perhaps by a link.
     StorageError
-        The disk refused.
+        The file cannot be written.
     """
     folder, boxes = library.map_folder(slug), boxes_of(photo)
     path = preview_path(folder, photo.id, kind=kind, blurred=boxes)
@@ -98,26 +98,26 @@ def blur_photo(
     settings: Settings,
     changing: Changing | None = None,
 ) -> int | None:
-    """Blur these parts of a photo, and no others.
+    """Replace the blurred boxes of a photo.
 
-    The pictures are there before the record says so: nobody is shown an old one as the new one.
+    The previews are written before the record is committed, so that an old one is never shown as the new one.
 
     Parameters
     ----------
     changing : callable, optional
-        Changes a map, instead of `library.changing`: that of a job.
+        Used instead of `library.changing`, such as that of a job.
 
     Returns
     -------
     int or None
-        New revision of the map; None when they were blurred already.
+        New revision of the map; None if nothing changed.
 
     Raises
     ------
     UsageError
         A box is not valid, or there are too many.
     Conflict
-        Somebody else has blurred it at the same time, or since these boxes were chosen; nothing was changed.
+        The boxes were changed concurrently, or since `wanted.seen`; nothing was changed.
     NotFound, PhotoError, StorageError
     """
     boxes = [_checked(box) for box in wanted.boxes]
@@ -145,7 +145,7 @@ def blur_photo(
         record.changed_at = now()
         photo.revision = record.revision
         if photo.is_placed:
-            record.photos_revision = record.revision  # nothing is recognised by what is blurred now
+            record.photos_revision = record.revision  # the index must drop features in the blurred parts
         return record.revision
 
 

@@ -1,4 +1,4 @@
-"""Small pictures of a map's photos for exports: encoded again, so that they have no EXIF."""
+"""Makes thumbnails of a map's photos for exports; re-encoded, so that they contain no EXIF."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _QUALITY = 80
 
 
 def thumbnail(source: Source, experience: Experience, *, side: int, limits: PhotoLimits) -> bytes | None:
-    """Make a small picture of a photo, of its preview where there is one.
+    """Make a thumbnail of a photo, from its preview if there is one.
 
     Parameters
     ----------
     side : int
-        Pixels of the longer side, at most.
+        Maximum length of the longer side, pixels.
 
     Returns
     -------
     bytes or None
-        JPEG without metadata; None where the photo is missing or unreadable.
+        JPEG without metadata; None if the photo is missing or unreadable.
     """
     cfg, id = source.cfg, experience.id
     blurred = source.blurred.get(id, ())
@@ -52,7 +52,7 @@ def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) ->
     Returns
     -------
     (h, w, 3) uint8 or None
-        Blue, green, red; None where the image is missing or unreadable.
+        Blue, green, red; None if the image is missing or unreadable.
     """
     try:
         file = photo_path(cfg, path)

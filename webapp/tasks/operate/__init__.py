@@ -1,1 +1,1 @@
-"""Looking after a library: backup, restore, clean-up."""
+"""Maintenance of a library: backup, restore, moves, clean-up."""

@@ -1,9 +1,9 @@
-"""Puts a whole library into one file, while it is served and changed.
+"""Backs up a whole library to one file, while it is in use.
 
-The database is copied in one moment, together with the exported files of the maps and other files that are
-replaced under their names; their writers wait for it. All else is photos and images, which never change under
-their names and are copied afterwards. When a map is deleted for good in the meantime, the copy starts again
-from a later moment.
+The database is copied as a snapshot, together with the exported files of the maps and other files that are
+replaced in place; their writers wait during that. All other files are photos and images, which are immutable
+and copied afterwards. If files have disappeared by then, because a map was permanently deleted, the copy is
+repeated from a later snapshot.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from webapp.tasks.operate.open_storage import refuse_objects
 
 MAPS = "maps"
 QUERIES = "queries"
-"""Where everything is in a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`, `PART/ID/...`."""
+"""Layout of a backup: `library.db`, `maps/SLUG/...`, `queries/ID/...`, `PART/ID/...`."""
 
 _DERIVED = "derived"
 _EXPORTED = frozenset({".cfg", ".json"})
 _WAIT_S = 60
 _OTHER_FILES = 256
-"""Open at a time, besides a lock for each map."""
+"""Files open at a time, in addition to a lock per map."""
 
 _TRIES = 5
 
@@ -49,24 +49,24 @@ class LibraryPart(Protocol):
 
     @property
     def name(self) -> str:
-        """First part of its files' names in a backup."""
+        """First path component of its files in a backup."""
 
     @property
     def folder(self) -> str:
-        """Folder of the library, relative to it."""
+        """Folder relative to the library."""
 
     def contents(self, database: sqlite3.Connection) -> PartContents:
-        """Read which records there are, and which files they need."""
+        """Read the ids of the records, and the files that they need."""
 
     def locks(self, library: Library) -> Iterable[tuple[Path, str]]:
-        """Name the lock files of writers that replace files, each with what it protects."""
+        """Return the lock files of writers that replace files, each with what it protects."""
 
     def replaced(self, library: Library, id: int) -> Iterable[Path]:
-        """Name the files of a record that change under their names; they need not exist."""
+        """Return the files of a record that are replaced in place; they need not exist."""
 
 
 def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
-    """Return what reads each part's contents from a copy of the database."""
+    """Return, by part, the function that reads its contents from a copy of the database."""
     return {part.name: part.contents for part in parts}
 
 
@@ -77,9 +77,9 @@ class BackupReport:
     Attributes
     ----------
     size_bytes : int
-        Of the files.
+        Total size of the files.
     missing : tuple of str
-        Files that the library itself has lost.
+        Files that are missing from the library itself.
     """
 
     maps: int
@@ -95,25 +95,24 @@ class _Snapshot:
 
     contents: SnapshotContents
     replaced: dict[str, bytes]
-    """The files that change under their names."""
+    """Contents of the files that are replaced in place, by name in the backup."""
 
 
 def back_up(
     library: Library, target: Path, *, parts: Sequence[LibraryPart], progress: Progress
 ) -> BackupReport:
-    """Back a library up.
+    """Back up a library.
 
-    What can be computed again is left out (`derived/`), and so are half-done uploads and the key that signs
-    sessions.
+    Derived files (`derived/`), unfinished uploads and the key that signs sessions are left out.
 
     Parameters
     ----------
     target : Path
-        File; one that is there is replaced when the new one is complete.
+        Backup file; an existing one is replaced when the new one is complete.
     parts : sequence of LibraryPart
-        What the library keeps besides maps.
+        Parts of the library with files, apart from maps.
     progress : Progress
-        One step a file, for copying and then for reading it again.
+        One step per file, for copying and then for verification.
 
     Raises
     ------
@@ -121,7 +120,7 @@ def back_up(
         The file would be in the library itself, or photos of the library are in S3 and this process has not
         opened its storage.
     StorageError, DiskFull
-        The disk or the object storage refused; an older backup of that name is as it was.
+        The disk or the object storage failed; an older backup of that name is unchanged.
     Cancelled
     """
     if in_use() is None:
@@ -158,18 +157,18 @@ class _Copying:
         self._parts = parts
 
     def copy(self, *, progress: Progress) -> tuple[_Snapshot, set[str]]:
-        """Copy what a moment needs; where something was deleted in between, that of a later moment."""
+        """Copy a snapshot and its files; if files disappear meanwhile, repeat with a later snapshot."""
         missing: set[str] = set()
         for _ in range(_TRIES):
             progress.note("copying")
             moment = self._moment()
             before, missing = missing, self._copy_files(moment, progress=progress)
-            if missing <= before:  # gone since long: this library has lost them
+            if missing <= before:  # missing again: the library has lost these files before
                 break
         return moment, missing
 
     def _moment(self) -> _Snapshot:
-        """Copy the database, and read the files that are replaced together with it."""
+        """Copy the database and, consistent with it, the files that are replaced in place."""
         library = self._library
         with library.database.engine.connect() as connection:
             slugs = {str(slug) for (slug,) in connection.exec_driver_sql("SELECT slug FROM map")}
@@ -181,13 +180,13 @@ class _Copying:
                 for lock, what in part.locks(library):
                     writers.enter_context(_held(lock, what=what, where=part.name))
             contents = snapshot.copy_to(library.database, self._archive.scratch, readers=readers(self._parts))
-            if not set(contents.maps.values()) <= slugs:  # a map is new: its writers were not asked to wait
+            if not set(contents.maps.values()) <= slugs:  # a new map, whose writers were not locked out
                 writers.close()
                 return self._moment()
             return _Snapshot(contents, dict(self._replaced(contents)))
 
     def _replaced(self, contents: SnapshotContents) -> Iterator[tuple[str, bytes]]:
-        """Read the files that change under their names, each with its name in the backup."""
+        """Read the files that are replaced in place, each with its name in the backup."""
         for slug in contents.maps.values():
             for path in _exported(self._library, slug):
                 yield f"{MAPS}/{slug}/{path.name}", path.read_bytes()
@@ -198,7 +197,7 @@ class _Copying:
                         yield f"{part.name}/{id}/{path.name}", path.read_bytes()
 
     def _copy_files(self, moment: _Snapshot, *, progress: Progress) -> set[str]:
-        """Copy what never changes; gives the names of what should be there and is not."""
+        """Copy the immutable files; return the names of missing ones."""
         found = {name: path for name, path in self._files(moment.contents) if name not in moment.replaced}
         needed = {f"{MAPS}/{slug}/{path}" for slug, path in moment.contents.files}
         needed |= {f"{QUERIES}/{map_id}/{file}" for map_id, file in moment.contents.queries}
@@ -234,20 +233,20 @@ class _Copying:
 
 @contextmanager
 def _no_export(folder: Path) -> Iterator[None]:
-    """Lock the files of a map; a map without a folder has none."""
+    """Hold the lock of a map's exported files; a map without a folder has none."""
     with ExitStack() as stack:
         try:
             (folder / _DERIVED).mkdir(exist_ok=True)
             path = folder / _DERIVED / export.LOCK
             stack.enter_context(_held(path, what="the .cfg file of a map", where=folder.name))
         except FileNotFoundError:
-            pass  # it has none yet, or is being deleted
+            pass  # no folder yet, or it is being deleted
         yield
 
 
 @contextmanager
 def _held(path: Path, *, what: str, where: str) -> Iterator[None]:
-    """Hold a lock, which the writers of `what` hold for moments only."""
+    """Hold the lock of the writers of `what`, who hold it for short times only."""
     with ExitStack() as stack:
         try:
             stack.enter_context(FileLock(path, timeout=_WAIT_S))
@@ -261,7 +260,7 @@ def _held(path: Path, *, what: str, where: str) -> Iterator[None]:
 
 
 def _exported(library: Library, slug: str) -> list[Path]:
-    """List the files of a map that change under their names."""
+    """List the files of a map that are replaced in place."""
     folder = library.map_folder(slug)
     return [
         p for p in folder.glob("*") if p.suffix in _EXPORTED and p.is_file() and not p.name.startswith(".")
@@ -269,7 +268,7 @@ def _exported(library: Library, slug: str) -> list[Path]:
 
 
 def _belongs(name: str, contents: SnapshotContents) -> bool:
-    """Return whether a file is not one of a record that was deleted while it was copied."""
+    """Return False for a file of a record that was deleted while it was copied."""
     kind, _, rest = name.partition("/")
     owner = rest.partition("/")[0]
     owners = {MAPS: set(contents.maps.values()), QUERIES: {str(id) for id in contents.maps}}

@@ -1,4 +1,4 @@
-"""Moves photos and images of a library into its object storage, and deletes objects that nothing names."""
+"""Moves photos and images of a library to its object storage, and deletes unreferenced objects."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ from webapp.tasks.satellite.files import images_in_use
 _log = logging.getLogger(__name__)
 
 _LOOKS = "orphans.json"
-"""File of the library: since when each object is named by nothing, and when that was looked up last."""
+"""File of the library: since when each object is unreferenced, and the time of the last scan."""
 
 _KEY = re.compile(r"[0-9a-f]{2}/[0-9a-f]{64}-[0-9a-f]{16}")
-"""What objects of a library are called; whatever else lies below its prefix is not touched."""
+"""Names of a library's objects; other objects with its prefix are not touched."""
 
 _LOOKS_PER_AGE = 4
 _READERS_S = 600.0
-"""Seconds for which a file stays next to its pointer: who has its path opens it before."""
+"""Seconds for which a file stays next to its pointer, for readers that have already looked up its path."""
 
 _SOME = 500
 
 
 @dataclass(frozen=True, slots=True)
 class PhotosMoved:
-    """What a move has stored.
+    """Result of a move to the storage.
 
     Attributes
     ----------
     stored : int
-        Files.
+        Number of files stored.
     left : tuple of Path
-        Those that could not be stored, for reasons that are in the log.
+        Files that could not be stored; the reasons are in the log.
     """
 
     stored: int
@@ -66,22 +66,22 @@ class PhotosMoved:
 
 
 def objects_lock(library: Library) -> FileLock:
-    """Make the lock of whoever moves files of a library into its storage, on whatever machine."""
+    """Return the lock under which files of a library are moved to its storage, on any machine."""
     return FileLock(library.inner / "objects.lock")
 
 
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Do what `move_locked_photos` does, unless another process is at it.
+    """Call `move_locked_photos`, unless another process is moving files.
 
     Returns
     -------
     int
-        Files stored.
+        Number of files stored.
 
     Raises
     ------
     StorageError
-        As there.
+        See `move_locked_photos`.
     """
     if in_use() is None:
         return 0
@@ -93,20 +93,20 @@ def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) 
 
 
 def move_locked_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> PhotosMoved:
-    """Make objects of photos and images that came as files: by an import, or before there was a storage.
+    """Move photos and images that are still files to the object storage.
 
-    The caller holds the lock `objects_lock`. Images are files in any case until this moves them: who places
-    one waits for no upload.
+    These are imported photos, those from before the storage was set up, and all images, which are first saved
+    as files so that placing one need not wait for an upload. The caller holds the lock `objects_lock`.
 
     Parameters
     ----------
     stops : callable
-        Asked before each file whether to end.
+        Called before each file; True ends the move.
 
     Raises
     ------
     StorageError
-        The storage or the disk refused; what is not stored is still a file.
+        The storage or the disk failed; files that are not stored remain in the folder.
     """
     storage = in_use()
     if storage is None:
@@ -127,7 +127,7 @@ def move_locked_photos(library: Library, *, stops: Callable[[], bool] = lambda: 
 
 
 def _paths(library: Library) -> Iterator[Path]:
-    """Name the images and photos of all maps, whether or not they are files."""
+    """Yield the paths of the images and photos of all maps, whether or not they are files."""
     with library.database.read() as session:
         records = [(one.id, one.slug, images_in_use(one)) for one in session.scalars(select(MapRecord))]
     for id, slug, images in records:
@@ -138,14 +138,14 @@ def _paths(library: Library) -> Iterator[Path]:
 
 
 def _move(storage: ObjectStorage, path: Path) -> bool:
-    """Store what is a file, or was replaced by one; delete the file of one stored a while ago."""
+    """Store a new or replaced file; delete one whose pointer is older than `_READERS_S`."""
     if not path.is_file() or path.is_symlink():
         return False
     pointer = read_pointer(path)
     if pointer is None or is_replaced(path, pointer):
         pointer = storage.store(path)
         write_pointer(path, pointer)
-        if not path.is_file():  # deleted for good meanwhile: nothing is to name the object
+        if not path.is_file():  # deleted permanently meanwhile: the object must not be referenced
             discard(pointer_path(path))
             return False
         storage.cache.adopt(path, pointer, name=path.name)
@@ -156,25 +156,25 @@ def _move(storage: ObjectStorage, path: Path) -> bool:
 
 
 def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], bool] = lambda: False) -> int:
-    """Delete objects that nothing in the library's folder has named for `orphans_h` hours.
+    """Delete objects to which no pointer in the library's folder has referred for `orphans_h` hours.
 
-    An upload that was interrupted leaves such an object, and so does a map that is deleted for good. Nobody
-    is reading one by then, and none of them is ever named again: every upload has a key of its own.
+    Interrupted uploads and permanently deleted maps leave such objects. By then nothing reads them, and they
+    cannot be referenced again, as each upload has a unique key.
 
     Parameters
     ----------
     stops : callable
-        Asked before each pointer and each object whether to end; what is left is done the next time.
+        Called before each pointer and each object; True ends the sweep until the next time.
 
     Returns
     -------
     int
-        Objects deleted.
+        Number of objects deleted.
 
     Raises
     ------
     StorageError
-        The folder cannot be read completely, or the storage refused: then nothing more is deleted.
+        The folder cannot be read completely, or the storage failed; the sweep ends.
     """
     storage, age = in_use(), timedelta(hours=settings.orphans_h)
     if storage is None:
@@ -197,7 +197,7 @@ def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], b
             _write_looks(library, at, {key: first for key, first in since.items() if key not in swept})
             return len(swept)
     except Timeout:
-        return 0  # another worker is at it
+        return 0  # another worker is sweeping
 
 
 def _unnamed(
@@ -208,7 +208,7 @@ def _unnamed(
     at: datetime,
     stops: Callable[[], bool],
 ) -> dict[str, datetime] | None:
-    """List the objects that nothing names, and since when; None when it was stopped."""
+    """Return the unreferenced objects, and since when; None if stopped."""
     there, named = [], set()
     for one in storage.bucket.objects():
         if stops():
@@ -224,12 +224,12 @@ def _unnamed(
 
 
 def pointed_files(folder: Path) -> Iterator[Path]:
-    """Find the files that pointers stand for, everywhere in the folder of a library.
+    """Find the paths of all files that have pointers in the folder of a library.
 
     Raises
     ------
     StorageError
-        Not all of the folder can be read.
+        The folder cannot be read completely.
     """
 
     def fail(error: OSError) -> None:
@@ -248,7 +248,7 @@ def pointed_files(folder: Path) -> Iterator[Path]:
 def _delete(
     library: Library, storage: ObjectStorage, keys: Iterable[str], *, stops: Callable[[], bool]
 ) -> set[str]:
-    """Delete objects, but none with a photo in it whose file is missing: somebody has lost the pointer."""
+    """Delete objects, except those of photos whose file and pointer are missing (lost pointers)."""
     by_hash: dict[str, list[str]] = {}
     for key in keys:
         by_hash.setdefault(key.rpartition("/")[2].partition("-")[0], []).append(key)
@@ -266,7 +266,7 @@ def _delete(
 
 
 def _missing(library: Library, hashes: list[str]) -> set[str]:
-    """List which of these contents a photo has whose file is neither here nor an object."""
+    """Return those of the hashes that belong to photos with neither a file nor a pointer."""
     found = set()
     for start in range(0, len(hashes), _SOME):
         some = hashes[start : start + _SOME]
@@ -279,7 +279,7 @@ def _missing(library: Library, hashes: list[str]) -> set[str]:
 
 
 def _read_looks(library: Library) -> tuple[datetime | None, dict[str, datetime]]:
-    """Read what was found before; a damaged file only costs time."""
+    """Read the result of the last scan; a damaged file counts as none."""
     try:
         content = json.loads((library.inner / _LOOKS).read_bytes())
         since = {key: datetime.fromisoformat(first) for key, first in content["since"].items()}

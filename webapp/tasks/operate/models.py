@@ -1,4 +1,4 @@
-"""Weights of networks: which are installed, and fetching the others."""
+"""Lists the installed weights of networks, and fetches missing ones."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ class ModelState:
     model : str
         Name of features, or of a network that matches them.
     state : {"here", "missing", "damaged", "unusable"}
-        A file that the user supplies cannot be damaged; that of a global descriptor is tried.
+        Files supplied by the user are never "damaged", as they have no known hash; that of a global
+        descriptor is loaded as a test.
     problem : str
         Why it is unusable.
     """
@@ -53,12 +54,12 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
     Parameters
     ----------
     names : collection of str
-        Models; all with published files when empty.
+        Models; if empty, all with published files.
 
     Raises
     ------
     UsageError
-        There is no model of a name, or no published file of it.
+        A name is unknown, or the model has no published file.
     """
     unknown = next((name for name in names if name not in models), None)
     if unknown is not None:
@@ -73,26 +74,26 @@ def missing(names: Collection[str], *, settings: Settings, models: Models = MODE
 
 
 def is_available(name: str, source: Path | None, *, models: Models = MODELS) -> bool:
-    """Check whether a file of a model is in a folder, or without one has an address."""
+    """Check whether a folder has a file of a model; without a folder, whether it has a download address."""
     if source is None:
         return bool(models[name][0].address)
     return any((source / file.name).is_file() for file in models[name])
 
 
 def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> ModelFile:
-    """Choose which of a model's files to fetch, so that its licence can be shown before.
+    """Choose which of a model's files to fetch; separate from `fetch`, to show the licence first.
 
     Parameters
     ----------
     source : Path or None
-        Folder to take it from; None for its own address.
+        Folder to copy it from; None to download it.
 
     Raises
     ------
     NotFound
         The folder has none of them.
     UsageError
-        It has no address.
+        It has no download address.
     """
     files = models[name]
     if source is None:
@@ -108,12 +109,12 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
 
 
 def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress: Progress) -> Path:
-    """Download a file, or copy it from a folder; it is kept only if it is the published one.
+    """Download a file, or copy it from a folder; only the published file is accepted, by its hash.
 
     Parameters
     ----------
     source : Path or None
-        Folder that holds it; None downloads it.
+        Folder with the file; None to download it.
 
     Returns
     -------
@@ -123,7 +124,7 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
     Raises
     ------
     InputError
-        The content is not that of the published file.
+        The content differs from the published file.
     StorageError, Cancelled
     """
     if source is not None:

@@ -1,9 +1,9 @@
 """Moves the records of a library from SQLite to a PostgreSQL server, or back; its files stay where they are.
 
-Others are kept from writing from the first moment on. When all rows are there and compared, the old
-database is marked as left, and then the folder names the new one: so there are never two that can be
-opened. A move that was killed leaves the old one in use, or neither, and is completed by the same command.
-Nothing is deleted: the old database is kept.
+Other processes are locked out during the move. Once all rows are copied and compared, the old database is
+marked as moved, and only then does the folder name the new one: two databases can never be opened. A killed
+move leaves the old one in use, or neither, and is completed by running the same command again. The old
+database is kept.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from webapp.store.moving.marks import MovedMark
 from webapp.tasks.operate.open_storage import refuse_objects
 
 TICKET = "moving.json"
-"""In `.library`, while a move is not complete: its key, and where to."""
+"""File in `.library` with the key and the target of an incomplete move."""
 
 _PART = f"{DATABASE}.moving"
 _WAIT_S, _LOOK_S = 5.0, 0.1
-"""For processes that are just ending."""
+"""Seconds to wait for processes that are just ending, and between two checks."""
 
 _IN_USE = Conflict(
     "a server, a worker or a command is using this library", hint="stop them first, on all machines"
@@ -59,11 +59,11 @@ class MoveReport:
     Attributes
     ----------
     tables : tuple of TableCopy
-        As they are in both databases.
+        The copied tables.
     place : str
         The new database.
     kept : str
-        The old one.
+        The old database.
     """
 
     tables: tuple[TableCopy, ...]
@@ -77,9 +77,9 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
     Parameters
     ----------
     url : str
-        Of an empty database, or of one that this move has begun to fill.
+        Address of an empty database, or of one that this move has partly filled.
     progress : Progress
-        One step a row.
+        One step per row.
 
     Raises
     ------
@@ -88,11 +88,11 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
     UsageError
         Its records are in a server already, or the database is not empty.
     Conflict
-        Somebody uses the library.
+        The library is in use.
     StorageError, DiskFull, MissingPart
         One of the databases cannot be read or written, or is of another version of the program.
     Cancelled
-        The library is as it was.
+        The library is unchanged.
     """
     inner = folder.resolve() / INNER
     with alone(inner), closing(Database(url)) as target:
@@ -105,7 +105,7 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
             )
         tables: tuple[TableCopy, ...] = ()
         if not marker.exists():
-            _join_journal(file)  # nobody has it open
+            _join_journal(file)  # raises if another process has it open
             with closing(Database(f"sqlite:///{file}")) as source:
                 key = _begin(inner, target.name, source)
                 tables = _move(source, target, key=key, progress=progress)
@@ -123,9 +123,9 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
     Parameters
     ----------
     url : str or None
-        Of the database where they are.
+        Address of the database that holds them.
     progress : Progress
-        One step a row.
+        One step per row.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
     UsageError
         Its records are in SQLite already, there is no address, or photos of the library are in S3.
     Conflict, StorageError, DiskFull, MissingPart, Cancelled
-        As for `move_to_server`.
+        See `move_to_server`.
     """
     inner = folder.resolve() / INNER
     refuse_objects(inner, doing="a library in SQLite")
@@ -143,7 +143,7 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
         if not marker.exists():
             if _ticket(inner, str(file)) is None:
                 raise UsageError("the records of this library are in SQLite already", where=str(folder))
-            (inner / TICKET).unlink()  # killed in the last moment
+            (inner / TICKET).unlink()  # an earlier move was killed just before its end
             return MoveReport((), str(file), "the database in the server")
         if url is None:
             raise UsageError(
@@ -156,16 +156,16 @@ def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveRe
             key = _begin(inner, str(file), source)
             if not file.exists():
                 tables = _fill_file(source, file, key=key, progress=progress)
-            elif _mark_of(source) is None:  # that of another move was refused before
+            elif _mark_of(source) is None:  # `_begin` has refused the mark of another move
                 raise StorageError("this folder has a library of its own, in SQLite", where=str(folder))
-        marker.unlink()  # from now on it is the file that is opened
+        marker.unlink()  # from now on the SQLite file is opened
         sync_folder(inner)
         (inner / TICKET).unlink()
     return MoveReport(tables, str(file), source.name)
 
 
 def _fill_file(source: Database, file: Path, *, key: str, progress: Progress) -> tuple[TableCopy, ...]:
-    """Make the SQLite file, under another name until all is there."""
+    """Write the SQLite file under a temporary name, and rename it when it is complete."""
     part = file.with_name(_PART)
     with (
         closing(Database(f"sqlite:///{part}")) as target,
@@ -173,7 +173,7 @@ def _fill_file(source: Database, file: Path, *, key: str, progress: Progress) ->
         target.engine.connect() as connection,
     ):
         is_ours = marks.filling_key(connection) == key
-    if not is_ours:  # of a move that was given up, or was killed between the next steps
+    if not is_ours:  # left by an abandoned move, or by one killed between the following steps
         _remove(part)
     with closing(Database(f"sqlite:///{part}")) as target:
         tables = _move(source, target, key=key, place=str(file), progress=progress)
@@ -188,7 +188,7 @@ def _fill_file(source: Database, file: Path, *, key: str, progress: Progress) ->
 def _move(
     source: Database, target: Database, *, key: str, place: str | None = None, progress: Progress
 ) -> tuple[TableCopy, ...]:
-    """Copy and compare all records, and mark the old database as left."""
+    """Copy and compare all records, and mark the old database as moved."""
     if schema_version(source) != newest_schema():
         raise StorageError(
             "the database is of another version of the program",
@@ -204,7 +204,7 @@ def _move(
         prepare(target, key=key)
         try:
             tables = copy_records(connection, target, progress=progress)
-        except OtherRows:  # the library was used after the move had been killed
+        except OtherRows:  # the library was changed after an earlier move was killed
             prepare(target, key=key, again=True)
             tables = copy_records(connection, target, progress=progress)
         if moved is None:
@@ -218,7 +218,7 @@ def _mark_of(source: Database) -> MovedMark | None:
 
 
 def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -> None:
-    """Refuse a database whose records have gone elsewhere by another move than that of the key."""
+    """Refuse a database whose records were moved by another move than the one with this key."""
     if moved is not None and moved.key != key:
         raise StorageError(
             f"the records of this library have moved to {moved.place}",
@@ -229,7 +229,7 @@ def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -
 
 @contextmanager
 def alone(inner: Path) -> Iterator[None]:
-    """Keep others from opening a library in the block; refuse where somebody has.
+    """Prevent other processes from opening a library during the block; refuse if one has it open.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def alone(inner: Path) -> Iterator[None]:
 
 
 def check_alone(connection: Connection) -> None:
-    """Refuse where another process is connected, on any machine; one may be just ending.
+    """Refuse if another process on any machine is connected; wait a little for one that is just ending.
 
     Raises
     ------
@@ -269,12 +269,12 @@ def check_alone(connection: Connection) -> None:
 
 
 def _begin(inner: Path, place: str, source: Database) -> str:
-    """Note that a move has begun, or find the note of one that was killed; gives its key.
+    """Write the ticket of a move, or find that of a killed one; return its key.
 
     Raises
     ------
     StorageError
-        The records have moved to another place already, or the move to it has not been completed.
+        The records were moved to another place, or a move to another place is incomplete.
     """
     key = _ticket(inner, place)
     _refuse_other_move(_mark_of(source), key, name=source.name)
@@ -285,7 +285,7 @@ def _begin(inner: Path, place: str, source: Database) -> str:
 
 
 def _ticket(inner: Path, place: str) -> str | None:
-    """Return the key of a move to a place that is not complete."""
+    """Return the key of an incomplete move to this place; None if there is none."""
     path = inner / TICKET
     if not path.exists():
         return None
@@ -294,7 +294,7 @@ def _ticket(inner: Path, place: str) -> str | None:
 
 
 def _put_aside(file: Path) -> Path:
-    """Keep the old file under another name; gives that, or the one that a killed move has given it."""
+    """Rename the old file, unless a killed move has done so; return its new path."""
     if not file.exists() and (earlier := sorted(file.parent.glob(f"{file.stem}-until-*{file.suffix}"))):
         return earlier[-1]
     kept = file.with_name(f"{file.stem}-until-{now():%Y%m%dT%H%M%S}{file.suffix}")
@@ -306,7 +306,7 @@ def _put_aside(file: Path) -> Path:
 
 
 def _join_journal(file: Path) -> None:
-    """Put what SQLite has in journal files into its file, so that it can be renamed."""
+    """Merge SQLite's journal (WAL) into the database file, so that it can be renamed."""
     try:
         with closing(sqlite3.connect(file, timeout=_WAIT_S)) as database:
             database.execute("PRAGMA journal_mode=DELETE")

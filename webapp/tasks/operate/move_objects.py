@@ -1,7 +1,7 @@
-"""Moves the files of a library into its object storage, or back into its folder.
+"""Moves the files of a library to its object storage, or back to its folder.
 
-Each file is at one of the two places at any moment, so that a move that was stopped or killed leaves a
-library that can be used as before, and the same command goes on. No object is deleted.
+Each file is in at least one of the two places at any time: an interrupted move leaves a usable library, and
+is continued by running the same command again. No object is deleted.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from webapp.tasks.operate.move import alone, check_alone
 from webapp.tasks.operate.open_storage import check_owner
 
 _TOGETHER, _SOME = 4, 32
-"""Objects that are fetched at once, and between two looks whether to stop."""
+"""Objects fetched concurrently, and between two checks for cancellation."""
 
 _WAIT_S, _LOOK_S = 600.0, 1.0
-"""Seconds to wait for a worker that moves the same files, and between two looks whether to stop."""
+"""Seconds to wait for a worker that moves the same files, and between two checks for cancellation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class ObjectsMoved:
     Attributes
     ----------
     files : int
-        That this move has moved.
+        Number of files moved.
     place : str
         Where they are now.
     """
@@ -52,10 +52,10 @@ class ObjectsMoved:
 
 
 def move_to_storage(library: Library, settings: Settings, *, progress: Progress) -> ObjectsMoved:
-    """Move photos and images of a library that has its storage open; the indexes follow with their builds.
+    """Move photos and images of a library with an open storage; indexes are moved when they are next built.
 
-    Servers and workers may go on: they do the same every hour, and delete the files when nobody reads them.
-    A worker that is at it is waited for.
+    Servers and workers may keep running: they do the same every hour, and delete the files that are no longer
+    read. If a worker is moving files, this waits for it.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
     Busy
         The worker has not finished in time.
     StorageError
-        Some files, or all, could not be stored: they are still in the folder.
+        Some files could not be stored and remain in the folder.
     Cancelled
     """
     if settings.storage is None:
@@ -93,7 +93,7 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
 
 @contextmanager
 def _alone_at_it(library: Library, *, progress: Progress) -> Iterator[None]:
-    """Wait until no worker moves the same files, and keep others from it in the block."""
+    """Hold the lock for moving files during the block; wait for a worker that holds it."""
     lock, until = objects_lock(library), time.monotonic() + _WAIT_S
     is_noted = False
     while not lock.is_locked:
@@ -118,21 +118,21 @@ def _alone_at_it(library: Library, *, progress: Progress) -> Iterator[None]:
 
 
 def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:
-    """Make files of all objects of a library, compared with their hashes; then it has no storage any more.
+    """Fetch all objects of a library as files, verify their hashes, and detach the storage.
 
     Parameters
     ----------
     progress : Progress
-        One step an object.
+        One step per object.
 
     Raises
     ------
     UsageError
         The library has no storage.
     Conflict
-        Somebody uses it.
+        The library is in use.
     StorageUnavailable, DiskFull, StorageError
-        The disk or the storage refused, or the storage has lost photos: what has been moved are files.
+        The disk or the storage failed, or objects are lost; those fetched before remain as files.
     NotFound, Busy, Cancelled
     """
     inner = folder.resolve() / INNER
@@ -140,7 +140,7 @@ def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> O
         if not check_marker(inner, settings):
             raise UsageError("the photos of this library are in its folder already", where=str(folder))
         storage = connect(settings)
-        if storage is None or settings.database is None:  # what the marker says is what the settings say
+        if storage is None or settings.database is None:  # the settings agree with the marker here
             raise UsageError("the address of the database is needed", where="EXPMAP_DATABASE")
         check_owner(inner, storage)
         with closing(Database(settings.database)) as database, database.moving() as connection:
@@ -152,7 +152,7 @@ def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> O
 
 
 def _bring_all(folder: Path, *, progress: Progress) -> int:
-    """Make files of all objects; those that are lost at the end, so that one does not keep the others."""
+    """Fetch all objects as files; lost ones are reported at the end, after all others were fetched."""
     paths = sorted(pointed_files(folder))
     progress.size(len(paths))
     lost: list[Path] = []
@@ -174,7 +174,7 @@ def _bring_all(folder: Path, *, progress: Progress) -> int:
 
 
 def _bring(path: Path) -> bool:
-    """Make a file of an object; False where the storage has lost it."""
+    """Fetch an object as a file; return False if the storage has lost it."""
     try:
         bring_back(path)
     except ObjectLost:

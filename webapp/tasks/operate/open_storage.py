@@ -1,4 +1,4 @@
-"""The object storage of a library: which one it is, and that nobody goes without it."""
+"""Opens the object storage of a library, and checks that they belong together."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _OWNER = "library"
 """Object with the name of the library that the storage belongs to."""
 
 _CLAIM = "object-storage-claim"
-"""File in `.library`: the name by which the storage is to know the library, until the marker has it."""
+"""File in `.library` with the library's name for the storage, until it is written to the marker."""
 
 _WAIT_S = 60.0
 
 
 def refuse_objects(inner: Path, *, doing: str) -> None:
-    """Refuse work that would not find photos which are objects.
+    """Refuse work that cannot access photos in the object storage, if there are any.
 
     Parameters
     ----------
     inner : Path
-        The library's folder of everything that is not a map.
+        The folder `.library`.
 
     Raises
     ------
@@ -53,9 +53,9 @@ def open_storage(library: Library, settings: Settings) -> None:
     Raises
     ------
     StorageError
-        The library has another one, or has one and the settings name none.
+        The library has another storage than the settings name, or they name none.
     UsageError, MissingPart
-        As for `connect`.
+        See `connect`.
     """
     is_marked, marker = check_marker(library.inner, settings), library.inner / MARKER
     storage = connect(settings)
@@ -72,7 +72,7 @@ def open_storage(library: Library, settings: Settings) -> None:
 
 
 def check_owner(inner: Path, storage: ObjectStorage) -> None:
-    """Refuse an object storage that is not, or no longer, that of the library with this inner folder.
+    """Refuse an object storage that does not, or no longer, belong to the library with this inner folder.
 
     Raises
     ------
@@ -84,10 +84,9 @@ def check_owner(inner: Path, storage: ObjectStorage) -> None:
 
 
 def _own_name(inner: Path) -> str:
-    """Choose the name by which a storage is to know the library, and write it down before the storage has it.
+    """Choose the library's name for the storage, and write it to disk before claiming the storage.
 
-    A start that is killed after the storage was claimed, or does not hear the answer, is followed by one that
-    recognises it.
+    If a process is killed after the claim, or gets no response, the next start recognises its own claim.
     """
     claim = inner / _CLAIM
     name = claim.read_text("utf-8").strip() if claim.is_file() else ""
@@ -98,7 +97,7 @@ def _own_name(inner: Path) -> str:
 
 
 def _claim(storage: ObjectStorage, owner: str) -> None:
-    """Take a storage that is nobody's, or was taken by this name already."""
+    """Claim a storage that has no owner, or this one already."""
     found = _owner(storage)
     if found == owner:
         return

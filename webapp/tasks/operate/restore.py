@@ -1,7 +1,7 @@
-"""Makes a library of a backup.
+"""Restores a library from a backup.
 
-Everything is unpacked next to the library first, compared with the backup's manifest, and its database looked
-through. Only then it takes its place; what was there is kept under another name.
+All files are first unpacked to a staging folder inside the target and compared with the backup's manifest,
+and the database is checked. Only then are they moved into place; an existing library is kept elsewhere.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class RestoreReport:
     made_at : str
         When the backup was made, ISO 8601.
     before : Path or None
-        Where the library is that was there before.
+        Folder with the previous library.
     """
 
     made_at: str
@@ -72,26 +72,26 @@ def restore(
     Parameters
     ----------
     folder : Path
-        Of the library; made when missing.
+        Folder of the library; created if missing.
     parts : sequence of LibraryPart
-        What the library keeps besides maps.
+        Parts of the library with files, apart from maps.
     url : str or None
-        Of an empty database for the records, instead of a SQLite file in the folder.
+        Address of an empty database for the records, instead of a SQLite file in the folder.
     force : bool
-        Also where there is something already, which then is kept in a folder of its own.
+        Restore even if the folder is not empty; its contents are kept in a folder of their own.
     progress : Progress
-        One step a file.
+        One step per file.
 
     Raises
     ------
     UsageError
-        The folder is not empty, or the database.
+        The folder or the database is not empty.
     Conflict
-        A server or a worker is running on it.
+        A server or a worker is running on the library.
     InputError
-        It is not a backup, or is damaged; nothing was changed.
+        The file is not a backup, or is damaged; nothing was changed.
     StorageError, DiskFull
-        The disk refused.
+        The disk failed.
     Cancelled
     """
     folder = folder.absolute()
@@ -105,7 +105,7 @@ def restore(
         )
     _check_idle(folder)
     try:
-        shutil.rmtree(stage, ignore_errors=True)  # of one that was killed
+        shutil.rmtree(stage, ignore_errors=True)  # left by a killed restore
         stage.mkdir(parents=True)
         try:
             progress.note("unpacking")
@@ -121,7 +121,7 @@ def restore(
 
 
 def _hint(url: str | None, *, key: str) -> str:
-    """Say how to restore into a folder that is not empty: perhaps an earlier restore has filled it."""
+    """Return the hint for a folder that is not empty, perhaps filled by an earlier restore."""
     if url is not None:
         with closing(Database(url)) as target, target.moving() as connection:
             if marks.filling_key(connection) == key:
@@ -130,7 +130,7 @@ def _hint(url: str | None, *, key: str) -> str:
 
 
 def _there(folder: Path) -> list[Path]:
-    """List what is in the folder, besides what earlier restores have left."""
+    """List the contents of the folder, except those left by earlier restores."""
     if not folder.exists():
         return []
     if not folder.is_dir():
@@ -146,7 +146,7 @@ def _check_idle(folder: Path) -> None:
 
 
 def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progress: Progress) -> int:
-    """Unpack a backup as a library; gives the number of its files."""
+    """Unpack a backup as a library; return the number of its files."""
 
     folders = {MAPS: stage, QUERIES: stage / INNER / QUERIES}
     folders |= {part.name: stage / part.folder for part in parts}
@@ -166,7 +166,7 @@ def _unpack(archive: Path, stage: Path, parts: Sequence[LibraryPart], *, progres
 
 
 def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
-    """Look through the database, bring it up to date, and have the first worker build the indexes."""
+    """Check the database, migrate it, and queue jobs that build the indexes."""
     contents = snapshot.check(stage / INNER / DATABASE, readers=readers(parts))
     _check_names(contents)
     library = open_library(stage)
@@ -187,7 +187,7 @@ def _prepare(stage: Path, parts: Sequence[LibraryPart]) -> SnapshotContents:
 
 @contextmanager
 def _records_in(url: str | None, stage: Path, *, key: str, progress: Progress) -> Iterator[None]:
-    """Put the records into a server before the block; they can be used when it has ended."""
+    """Copy the records to a server before the block, and release them for use after it."""
     if url is None:
         yield
         return
@@ -204,7 +204,7 @@ def _records_in(url: str | None, stage: Path, *, key: str, progress: Progress) -
 
 
 def _check_names(contents: SnapshotContents) -> None:
-    """Refuse a database that names files elsewhere: nobody has to ask for each of its paths again."""
+    """Refuse a database with file paths outside its folders, so that its users need not check each path."""
     for name in contents.names():
         if name_problem(name):
             raise InputError(
@@ -215,7 +215,7 @@ def _check_names(contents: SnapshotContents) -> None:
 
 
 def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
-    """Move the new library to its place: all by renaming, the database last."""
+    """Move the new library to its place, by renaming only, the database last."""
     before = _free_folder(folder) if there else None
     moves = [(path, before / path.name) for path in there if before is not None]
     moves += [(path, folder / path.name) for path in sorted(stage.iterdir(), key=lambda p: p.name == INNER)]
@@ -235,7 +235,7 @@ def _swap(folder: Path, stage: Path, there: list[Path]) -> Path | None:
 
 
 def _free_folder(folder: Path) -> Path:
-    """Name a folder for what was there; one restore may follow another within a second."""
+    """Return a free path for the previous library; restores may follow each other within a second."""
     name = f"{_BEFORE}{now():%Y%m%dT%H%M%S}"
     further = (f"{name}-{number}" for number in itertools.count(2))
     return next(path for path in (folder / n for n in itertools.chain([name], further)) if not path.exists())

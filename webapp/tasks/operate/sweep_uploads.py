@@ -1,4 +1,4 @@
-"""Deletes what interrupted uploads have left behind."""
+"""Deletes the remains of interrupted uploads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def sweep_uploads(library: Library, *, settings: Settings) -> int:
     Returns
     -------
     int
-        Files deleted.
+        Number of files deleted.
     """
     keep = timedelta(hours=settings.upload.keep_hours)
     with library.database.read() as session:
@@ -37,13 +37,13 @@ def sweep_uploads(library: Library, *, settings: Settings) -> int:
 
 
 def _unknown(library: Library, keep: timedelta, *, known: set[str]) -> list[Path]:
-    """List files that are old enough and belong to no upload."""
+    """List old files that belong to no upload."""
     old = [p for p in library.uploads.iterdir() if p.suffix != ".lock" and _older(p, keep)]
     return [path for path in old if path.stem not in known]
 
 
 def _older(path: Path, age: timedelta) -> bool:
-    """Return whether a file is gone, or was last written longer ago."""
+    """Return whether a file is missing, or was last written longer ago than `age`."""
     try:
         return time.time() - path.stat().st_mtime > age.total_seconds()
     except FileNotFoundError:

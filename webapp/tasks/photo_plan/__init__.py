@@ -1,1 +1,1 @@
-"""Where the next photos of a map help most, and photos that were taken there."""
+"""Plans of where the next photos of a map help most, and intake of the photos taken there."""

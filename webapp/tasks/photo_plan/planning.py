@@ -1,4 +1,4 @@
-"""Plans where the next photos of a map are to be taken, by what is known of how well it is recognised."""
+"""Plans where to take the next photos of a map, from estimates of how well it is recognised."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from webapp.tasks.maps import health
 MOST_SPOTS = 100
 
 TrialSource = Literal["evaluation", "health", "none"]
-"""Who tried the photos: the evaluation of the map on itself, the survey of its weak places, or nobody."""
+"""Source of trials: the evaluation of the map on itself, the survey of its weak places, or none."""
 
 _FILE = "photo-plan.json"
 _VERSION = 1
@@ -41,7 +41,7 @@ _RECOGNISED = frozenset({"good", "one-direction"})
 
 
 class PhotoTrial(NamedTuple):
-    """What came of looking for a photo that was hidden: how often it was recognised, and where it looked."""
+    """Result of the trials of a photo: share in which it was recognised, and its estimated heading."""
 
     success: float
     heading_deg: float | None = None
@@ -54,7 +54,7 @@ class MapTrials:
     Attributes
     ----------
     by_photo : mapping of int to PhotoTrial
-        By the photo's id.
+        Trials by photo id.
     """
 
     source: TrialSource
@@ -63,12 +63,12 @@ class MapTrials:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """What is wanted.
+    """Options of a plan.
 
     Attributes
     ----------
     area : Rectangle or None
-        Of the image, pixels; None plans where there are photos.
+        Area of the image, pixels; None plans where there are photos.
     """
 
     spots: int = 12
@@ -77,7 +77,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoPlan:
-    """How well a map is recognised, and where the next photos are to be taken.
+    """How well a map is recognised, and where to take the next photos.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class PhotoPlan:
     latlon : list of LatLon or None
         Of the spots.
     expected_share : float
-        Recognised share of the area with the new photos, as the model has it.
+        Recognised share of the area with the new photos, as predicted by the model.
     walk_px : float
     scale : float or None
         Metres per pixel in the middle of the image.
@@ -108,7 +108,7 @@ def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoP
     Raises
     ------
     UsageError
-        The map has no photos in places, or the area is not on its image.
+        The map has no placed photos, or the area is not on its image.
     """
     if not map_.experiences:
         raise UsageError("the map has no placed photos", hint="place some photos first")
@@ -139,7 +139,7 @@ def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoP
 
 
 def trials_of(map_: Map, cfg: Path) -> MapTrials:
-    """Take the last evaluation of a map on its own photos, else the last survey of its weak places.
+    """Return the trials of the last evaluation of a map on itself, else of the last survey of weak places.
 
     Raises
     ------
@@ -163,12 +163,12 @@ def trials_of(map_: Map, cfg: Path) -> MapTrials:
 
 
 def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> MapTrials:
-    """Judge the photos by what `expmap evaluate --self --json` prints, those that are still in their places.
+    """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since.
 
     Raises
     ------
     KeyError, TypeError
-        It is something else.
+        It has another format.
     """
     every = list(schemes)
     chosen = [one for one in every if one["scheme"] == "leave-one-out"] or every
@@ -202,7 +202,7 @@ def _joined(trials: Sequence[PhotoTrial]) -> PhotoTrial:
 def _photos(
     experiences: Sequence[Experience], trials: Mapping[int, PhotoTrial]
 ) -> tuple[PhotoTrials, list[int]]:
-    """Give the photos as the model takes them, and their ids; a panorama looks in all directions."""
+    """Return the input of the model, and the photo id of each row; a panorama has a row per direction."""
     rows: list[tuple[float, float, float, float]] = []
     ids: list[int] = []
     for e in experiences:
@@ -222,13 +222,13 @@ def _on_image(area: Rectangle | None, image: Rectangle) -> Rectangle | None:
         return None
     left, top = max(area.left, image.left), max(area.top, image.top)
     right, bottom = min(area.right, image.right), min(area.bottom, image.bottom)
-    if not (left < right and top < bottom):  # not a number is neither
+    if not (left < right and top < bottom):  # also for NaN
         raise UsageError("the area is not on the image", where="area", hint="left < right, top < bottom")
     return Rectangle(left, top, right, bottom)
 
 
 def plan_json(plan: PhotoPlan) -> dict[str, Any]:
-    """Give plain values, documented in `docs/results.md`."""
+    """Convert a plan to JSON values, documented in `docs/results.md`."""
     grid, scale = plan.grid, plan.scale
     shown = grid.wanted
     return {
@@ -264,12 +264,12 @@ def plan_json(plan: PhotoPlan) -> dict[str, Any]:
 
 
 def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
-    """Keep a plan for the pages of the map, in place of the one before.
+    """Store a plan for the pages of the map, replacing the previous one.
 
     Returns
     -------
     dict
-        As `plan_json`, with an `id` of its own.
+        As `plan_json`, with a new `id`.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
 
 
 def read(cfg: Path) -> dict[str, Any] | None:
-    """Read the plan that was kept last; None where there is none of this version.
+    """Read the stored plan; None if there is none of this version.
 
     Raises
     ------

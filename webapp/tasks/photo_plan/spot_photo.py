@@ -1,4 +1,4 @@
-"""Takes photos of planned spots into a map; where they have no GPS, the spot is suggested as their place."""
+"""Adds photos of planned spots to a map; without GPS, the spot is suggested as their place."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import needed_image
 
 _ACCURACY_M = 10.0
-"""How near to a spot people come who are led there by the GPS of a phone."""
+"""Accuracy with which people reach a spot by the GPS of a phone."""
 
 _OF_IMAGE = 0.02
-"""The same as a share of the image's longer side, where it has no georeference."""
+"""The same as a share of the image's longer side, if it has no georeference."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetPose:
-    """Where a photo was to be taken, and where the camera was to look.
+    """Planned position and heading of a photo.
 
     Attributes
     ----------
     revision : int or None
-        Of the map when the spot was planned; None is that of now.
+        Revision of the map when the spot was planned; None for the current one.
     """
 
     position: MapPixel
@@ -41,14 +41,14 @@ class TargetPose:
 def add_photo_at_spot(
     library: Library, map_id: int, *, photo: IncomingPhoto, pose: TargetPose, settings: Settings
 ) -> tuple[Intake, bool]:
-    """Take a photo into a map, as `add_photo`.
+    """Add a photo to a map, as `add_photo`; without GPS, suggest the spot as its place.
 
     Returns
     -------
     intake : Intake
     suggested : bool
-        It waits in the tray, and the spot is suggested as its place; never one of another image or outside
-        of it.
+        It is in the tray, and the spot is suggested as its place; never if the image was replaced, or the
+        spot is outside it.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def add_photo_at_spot(
 
 
 def _radius_px(record: MapRecord, pose: TargetPose) -> float | None:
-    """Return how near to its spot a photo is; None where that is none of the image of now."""
+    """Return the radius around a spot that contains its photo; None if it is not on the current image."""
     image = needed_image(record, with_georeference=False)
     replaced = pose.revision is not None and pose.revision < record.satellite_revision
     if replaced or not inside(pose.position, width=image.width, height=image.height):

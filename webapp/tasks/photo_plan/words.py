@@ -1,4 +1,4 @@
-"""A plan of photos in words, and as a walk for a phone."""
+"""Converts a plan of photos to words, and to a walk for a phone."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class PlanWords:
     directions : tuple of str
         From north clockwise.
     look : str
-        With `{directions}`.
+        Template with `{directions}`.
     look_around : str
-        Where no direction is planned.
+        Used if no direction is planned.
     """
 
     directions: tuple[str, ...]
@@ -47,18 +47,18 @@ ENGLISH = PlanWords(
 
 
 def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
-    """Say where to look at a spot of `planning.plan_json`."""
+    """Return in words where to look at a spot of `planning.plan_json`."""
     names = [words.directions[round(h / STEP_DEG) % DIRECTIONS] for h in spot["headings_deg"]]
     return words.look.format(directions=", ".join(names)) if names else words.look_around
 
 
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
-    """Turn a plan, as `planning.plan_json` gives it, into a walk.
+    """Convert a plan from `planning.plan_json` to a walk.
 
     Raises
     ------
     UsageError
-        The map does not know where it is on the Earth.
+        The map has no georeference.
     """
     spots = plan["spots"]
     if any(spot["lat"] is None for spot in spots):

@@ -1,4 +1,4 @@
-"""The image of a floor is laid on the map by spots, and what is on the floor goes along; as one edit."""
+"""Aligns the image of a floor with the map by pairs of spots, and moves what is on the floor; as one edit."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def align_floor(
     Parameters
     ----------
     pairs : sequence of (MapPixel, MapPixel)
-        Where spots are shown now, and where they are to be. One moves the image; two turn and scale it, too;
-        from three on it may be sheared as well.
+        Current and wanted positions of spots. One pair gives a shift, two a similarity, three or more an
+        affine transformation.
 
     Raises
     ------
     UsageError
-        The floor has no image of its own, the spots do not say how to lay it, or photos or
-        notes would leave the map.
+        The floor has no image of its own, the spots do not determine the transformation, or photos or notes
+        would leave the map.
     NotFound
     """
     with library.changing(map_id) as change:
@@ -68,7 +68,7 @@ def align_floor(
 def _moved_photos(
     photos: Sequence[Photo], image: MapImage, *, floor: int, move: Affine
 ) -> dict[str, Mapping[str, Any] | None]:
-    """Take the photos of a floor along with its image."""
+    """Return the changes that move the photos of a floor with its image."""
     a, _, _, d, _, _ = move
     turn_deg = math.degrees(math.atan2(d, a))
     changes: dict[str, Mapping[str, Any] | None] = {}
@@ -78,7 +78,7 @@ def _moved_photos(
         at = apply_affine(move, MapPixel(photo.x_px, photo.y_px))
         on_map = inside(at, width=image.width, height=image.height)
         if photo.removed and not on_map:
-            changes[f"photo/{photo.id}"] = TRAY  # should the removal be undone
+            changes[f"photo/{photo.id}"] = TRAY  # in case the removal is undone
             continue
         if not on_map:
             raise _leaves(photo.name)
@@ -92,7 +92,7 @@ def _moved_photos(
 def _moved_notes(
     record: MapRecord, image: MapImage, *, floor: int, move: Affine
 ) -> dict[str, Mapping[str, Any] | None]:
-    """Take the notes of a floor along with its image."""
+    """Return the changes that move the notes of a floor with its image."""
     changes: dict[str, Mapping[str, Any] | None] = {}
     for note in notes(record):
         if note.floor != floor or note.position is None:

@@ -31,16 +31,16 @@ from webapp.tasks.maps.placing import image_of
 
 PYRAMID_JOB = "satellite-pyramid"
 DISPLAY_SIDE_PX = 4096
-"""An image with a longer side is shown by tiles."""
+"""An image with a longer side is shown as tiles."""
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
-"""Opens a change of a map: `library.changing`, or that of a job that holds its lease."""
+"""Opens a change of a map: `library.changing`, or a job's own, which checks its lease."""
 
 _SAME_PX = 1e-6
-"""Rounding, and no move."""
+"""Smaller moves are rounding errors."""
 
 _AT_GPS_PX = 0.01
-"""A photo so close to where its GPS says was put there by it."""
+"""A photo this close to its GPS position counts as placed by it."""
 
 _SAME_DEG = 0.05
 TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
@@ -49,12 +49,12 @@ TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
 
 @dataclass(frozen=True, slots=True)
 class NewImage:
-    """The image that a map shall have.
+    """The new image of a map.
 
     Attributes
     ----------
     path : str
-        Relative to the map's folder, where it is already.
+        Path of the existing file, relative to the map's folder.
     image : MapImage
         Its size and georeference.
     """
@@ -65,16 +65,16 @@ class NewImage:
 
 @dataclass(frozen=True, slots=True)
 class ImageChoice:
-    """Options of a new image: who sets it, and how to treat positions that would not lie on it.
+    """Options of a new image: author of the edit, and treatment of positions outside it.
 
     Attributes
     ----------
     scale : bool
-        Whether positions grow with the image, where not both images are georeferenced.
+        Whether to scale positions with the image, if not both images are georeferenced.
     tray : bool
-        Whether photos outside go back to the tray; else they are a reason to refuse the image.
+        Whether photos outside go back to the tray; else the image is refused.
     seen : int or None
-        Newest revision that who does it knows of; an image that changed later is a conflict.
+        Newest revision that the author has seen; an image that was changed later is a conflict.
     """
 
     account_id: int | None
@@ -85,16 +85,16 @@ class ImageChoice:
 
 @dataclass(frozen=True, slots=True)
 class ImageEditResult:
-    """What an edit of the image did.
+    """The result of an edit of the image.
 
     Attributes
     ----------
     changed : tuple of int
         Ids of the photos whose position or heading changed.
     to_tray : int
-        How many of them went to the tray.
+        Number of positions that were dropped: photos moved to the tray, and photos in further placements.
     from_tray : int
-        How many came out of it, by their GPS.
+        Number of photos that were placed from the tray, by their GPS.
     """
 
     changed: tuple[int, ...]
@@ -105,8 +105,8 @@ class ImageEditResult:
 def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> ImageEditResult:
     """Set the image of a map.
 
-    Photos in the tray that have a GPS position are placed when the map had no georeference before. The same
-    file again, without a georeference, does not take the map's georeference away.
+    Photos in the tray that have a GPS position are placed if the map had no georeference before. Setting the
+    same file without a georeference keeps that of the map.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
 def set_georeference(
     changing: Changing, map_id: int, *, georeference: Georeference | None, choice: ImageChoice
 ) -> ImageEditResult:
-    """Set the georeference of the present image; None removes it.
+    """Set the georeference of the current image; None removes it.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _apply(
     _move_control_points(record, change, changes=changes)
     _move_notes(record, change, changes=changes)
     _move_floors(record, change, changes=changes)
-    # a photo whose place on the new georeference is gone goes to the tray: the image itself stays as it is
+    # with the same image, never refuse: photos that leave it by the new georeference go to the tray
     if outside and not choice.tray and not change.same_file:
         raise _refusal(outside, change)
     edit = edits.apply(
@@ -202,7 +202,7 @@ def _apply(
 def _move_placements(
     session: Session, record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
 ) -> int:
-    """Move the further placements too; gives how many positions are outside."""
+    """Move the further placements; return how many positions are outside."""
     rows = list(session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)))
     spots = change.moved([MapPixel(row.x_px, row.y_px) for row in rows])
     for row, spot in zip(rows, spots, strict=True):
@@ -214,7 +214,7 @@ def _move_placements(
 def _move_control_points(
     record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
 ) -> None:
-    """Move the control points too; those outside lose their place, and keep their clicks."""
+    """Move the control points; those outside lose their position, but keep their clicks."""
     points = [point for point in control_points(record) if point.position is not None]
     spots = change.moved([point.position for point in points if point.position is not None])
     for point, spot in zip(points, spots, strict=True):
@@ -226,7 +226,7 @@ def _move_control_points(
 def _move_notes(
     record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
 ) -> None:
-    """Move the notes too; those outside lose their place, and keep what they say."""
+    """Move the notes; those outside lose their position, but keep their content."""
     there = [(note, note.position) for note in notes(record) if note.position is not None]
     for (note, _), spot in zip(there, change.moved([position for _, position in there]), strict=True):
         moved = replace(note, position=spot if change.on_it(spot) else None)
@@ -237,7 +237,7 @@ def _move_notes(
 def _move_floors(
     record: MapRecord, change: ImageChange, *, changes: dict[str, Mapping[str, Any] | None]
 ) -> None:
-    """Keep the images of floors above the same spots."""
+    """Align the images of floors with the new image, so that they cover the same spots."""
     for floor in floors(record):
         if floor.image is None:
             continue
@@ -264,18 +264,18 @@ def _refusal(outside: int, change: ImageChange) -> UsageError:
 
 @dataclass(frozen=True, slots=True)
 class ImageChange:
-    """From one image to the next.
+    """A change from one image to the next.
 
-    With another image of which both are georeferenced, photos keep their place on the Earth. Else they keep
-    their pixels, or grow with the image. With another georeference of the same image, photos that stand where
-    their GPS says go along with the Earth; all others stay on the image, and so do their arrows.
+    If the image is replaced and both are georeferenced, positions keep their latitude and longitude; else
+    they keep their pixels, or are scaled with the image. If only the georeference changes, photos at their
+    GPS positions follow these; all others keep their pixels, and their directions in the image.
 
     Attributes
     ----------
     same_file : bool
         Whether it is the same image, with another georeference.
     scale : bool
-        Whether positions grow with the image.
+        Whether positions are scaled with the image.
     """
 
     old: MapImage | None
@@ -284,7 +284,7 @@ class ImageChange:
     scale: bool = False
 
     def moved(self, positions: Sequence[MapPixel]) -> list[MapPixel]:
-        """Return the places on the new image; NaN where there is none."""
+        """Return the positions on the new image; NaN where there is none."""
         if not positions or self.old is None or self.same_file:
             return list(positions)
         before, after = self.old.georeference, self.new.georeference
@@ -299,11 +299,11 @@ class ImageChange:
         ]
 
     def on_it(self, position: MapPixel) -> bool:
-        """Return whether a place is on the new image."""
+        """Return whether a position is on the new image."""
         return inside(position, width=self.new.width, height=self.new.height)
 
     def placed(self, photo: Photo, at: MapPixel) -> dict[str, Any]:
-        """Return the fields of a photo that was placed and comes to `at`, were it not for its GPS."""
+        """Return the fields of a placed photo that moves to `at`, unless it follows its GPS position."""
         before = _position(photo)
         gps = _gps(photo)
         if not self.same_file or self.old is None:
@@ -319,7 +319,7 @@ class ImageChange:
         return fields
 
     def _radius(self, photo: Photo, at: MapPixel) -> dict[str, float]:
-        """Return the radius of a position that is not exact, which is the same length on the new image."""
+        """Return the radius of an inexact position, converted to the scale of the new image."""
         if photo.radius_px is None:
             return {}
         grown = 1.0
@@ -332,7 +332,7 @@ class ImageChange:
         return {"radius_px": photo.radius_px * grown} if math.isfinite(grown) else {}
 
     def from_tray(self, photo: Photo) -> dict[str, Any] | None:
-        """Return the place of a photo in the tray by its GPS, when the map gets its first georeference."""
+        """Return the GPS position of a photo in the tray, if the map gets its first georeference."""
         gps = _gps(photo)
         if gps is None or self.new.georeference is None:
             return None
@@ -342,7 +342,7 @@ class ImageChange:
         return {"x_px": at.x, "y_px": at.y} if self.on_it(at) else None
 
     def _tidy(self, after: MapPixel, *, before: MapPixel) -> MapPixel:
-        """Take rounding away: what stays stays exactly, and what is on the border is not beyond it."""
+        """Remove rounding errors: keep unmoved positions exactly, and those on the border inside."""
         if math.dist(after, before) < _SAME_PX:
             return before
         inner = MapPixel(min(max(after.x, 0.0), self.new.width), min(max(after.y, 0.0), self.new.height))
@@ -368,7 +368,7 @@ def _stands_at(position: MapPixel, gps: LatLon, image: MapImage) -> bool:
 
 
 def _north(image: MapImage, at: MapPixel) -> float:
-    """Direction of north in an image; up where that is not known."""
+    """Return the direction of north in an image; up if unknown."""
     if image.georeference is None:
         return 0.0
     north = image.georeference.north_deg(at)

@@ -1,6 +1,6 @@
-"""What browsers get of a satellite image: itself or a lighter copy, a thumbnail, and tiles of a large one.
+"""Versions of a satellite image for browsers: itself or a lighter copy, a thumbnail, tiles of a large one.
 
-All of it lies in the map's `derived/satellite/KEY/` and can be made again; the key changes with the file.
+Copies are in the map's `derived/satellite/KEY/` and can be made again; the key changes with the file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ PREVIEW_PX = 2048
 THUMBNAIL_PX = 480
 _QUALITY = 85
 _LIGHT_BYTES = 300_000
-"""PNG files up to here are sent as they are."""
+"""PNG files up to this size are sent unchanged."""
 _READING = BoundedSemaphore(1)
 """Large images are read one after the other: each keeps a core busy for seconds."""
 
@@ -47,7 +47,7 @@ _MIME = (
     (b"BM", "image/bmp"),
     (b"RIFF", "image/webp"),
 )
-"""What every browser shows, by its first bytes."""
+"""Formats that every browser shows, by their first bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class DisplayFile:
 
 
 def key_of(library: Library, record: MapRecord) -> str | None:
-    """Return the key of a map's image file; None where there is none."""
+    """Return the key of a map's image file; None if there is none."""
     if record.satellite_path is None:
         return None
     return _key(library.map_folder(record.slug), record.satellite_path)
@@ -79,7 +79,7 @@ def has_tiles(library: Library, record: MapRecord) -> bool:
 
 
 def whole(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
-    """Return the image for display: itself, a lighter copy, or a smaller one of a large or unusual image.
+    """Return the image for display: the file, a lighter copy, or a smaller one of a large or unusual image.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def thumbnail(library: Library, record: MapRecord, *, settings: Settings) -> Dis
 
 
 def floor_key(library: Library, record: MapRecord, *, floor: Floor) -> str | None:
-    """Return the key of the image of a floor as it is laid on the map; None where it has no file."""
+    """Return the key of the image of a floor and its alignment with the map; None if it has no file."""
     original = _floor_original(library, record, floor=floor)
     if original is None:
         return None
@@ -171,13 +171,13 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
     Parameters
     ----------
     folder : Path
-        The map's.
+        Folder of the map.
     name : str
-        Of the image.
+        File name of the image.
     small : (h, w, 3) uint8
-        Red, green, blue; at least as large as a preview where the image is.
+        Red, green, blue; at least as large as a preview if the image is.
     large : bool
-        Whether a preview is needed besides the thumbnail.
+        Whether a preview is needed in addition to the thumbnail.
 
     Raises
     ------
@@ -195,12 +195,12 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
 
 
 def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: Progress) -> bool:
-    """Make the tiles of a map's image where it is large and has none; can be repeated.
+    """Make the tiles of a map's image, unless it has them.
 
     Returns
     -------
     bool
-        False where the map says another size than the image has: its tiles would not fit.
+        False if the image has another size than its record: the tiles would not fit.
 
     Raises
     ------
@@ -217,14 +217,14 @@ def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: P
 
 
 def forget(folder: Path, name: str) -> None:
-    """Delete an image, where it came from, and all that was made of it.
+    """Delete an image, the record of its source, and all files derived from it.
 
     Parameters
     ----------
     folder : Path
-        The map's.
+        Folder of the map.
     name : str
-        Of the image.
+        File name of the image.
     """
     path, key = folder / name, _key(folder, name)
     if key is not None:
@@ -247,7 +247,7 @@ def _small(
 
 
 def _light(folder: Path, original: DisplayFile, *, settings: Settings) -> DisplayFile:
-    """Return a copy of the same size that is lighter than a PNG file, by as much as twelve times."""
+    """Return a WebP copy of the same size, up to twelve times smaller than the PNG file."""
     path = _derived(folder, original.key) / "whole.webp"
     if not path.is_file():
         with permit(_READING), opened_raster(original.path, limits=settings.satellite) as raster:
@@ -274,7 +274,7 @@ def _original(library: Library, record: MapRecord) -> DisplayFile:
 
 
 def _key(folder: Path, name: str) -> str | None:
-    """Return the key of an image's previews and tiles; None where the image does not exist."""
+    """Return the key of an image's previews and tiles; None if the image does not exist."""
     facts = facts_of(folder / name)
     if facts is None:
         return None
@@ -310,12 +310,12 @@ def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
 
 
 def _encode(path: Path, bgr: MatLike, quality: int) -> None:
-    """Write blue, green, red and perhaps opacity in the format that the name says.
+    """Write a BGR or BGRA image in the format of the file's suffix.
 
     Parameters
     ----------
     quality : int
-        OpenCV's flag for it.
+        OpenCV's flag for the quality in this format.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Files of satellite images in a map's folder: named by content, never changed; unused ones are swept."""
+"""Files of satellite images in a map's folder: named by content, never changed; unused ones are deleted."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from webapp.store.schema import Edit, MapRecord
 from webapp.tasks.satellite import display
 
 _AS_PNG_PIXELS = 40_000_000
-"""A TIFF with more becomes a JPEG."""
+"""A TIFF with more pixels is converted to JPEG."""
 
 _MAX_JPEG_SIDE = 65500
 _QUALITY = 92
@@ -41,18 +41,18 @@ _UPRIGHT = 1
 _ORIENTATION = 0x0112
 
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
-"""A name that `satellite_files` gives."""
+"""Names given by `keep_file` and `keep_pixels`."""
 
 
 def keep_file(source: Path, folder: Path) -> str:
-    """Move a PNG or JPEG file under its name for the map.
+    """Move a PNG or JPEG file into the map's folder, named by its hash.
 
     Parameters
     ----------
     source : Path
-        On the same disk; is gone afterwards.
+        On the same disk.
     folder : Path
-        The map's.
+        Folder of the map.
 
     Returns
     -------
@@ -69,21 +69,21 @@ def keep_file(source: Path, folder: Path) -> str:
 
 
 def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
-    """Write an image under its name for the map.
+    """Write an image to the map's folder, named by its hash.
 
     Parameters
     ----------
     pixels : (h, w, 3) uint8
         Blue, green, red.
     folder : Path
-        The map's.
+        Folder of the map.
     lossless : bool
         PNG, else JPEG.
 
     Returns
     -------
     str
-        As of `keep_file`.
+        As `keep_file`.
     """
     if lossless:
         data = cv2.imencode(".png", pixels)[1].tobytes()
@@ -97,26 +97,26 @@ def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = Tru
 
 
 def keep_source(folder: Path, name: str, *, source: Mapping[str, Any]) -> None:
-    """Store the source of an image next to it, above all whom to credit."""
+    """Store the source of an image next to it, above all its attribution."""
     write_text(
         (folder / name).with_suffix(".json"), json.dumps(dict(source), indent=1, ensure_ascii=False) + "\n"
     )
 
 
 def source_of(folder: Path, name: str) -> dict[str, Any]:
-    """Read where an image comes from; empty where nothing is known."""
+    """Read the source of an image; empty if unknown."""
     sidecar = (folder / name).with_suffix(".json")
     if not name.startswith("satellite-") or not sidecar.is_file():
         return {}
     try:
         content = json.loads(sidecar.read_text("utf-8"))
-    except (OSError, ValueError):  # only words are lost: the image is shown all the same
+    except (OSError, ValueError):  # only the attribution is lost: the image can still be shown
         return {}
     return content if isinstance(content, dict) else {}
 
 
 def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
-    """Return an upright PNG or JPEG of an uploaded image: itself, or a copy next to `scratch`.
+    """Return an upright PNG or JPEG of an uploaded image: the file itself, or a copy in `scratch`.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
     PhotoError
         It is damaged, too large, or of another format.
     StorageError
-        The disk refused.
+        Writing failed.
     """
     copy = scratch / f"{secrets.token_hex(8)}.image"
     with opened_raster(path, limits=settings.satellite) as raster:
@@ -140,7 +140,7 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
         if raster.kind == "PNG":
             return path
         pixels = raster.width * raster.height
-    # what a drone's camera wrote may lie on its side; viewers disagree on whether to turn it
+    # JPEGs of drones may be rotated by EXIF, which not all viewers apply
     limits = PhotoLimits(max_mb=settings.satellite.max_mb, max_megapixels=settings.photo.max_megapixels)
     if _orientation(path) == _UPRIGHT:
         return path
@@ -160,7 +160,7 @@ def _orientation(path: Path) -> int:
 
 
 def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
-    """Write a TIFF as PNG or JPEG, with memory for a few rows only."""
+    """Convert a TIFF to PNG or JPEG, with only a few rows in memory."""
     with extra("geotiff"):
         import rasterio
         import rasterio.shutil
@@ -195,13 +195,13 @@ def _writing(folder: Path) -> Iterator[None]:
 
 
 def images_in_use(record: MapRecord) -> set[str]:
-    """Name the images that the map and its floors have."""
+    """Return the names of the images of the map and its floors."""
     names = {record.satellite_path, *(_image(floor) for floor in record.floors or ())}
     return {name for name in names if name}
 
 
 def images_of(session: Session, record: MapRecord) -> set[str]:
-    """Name the images that the map and its floors have, and have had: undo brings them back."""
+    """Return the names of the present and former images of the map and its floors: undo can restore these."""
     kinds = ("satellite", FLOORS_KIND, OUTSIDE_KIND)
     found = select(Edit).where(Edit.map_id == record.id, Edit.kind.in_(kinds))
     names: set[str | None] = {*images_in_use(record)}
@@ -221,17 +221,17 @@ def _image(floor: Mapping[str, Any]) -> str | None:
 
 @contextmanager
 def taken_back_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
-    """Delete the file of a new image where the map refuses it.
+    """Delete the file of a new image if the map refuses it.
 
     Parameters
     ----------
     name : str
-        Of the image in the map's folder.
+        File name of the image in the map's folder.
 
     Raises
     ------
     UsageError
-        The refusal of the block, passed on.
+        Passed on from the block.
     """
     try:
         yield
@@ -249,7 +249,7 @@ def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
     Returns
     -------
     int
-        Images deleted.
+        Number of images deleted.
     """
     before = time.time() - keep.total_seconds()
     with library.database.read() as session:
@@ -263,7 +263,7 @@ def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
 
 
 def _left_behind(session: Session, library: Library, map_id: int, *, before: float) -> list[Path]:
-    """List the images in a map's folder that are old enough and that its record does not know."""
+    """List the images in a map's folder that are old enough and that neither record nor history has."""
     record = session.get_one(MapRecord, map_id)
     known = images_of(session, record)
     return [

@@ -1,8 +1,8 @@
-"""Finds places by their names, politely: only where it is switched on, one request at a time, each once.
+"""Geocodes place names: only if enabled, with one request at a time across processes, and a cache.
 
-The usage policy of Nominatim asks for at most one request a second from a server, all its processes
-together, for a `User-Agent` that names the software, for a cache, for the attribution, and that nothing is
-searched while somebody types: https://operations.osmfoundation.org/policies/nominatim/
+The usage policy of Nominatim requires at most one request per second from a server (all its processes
+together), a `User-Agent` that names the software, a cache, the attribution, and no autocomplete search:
+https://operations.osmfoundation.org/policies/nominatim/
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from webapp.net.geocoder import FoundPlace
 from webapp.settings import GeocoderSettings
 
 _PATIENCE_S = 8.0
-"""So long a search waits for those before it."""
+"""Maximum time that a search waits for earlier ones."""
 
 
 def find_place(
@@ -33,18 +33,18 @@ def find_place(
     Parameters
     ----------
     language : str
-        That names should be in, such as `cs`.
+        Preferred language of the names, such as `cs`.
     cache : Path
-        Folder of what was found before; is made when missing.
+        Folder of earlier results; created if missing.
 
     Raises
     ------
     NotFound
-        The search is switched off.
+        The search is disabled.
     Busy
         Too many others are searching.
     InputError
-        The host does not answer, or answers something else.
+        The host does not answer, or sends an invalid answer.
     StorageError
         The cache cannot be written.
     """
@@ -66,7 +66,7 @@ def find_place(
 
 
 def _forget(cache: Path, *, days: float) -> None:
-    """Remove the answers that are too old to be used."""
+    """Delete the cached results that have expired."""
     for kept in cache.glob("*.json"):
         if _is_old(kept, days=days):
             kept.unlink(missing_ok=True)

@@ -47,9 +47,9 @@ class FloorEdit:
     Attributes
     ----------
     id : int
-        Of the floor.
+        Id of the floor.
     revision : int or None
-        Of the edit; None where everything was so already.
+        Revision of the edit; None if nothing changed.
     """
 
     id: int
@@ -58,17 +58,17 @@ class FloorEdit:
 
 @dataclass(frozen=True, slots=True)
 class NewFloor:
-    """A floor that a map shall have.
+    """A floor to add to a map.
 
     Attributes
     ----------
     floor : Floor
         Without an image; its id is chosen when it is added.
     base : Floor
-        What the map's own image shows; counts where the map has no floors yet.
+        Floor that the map's own image shows; used if the map has no floors yet.
     file : Path or None
-        Its image, in the library's uploads folder; is gone afterwards. Without one, the floor is shown on the
-        map's own image.
+        Its image, in the library's uploads folder; it is deleted afterwards. Without one, the floor is shown
+        on the map's own image.
     """
 
     floor: Floor
@@ -101,7 +101,7 @@ def add_floor(
 def change_floor(
     library: Library, map_id: int, *, id: int, fields: Mapping[str, Any], account_id: int
 ) -> FloorEdit:
-    """Give a floor another `name`, `level` or `height_m`.
+    """Change `name`, `level` or `height_m` of a floor.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def change_floor(
 def set_floor_image(
     library: Library, map_id: int, *, id: int, file: Path, account_id: int, settings: Settings
 ) -> FloorEdit:
-    """Give a floor another image; photos stay where they are on the map.
+    """Replace the image of a floor; photos keep their positions on the map.
 
     Raises
     ------
@@ -132,12 +132,12 @@ def set_floor_image(
 
 
 def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, account_id: int) -> FloorEdit:
-    """Remove a floor; its notes come to the same spots of the floor of the map's own image.
+    """Remove a floor; its notes move to the same positions on the floor of the map's own image.
 
     Parameters
     ----------
     to_tray : bool
-        Put its photos into the tray; else they are a reason to refuse.
+        Move its photos to the tray; else a floor with photos is not removed.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
 
 
 def with_floor(record: MapRecord, changed: Floor) -> list[Floor]:
-    """Return the floors of a map, of which one is changed."""
+    """Return the floors of a map, with one changed."""
     return [changed if floor.id == changed.id else floor for floor in floors(record)]
 
 
@@ -183,7 +183,7 @@ def found_floor(record: MapRecord, id: int) -> Floor:
 
 
 def further_floor(record: MapRecord, id: int) -> Floor:
-    """Find a floor besides that of the map's own image.
+    """Find a floor other than that of the map's own image.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def check_removable(id: int) -> None:
 
 
 def photos_on_floor(count: int) -> UsageError:
-    """Make the error that photos are on a floor that is to be removed."""
+    """Make the error for photos on a floor to be removed."""
     return UsageError(
         f"{count} photos are on this floor",
         hint="move them to another floor first, or put them into the tray (tray=1)",
@@ -222,7 +222,7 @@ def write_floors(
     account_id: int,
     changes: Mapping[str, Mapping[str, Any] | None] | None = None,
 ) -> int | None:
-    """Have the map these floors, with other changes in the same edit; gives its revision.
+    """Set the floors of a map, with other changes in the same edit; return its revision.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def write_floors(
 
 
 def check_floors(wanted: Sequence[Floor]) -> None:
-    """Refuse floors that no map can have.
+    """Refuse invalid floors.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def check_floors(wanted: Sequence[Floor]) -> None:
 def _kept_image(
     library: Library, map_id: int, *, file: Path | None, settings: Settings
 ) -> Iterator[FloorImage | None]:
-    """Keep an image in the map's folder; it is gone again where the map refuses it."""
+    """Store an image in the map's folder; delete it if the map refuses it."""
     if file is None:
         yield None
         return
@@ -281,7 +281,7 @@ def _kept_image(
         cleanup.callback(shown.unlink, missing_ok=True)
         with opened_raster(shown, limits=settings.satellite) as raster:
             width, height = raster.width, raster.height
-            reduced(raster, PREVIEW_PX)  # reads all of it: what is damaged is refused before the map changes
+            reduced(raster, PREVIEW_PX)  # reads the whole file: damage is found before the map changes
         laid = lay_plan(file, base, size=(width, height))
         name = keep_file(shown, folder)
     with taken_back_if_refused(library, map_id, name=name):
@@ -289,7 +289,7 @@ def _kept_image(
 
 
 def lay_plan(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
-    """Lay a new image where it is on the Earth, as far as it and the map know that, else on all of the map.
+    """Align a new image with the map by the georeferences of both, else stretch it over the whole map.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def _by_georeference(file: Path, base: MapImage, *, size: tuple[int, int]) -> Af
             return None
     try:
         own = read_geotiff(file).georeference
-    except GeoreferenceError:  # it is an image all the same
+    except GeoreferenceError:  # the image is still usable
         return None
     corners = np.array([[0.0, 0.0], [size[0], 0.0], [0.0, size[1]]])
     there = base.georeference.pixel_from_latlon(own.latlon_from_pixel(corners))

@@ -1,4 +1,4 @@
-"""Changes the floors of a map that is in no library, in its files."""
+"""Changes the floors of a map outside a library, in its files."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
 
 
 def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
-    """Take a floor away; its image stays where it is.
+    """Remove a floor; the file of its image is kept.
 
     Parameters
     ----------
     to_tray : bool
-        Put its photos into the tray; else they are a reason to refuse.
+        Move its photos to the tray; else a floor with photos is not removed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The georeference of an image: previewed before it is applied, and read from a file next to it."""
+"""The georeference of an image, from user input with a preview, or from a file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Kind = Literal["corners", "control-points", "worldfile"]
 
 @dataclass(frozen=True, slots=True)
 class GeoreferenceRequest:
-    """What a person says about where an image is.
+    """User input for the georeference of an image.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class GeoreferenceRequest:
 
 
 def fit(request: GeoreferenceRequest, *, width: int, height: int) -> GeoreferenceFit:
-    """Make the georeference that a person describes.
+    """Fit a georeference to user input.
 
     Raises
     ------
     UsageError
-        What its kind needs is missing.
+        The input that its kind requires is missing.
     GeoreferenceError
-        It describes none.
+        The input gives no georeference.
     """
     if request.kind == "corners":
         if request.corners is None:
@@ -80,23 +80,22 @@ def fit(request: GeoreferenceRequest, *, width: int, height: int) -> Georeferenc
 def preview(
     found: GeoreferenceFit, request: GeoreferenceRequest, *, width: int, height: int
 ) -> dict[str, Any]:
-    """Describe a georeference, for somebody to judge it.
+    """Describe a georeference, for a check before it is applied.
 
     Parameters
     ----------
     request : GeoreferenceRequest
-        That it was made from.
+        The input that it was made from.
     width, height : int
         Of the image, pixels.
 
     Returns
     -------
     dict
-        `kind` (the fit), `residuals` (metres, one a control point), `rms_m`, `warnings`, `corners`
+        `kind` (the fit), `residuals` (metres, one per control point), `rms_m`, `warnings`, `corners`
         (`top_left` and so on, each `lat`, `lon`), `metres_per_pixel`, `north_deg`, `points` (for each control
-        point `x`, `y`, `lat`, `lon` as given, `fitted_x`, `fitted_y` where its latitude and longitude come on
-        the image, `fitted_lat`, `fitted_lon` where its pixel comes on the Earth, `residual_m`) and
-        `georeference` as in `map.json`.
+        point `x`, `y`, `lat`, `lon` as given, the pixel `fitted_x`, `fitted_y` of its latitude and longitude,
+        `fitted_lat`, `fitted_lon` of its pixel, `residual_m`) and `georeference` as in `map.json`.
     """
     georeference = found.georeference
     residuals = list(found.residuals_m)
@@ -114,7 +113,7 @@ def preview(
 
 
 def on_earth(georeference: Georeference, *, width: int, height: int) -> dict[str, Any]:
-    """Return the image's `corners`, `metres_per_pixel` and `north_deg` in its middle; null where unknown."""
+    """Return the image's `corners`, and `metres_per_pixel` and `north_deg` in its middle; None if unknown."""
     names = ("top_left", "top_right", "bottom_right", "bottom_left")
     around = georeference.latlon_from_pixel([(0, 0), (width, 0), (width, height), (0, height)])
     middle = MapPixel(width / 2, height / 2)
@@ -156,17 +155,18 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class GeoSource:
-    """Where the georeference comes from.
+    """Source of a georeference.
 
     Attributes
     ----------
     kind : {"corners", "geotiff", "worldfile", "control-points"}
     file : Path or None
-        Needed for corners and control points; a world file is looked for next to the image, a GeoTIFF is it.
+        Required for corners and control points; by default, a world file is looked for next to the image. A
+        GeoTIFF is the image itself.
     crs : str or None
         Coordinate system of a world file or GeoTIFF that does not state it.
     model : {"similarity", "affine", "projective"} or None
-        For control points; None takes the richest that their number allows.
+        For control points; None takes the most general that their number allows.
     """
 
     kind: Literal["corners", "geotiff", "worldfile", "control-points"]
@@ -188,7 +188,7 @@ def georeference_image(image: Path, source: GeoSource, *, width: int, height: in
     GeoreferenceError, TableError
         The source gives none; `where` names its file.
     UsageError
-        A coordinate system or a model for a source that has its own, or a file is missing.
+        A coordinate system or model does not apply to this kind of source, or the file is missing.
     """
     if source.crs and source.kind not in ("worldfile", "geotiff"):
         message = f"{source.kind} are always degrees on WGS 84"

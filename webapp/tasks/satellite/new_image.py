@@ -34,7 +34,7 @@ class UploadedImage:
     Attributes
     ----------
     warnings : tuple of str
-        About its georeference.
+        Warnings about its georeference.
     """
 
     applied: ImageEditResult
@@ -50,25 +50,25 @@ def store_upload(
     choice: ImageChoice,
     settings: Settings,
 ) -> UploadedImage:
-    """Check an image, keep it in the map's folder, and give it to the map as one edit.
+    """Check an image, store it in the map's folder, and set it as one edit.
 
     Parameters
     ----------
     file : Path
-        In the library's uploads folder; is gone afterwards.
+        In the library's uploads folder; it is deleted afterwards.
     request : GeoreferenceRequest or None
-        Where it is on the Earth. None takes what a GeoTIFF says, else nothing.
+        Its georeference. None takes that of a GeoTIFF, if there is one.
 
     Raises
     ------
     PhotoError
         It is not a PNG, JPEG or TIFF, damaged, or larger than the limits.
     GeoreferenceError
-        What was wished gives no georeference.
+        The request gives no georeference.
     UsageError
         Placed photos would not lie on it.
     StorageError
-        The disk refused.
+        Writing failed.
     """
     with library.database.read() as session:
         folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
@@ -78,7 +78,7 @@ def store_upload(
         cleanup.callback(shown.unlink, missing_ok=True)
         with opened_raster(shown, limits=settings.satellite) as raster:
             width, height = raster.width, raster.height
-            # reads all of it: what is damaged or cut off is refused before the map changes
+            # reads the whole file: a damaged or truncated one is refused before the map changes
             small = reduced(raster, display.PREVIEW_PX)
         if request is None:
             georeference, warnings = _own(file)
@@ -93,7 +93,7 @@ def store_upload(
 
 
 def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:
-    """Take the georeference of a GeoTIFF; without one the image is still good, and a warning says so."""
+    """Return the georeference of a GeoTIFF and warnings; None for other images, or if it has none."""
     with file.open("rb") as opened:
         if opened.read(2) not in (b"II", b"MM"):
             return None, ()
@@ -106,7 +106,7 @@ def _own(file: Path) -> tuple[Georeference | None, tuple[str, ...]]:
 
 @dataclass(frozen=True, slots=True)
 class PlanSize:
-    """Size of a plan without a place on the Earth, pixels."""
+    """Size of a plan without a georeference, pixels."""
 
     width: int
     height: int
@@ -115,12 +115,12 @@ class PlanSize:
 def make_blank(
     library: Library, map_id: int, *, sheet: PlanSize | None, choice: ImageChoice
 ) -> ImageEditResult:
-    """Draw a blank plan and give it to the map as one edit.
+    """Draw a blank plan and set it as the map's image, as one edit.
 
     Parameters
     ----------
     sheet : PlanSize or None
-        None lays a plan around the GPS positions of the map's photos, with 5 % of their extent as a margin.
+        None makes a plan around the GPS positions of the map's photos, with 5 % of their extent as a margin.
 
     Raises
     ------

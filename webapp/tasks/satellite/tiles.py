@@ -1,4 +1,4 @@
-"""Gives a library map an image from a map tile service: tiles side by side, cropped, nothing resampled."""
+"""Fetches an image for a library map from a tile service: stitched and cropped, not resampled."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _PNG = b"\x89PNG"
 
 @dataclass(frozen=True, slots=True)
 class TileRequest:
-    """What is wanted from a service.
+    """The area and zoom to fetch from a service.
 
     Attributes
     ----------
     service : str
-        Its name.
+        Name of the service.
     """
 
     service: str
@@ -50,18 +50,18 @@ class TileRequest:
 
 @dataclass(frozen=True, slots=True)
 class TileDownload:
-    """What was fetched.
+    """The result of a download.
 
     Attributes
     ----------
     new : NewImage
-        To be given to the map.
+        The image to set.
     metres_per_pixel : float
         In its middle.
     tiles, missing : int
-        How many it has, and of how many the service has none.
+        Number of its tiles, and of those that the service does not have.
     attribution : str
-        Whom to name for it.
+        Attribution to show with it.
     """
 
     new: NewImage
@@ -72,14 +72,14 @@ class TileDownload:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences for people."""
+        """Messages for the user."""
         if not self.missing:
             return ()
         return (f"the service has no image for {self.missing} of {self.tiles} tiles: they are grey",)
 
 
 def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, TileCut]:
-    """Find what would be fetched, and refuse what is too much.
+    """Return the service and the tiles of a request; refuse requests above the limits.
 
     Raises
     ------
@@ -109,19 +109,19 @@ def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, Tile
 def fetch_tiles(
     library: Library, map_id: int, *, request: TileRequest, settings: Settings, progress: Progress
 ) -> TileDownload:
-    """Fetch an area and keep its image in the map's folder; `satellite_apply.set_image` gives it to the map.
+    """Fetch an area and store its image in the map's folder; set it with `apply.set_image`.
 
-    Tiles that were fetched stay in the library's cache: work that is stopped continues where it was.
+    Fetched tiles stay in the library's cache, so that an interrupted download can be resumed.
 
     Parameters
     ----------
     progress : Progress
-        A step is a tile.
+        One step per tile.
 
     Raises
     ------
     NotFound, UsageError, GeoreferenceError
-        As of `plan`.
+        As `plan`.
     InputError
         The service does not answer, refuses, or has no tile of the area at all.
     StorageError, Cancelled
@@ -148,7 +148,7 @@ def fetch_tiles(
 
 
 def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
-    """Put tiles side by side.
+    """Stitch the tiles.
 
     Returns
     -------

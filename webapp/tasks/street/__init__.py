@@ -1,1 +1,1 @@
-"""Street-level photos from services: what an area has, and how it comes into a map."""
+"""Street-level photos from services: survey of an area, and import into a map."""

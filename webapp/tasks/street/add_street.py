@@ -1,4 +1,4 @@
-"""Brings photos of a street-level service into a map; killed at any moment, it goes on where it was."""
+"""Adds photos of a street-level service to a map; a killed run can be resumed."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from webapp.tasks.street.targets import ArrivedPhoto, StreetTarget
 from webapp.threads import ContextThreads
 
 _LISTEN_S = 0.5
-"""So often somebody who waits for a photo is asked whether to stop."""
+"""Interval at which cancellation is checked while waiting for a photo."""
 
 _FAILURES_IN_A_ROW = 3
-"""Then the service is taken for out of order, and not asked for the other photos."""
+"""Consecutive failures after which the service counts as down, and no further photos are requested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,14 +46,14 @@ class FailedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class StreetReport:
-    """What became of the photos that a map did not have.
+    """The result for the photos that a map did not have.
 
     Attributes
     ----------
     added : int
-        Photos; each view of a panorama is one.
+        Number of photos; each view of a panorama is one.
     duplicates : int
-        Files that the map had under another name.
+        Number of files that the map had under another name.
     """
 
     added: int
@@ -74,20 +74,20 @@ def add_street_photos(
     Parameters
     ----------
     request : StreetRequest
-        Of the survey.
+        The request of the survey.
     progress : Progress
-        One step a photo of the service.
+        One step per photo of the service.
 
     Raises
     ------
     NotFound
-        The service is not set up any more, or the map is gone.
+        The service is no longer configured, or the map no longer exists.
     InputError
         The service failed several times in a row; photos added before stay.
     TooMany
-        It wants a long pause; photos added before stay.
+        The service demands a long pause; photos added before stay.
     Busy
-        The same is being done for this map just now.
+        Photos are already being added to this map.
     DiskFull, StorageError, Cancelled
     """
     with exclusive(
@@ -135,7 +135,7 @@ def _add(
 
 
 class _Fetch:
-    """Downloads photos, a few at a time; one that waits on the disk already is not asked for again."""
+    """Downloads photos, a few in parallel; one that is already on the disk is not requested again."""
 
     def __init__(
         self, client: PoliteClient, target: StreetTarget, *, prefix: str, settings: Settings
@@ -145,7 +145,7 @@ class _Fetch:
     def all(
         self, photos: tuple[PlacedStreetPhoto, ...], *, progress: Progress
     ) -> Iterator[tuple[PlacedStreetPhoto, Path | InputError]]:
-        """Give each photo as its file, or why there is none, in the order in which they arrive."""
+        """Yield each photo with its file or error, in the order of arrival."""
         todo = iter(photos)
         pool = ContextThreads(self._settings.street.parallel)
         running: dict[Future[Path], PlacedStreetPhoto] = {}
@@ -180,7 +180,7 @@ def _path_or_error(future: Future[Path]) -> Path | InputError:
 def _parts(
     placed: PlacedStreetPhoto, file: Path, *, request: StreetRequest, service: str, settings: Settings
 ) -> Iterator[ArrivedPhoto]:
-    """Give a photo as it is, or the views of a panorama."""
+    """Yield a photo unchanged, or the views of a panorama."""
     photo = placed.photo
     name = f"{request.source}-{photo.id}"
     ids = part_ids(photo, request.panoramas)

@@ -29,14 +29,14 @@ SOURCES: tuple[SourceKey, ...] = ("panoramax", "mapillary")
 
 PanoramaWish = Literal["cut", "skip", "keep"]
 PANORAMA_WISHES: tuple[PanoramaWish, ...] = ("cut", "skip", "keep")
-"""Six level views each, none of them, or as they are."""
+"""Cut panoramas into six level views, skip them, or keep them unchanged."""
 
 _CHOOSE = "choose one that is on it"
 _SAMPLES = 17
-"""Positions along a side of an area, of which parallels and meridians around it are found."""
+"""Sampled positions along a side of an area, for its bounding box in degrees."""
 
 CUT = CutOptions(assume=True)
-"""How panoramas are cut; the service has said that they are some."""
+"""Options for cutting panoramas, which the service has marked as such."""
 
 
 class PixelBox(NamedTuple):
@@ -48,7 +48,7 @@ class PixelBox(NamedTuple):
     bottom: float
 
     def on(self, image: MapImage) -> PixelBox:
-        """Return the part that is on the image."""
+        """Return the part on the image."""
         left, right = max(self.left, 0.0), min(self.right, float(image.width))
         return PixelBox(left, max(self.top, 0.0), right, min(self.bottom, float(image.height)))
 
@@ -59,13 +59,13 @@ class PixelBox(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StreetRequest:
-    """What is wanted.
+    """Options of a survey.
 
     Attributes
     ----------
     source : {"panoramax", "mapillary"}
     area : GeoBox or PixelBox or None
-        None for all of the map's image.
+        None for the whole image of the map.
     """
 
     source: SourceKey
@@ -75,7 +75,7 @@ class StreetRequest:
 
 @dataclass(frozen=True, slots=True)
 class PlacedStreetPhoto:
-    """A photo of a service, and where it comes on the map."""
+    """A photo of a service, and its position on the map."""
 
     photo: StreetPhoto
     pixel: MapPixel
@@ -88,17 +88,17 @@ class StreetSurvey:
     Attributes
     ----------
     wanted : tuple of PlacedStreetPhoto
-        That the map does not have yet.
+        Photos that the map does not have yet.
     found : int
-        All that the service has of the area.
+        Number of all photos that the service has of the area.
     known : int
-        That the map has already.
+        Number of photos that the map has already.
     outside : int
-        That are not on the map's image.
+        Number of photos that are not on the map's image.
     skipped : int
-        Panoramas that are not wanted.
+        Number of panoramas, if these are not wanted.
     unusable : int
-        Of which the service does not give a file, a position or a licence.
+        Number of photos for which the service gives no file, position or licence.
     """
 
     service: str
@@ -111,27 +111,27 @@ class StreetSurvey:
 
     @property
     def size_bytes(self) -> int:
-        """What would be downloaded, about."""
+        """Approximate size of the download."""
         return sum(one.photo.size_bytes for one in self.wanted)
 
     @property
     def panoramas(self) -> int:
-        """Panoramas among the photos that the map does not have."""
+        """Number of panoramas among the photos that the map does not have."""
         return sum(one.photo.is_panorama for one in self.wanted)
 
     @property
     def licences(self) -> Mapping[str, int]:
-        """Photos that the map does not have, by licence."""
+        """Number of photos that the map does not have, by licence."""
         return dict(sorted(Counter(one.photo.licence for one in self.wanted).items()))
 
     @property
     def authors(self) -> int:
-        """Different people and companies that have taken them."""
+        """Number of different authors (people and companies) of these photos."""
         return len({one.photo.author for one in self.wanted if one.photo.author})
 
 
 def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
-    """Return the services that are set up, by their keys."""
+    """Return the configured services, by their keys."""
     found: dict[SourceKey, StreetService] = {}
     if settings.panoramax is not None:
         found["panoramax"] = Panoramax(settings.panoramax)
@@ -141,12 +141,12 @@ def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
 
 
 def open_service(source: SourceKey, settings: StreetSettings) -> tuple[StreetService, PoliteClient]:
-    """Prepare to ask a service; nothing is sent yet.
+    """Return a service and its client; no request is sent yet.
 
     Raises
     ------
     NotFound
-        It is not set up.
+        It is not configured.
     """
     service = services(settings).get(source)
     if service is None:
@@ -163,21 +163,21 @@ def survey_street(
     progress: Progress,
     limit_s: float | None = None,
 ) -> StreetSurvey:
-    """Ask a service what photos it has of an area.
+    """List the photos that a service has of an area.
 
     Parameters
     ----------
     limit_s : float, optional
-        Seconds after which nothing more is asked.
+        Time limit, seconds.
 
     Raises
     ------
     NotFound
-        The service is not set up.
+        The service is not configured.
     UsageError
         The map has no georeference; the area is empty, not on the image, or has too many photos.
     InputError, TooMany
-        The service does not answer, refuses, answers something else, or takes longer than the limit.
+        The service does not answer, refuses, sends an invalid answer, or takes longer than the limit.
     Cancelled
     """
     service, client = open_service(request.source, settings)
@@ -205,13 +205,13 @@ def survey_street(
 
 
 def check_request(target: StreetTarget, request: StreetRequest, *, settings: StreetSettings) -> None:
-    """Refuse what `survey_street` would refuse without asking the service; errors as there."""
+    """Check a request without contacting the service; raise the errors of `survey_street`."""
     open_service(request.source, settings)[1].stop()
     _area(request, target.image())
 
 
 def survey_json(survey: StreetSurvey) -> dict[str, object]:
-    """Return a survey as plain values, without the photos."""
+    """Convert a survey to JSON values, without the photos."""
     return {
         "service": survey.service,
         "found": survey.found,
@@ -228,7 +228,7 @@ def survey_json(survey: StreetSurvey) -> dict[str, object]:
 
 
 def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
-    """Return the ids under which a photo comes into a map: its own, or one for each view of a panorama."""
+    """Return the ids under which a photo is added to a map: its own, or one for each view of a panorama."""
     if photo.is_panorama and panoramas == "cut":
         return tuple(f"{photo.id}#{turn:03}" for turn in view_turns(CUT))
     return (photo.id,)
@@ -236,7 +236,7 @@ def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
 
 @contextmanager
 def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None) -> Iterator[None]:
-    """Stop a client at the end, and at the latest after the limit, whatever it waits for then.
+    """Stop a client at the end of the block, or after the time limit even if it is waiting.
 
     Raises
     ------
@@ -249,7 +249,7 @@ def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None
             timer.start()
         yield
     except Cancelled as error:
-        progress.check()  # it was the user
+        progress.check()  # raises if the user has cancelled
         raise InputError("the service takes too long", where="area", hint="choose a smaller area") from error
     finally:
         if timer is not None:
@@ -258,7 +258,7 @@ def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None
 
 
 def _area(request: StreetRequest, image: MapImage) -> GeoBox:
-    """Return the area that the service is asked about: the part of what is wanted that the image may show.
+    """Return the area to request from the service: the part of the wanted area that the image may show.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def _area(request: StreetRequest, image: MapImage) -> GeoBox:
     box = request.area
     if not (box.north > box.south and box.west != box.east):
         raise UsageError("the area is empty", where="area", hint="north is above south, west not east")
-    # longitudes count on across the 180th meridian, near those of the image
+    # unwrap longitudes across the 180th meridian, to be near those of the image
     width = (box.east - box.west) % 360.0
     middle = (whole.west + whole.east) / 2
     west = middle + (box.west + width / 2 - middle + 180.0) % 360.0 - 180.0 - width / 2
@@ -294,7 +294,7 @@ def _area(request: StreetRequest, image: MapImage) -> GeoBox:
 
 
 def _extent(image: MapImage, sides: PixelBox) -> GeoBox:
-    """Return the parallels and meridians around a part of an image, the latter perhaps beyond 180 degrees."""
+    """Return the bounding box in degrees of a part of an image; longitudes may be beyond 180 degrees."""
     assert image.georeference is not None
     x, y = np.meshgrid(
         np.linspace(sides.left, sides.right, _SAMPLES), np.linspace(sides.top, sides.bottom, _SAMPLES)

@@ -1,4 +1,4 @@
-"""The maps that street-level photos come into: one of the library, or one of any other folder."""
+"""The maps to which street-level photos are added: one of the library, or one of any other folder."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ _NEEDED = "give its image a georeference first: street-level photos come by lati
 
 @dataclass(frozen=True, slots=True)
 class ArrivedPhoto:
-    """A photo that was downloaded, or cut out of one.
+    """A downloaded photo, or a view that was cut out of one.
 
     Attributes
     ----------
     file : Path
-        One of the target's scratch files; is moved or deleted.
+        One of the target's scratch files; it is moved or deleted.
     """
 
     file: Path
@@ -48,10 +48,10 @@ class ArrivedPhoto:
 
 
 class StreetTarget(Protocol):
-    """A map that photos come into."""
+    """A map to which photos are added."""
 
     def scratch(self, name: str) -> Path:
-        """Name a file on its way, on the same disk as the map; what waits there is found again."""
+        """Return the path of a temporary file on the map's disk; the same after a restart."""
 
     def image(self) -> MapImage:
         """Return the image of the map, with a georeference; UsageError without one."""
@@ -60,7 +60,7 @@ class StreetTarget(Protocol):
         """Return the ids of the photos of a service that the map has."""
 
     def take(self, photo: ArrivedPhoto) -> bool:
-        """Add a photo; False where the map has the same file already. PhotoError where it is none."""
+        """Add a photo; return False if the map has the same file already. PhotoError if it is not a photo."""
 
 
 class LibraryTarget:
@@ -69,7 +69,7 @@ class LibraryTarget:
     Parameters
     ----------
     changing : callable, optional
-        Opens a change of it, for a job that holds its lease.
+        Opens a change of the map; a job passes its own, which checks its lease.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class LibraryTarget:
         self._changing = changing or library.changing
 
     def scratch(self, name: str) -> Path:
-        """Name a file in the folder of uploads, which is swept of old ones."""
+        """Return a path in the uploads folder, from which old files are deleted."""
         return self._library.uploads / f"street-{self._map_id}-{name}"
 
     def image(self) -> MapImage:
@@ -91,12 +91,12 @@ class LibraryTarget:
         """Return the ids of the photos of a service that the map has."""
         with self._library.database.read() as session:
             record = session.get_one(MapRecord, self._map_id)
-            # Also of those that were taken out: a photo that somebody removed does not come back by itself.
+            # Removed photos included: they are not added again.
             sources = [photo.source for photo in maps.photos(session, record)]
         return {source["id"] for source in sources if source and source["service"] == service}
 
     def take(self, photo: ArrivedPhoto) -> bool:
-        """Add a photo, as uploads are added."""
+        """Add a photo in the same way as an upload."""
         intake = add_photo(
             self._library,
             self._map_id,
@@ -108,13 +108,13 @@ class LibraryTarget:
 
 
 class FolderTarget:
-    """A map of any other folder, whose files are the truth."""
+    """A map outside a library; its files are authoritative."""
 
     def __init__(self, cfg: Path, *, settings: Settings) -> None:
         self._cfg, self._settings = cfg, settings
 
     def scratch(self, name: str) -> Path:
-        """Name a file next to the index, where nothing is looked for."""
+        """Return a path next to the index, where no photos are looked for."""
         return self._cfg.parent / DERIVED / "street" / name
 
     def image(self) -> MapImage:
@@ -131,7 +131,7 @@ class FolderTarget:
         return {source.id for source in sources if source is not None and source.service == service}
 
     def take(self, photo: ArrivedPhoto) -> bool:
-        """Move a photo into the map's folder, and write the map with it."""
+        """Move a photo into the map's folder, and add it to the map file."""
         facts = read_facts(photo.file, limits=self._settings.photo)
         check_decodes(photo.file, limits=self._settings.photo)
         content = photo.file.read_bytes()
@@ -143,7 +143,7 @@ class FolderTarget:
         name = f"{PHOTOS}/{Path(photo.name).stem}.{suffix_of(facts)}"
         move_in(photo.file, self._cfg.parent / name)
         known = photo.known
-        # As it is now: a person may change the file while photos come.
+        # Read again: somebody may edit the file while photos are added.
         the_map = read_map(self._cfg)
         added = Experience(
             id=the_map.next_id,

@@ -1,1 +1,1 @@
-"""Signing in, accounts, and access."""
+"""Sign-in, accounts, and access control."""

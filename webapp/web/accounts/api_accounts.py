@@ -1,6 +1,6 @@
-"""API of accounts: one's own with its tokens, those of others for the owner of the library, and the caller.
+"""API of accounts: the caller's own with its tokens, and all accounts for the owner of the library.
 
-Passwords and sessions are left to the pages.
+Passwords and sessions are managed on the pages only.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class AccountOut(Schema):
 
 
 class AccountIn(Schema):
-    """What is to be another; what is left out stays."""
+    """Fields to change; omitted ones are kept."""
 
     name = String()
     language = String(allow_none=True, validate=OneOf(LANGUAGES))
@@ -63,7 +63,7 @@ class TokenOut(Schema):
 
 
 class NewToken(TokenOut):
-    """A token as it is made."""
+    """A new token, with its secret."""
 
     token = String(metadata={"description": "The secret: it is in this answer and nowhere else."})
 
@@ -77,7 +77,7 @@ class TokenList(Schema):
 @account_api.get("")
 @account_api.output(AccountOut)
 def show() -> dict[str, Any]:
-    """Get the account that asks."""
+    """Get the caller's account."""
     return account_json(account())
 
 
@@ -85,7 +85,7 @@ def show() -> dict[str, Any]:
 @account_api.input(AccountIn, arg_name="data")
 @account_api.output(AccountOut)
 def change(data: dict[str, str | None]) -> dict[str, Any]:
-    """Take another name or language."""
+    """Change the caller's name or language."""
     with library().database.write() as session:
         me = session.get_one(Account, account().id)
         if (name := data.get("name")) is not None:
@@ -97,7 +97,7 @@ def change(data: dict[str, str | None]) -> dict[str, Any]:
 @account_api.get("/tokens")
 @account_api.output(TokenList)
 def list_tokens() -> dict[str, Any]:
-    """List one's tokens."""
+    """List the caller's tokens."""
     with library().database.read() as session:
         return {"tokens": [_token(token) for token in accounts.tokens(session, account())]}
 
@@ -116,7 +116,7 @@ def new_token(data: dict[str, str]) -> dict[str, Any]:
 @account_api.delete("/tokens/<id:token_id>")
 @account_api.output({}, status_code=204)
 def revoke_token(token_id: int) -> str:
-    """Make a token worthless."""
+    """Revoke a token."""
     with library().database.write() as session:
         accounts.revoke_token(session, account(), token_id=token_id)
     return ""
@@ -144,7 +144,7 @@ def _token(token: ApiToken) -> dict[str, Any]:
 
 
 class SessionOut(Schema):
-    """Who asks."""
+    """The caller."""
 
     account = Integer(metadata={"description": "Id."})
     name = String()
@@ -154,7 +154,7 @@ class SessionOut(Schema):
 @session_api.get("", endpoint="show")
 @session_api.output(SessionOut)
 def show_session() -> dict[str, Any]:
-    """Get who is signed in, and what a page has to send with its requests."""
+    """Get the caller's account, and the CSRF token that pages send with their requests."""
     who = account()
     return {"account": who.id, "name": who.name, "csrf": generate_csrf()}
 
@@ -166,7 +166,7 @@ class PersonIn(Schema):
 
 
 class SignInLinkOut(Schema):
-    """A link that signs in once."""
+    """A one-time sign-in link."""
 
     account = Integer(metadata={"description": "Id."})
     url = String(metadata={"description": "It is in this answer and nowhere else."})
@@ -174,7 +174,7 @@ class SignInLinkOut(Schema):
 
 
 class RevokedOut(Schema):
-    """What was revoked."""
+    """Result of a revocation."""
 
     revoked = Integer(metadata={"description": "Number of links."})
 
@@ -187,7 +187,7 @@ class AccountList(Schema):
 
 @people_api.before_request
 def only_owners() -> None:
-    """Let in who owns the library."""
+    """Allow only owners of the library."""
     if not account().is_owner:
         raise NotAllowed("only the owner of the library may do this")
 
@@ -212,7 +212,7 @@ def add(data: dict[str, str]) -> dict[str, Any]:
 @people_api.post(f"/{_ID}/link")
 @people_api.output(SignInLinkOut, status_code=201)
 def new_link(account_id: int) -> dict[str, Any]:
-    """Make another link: for a person who cannot sign in any more."""
+    """Make another sign-in link, for a user who can no longer sign in."""
     with library().database.write() as session:
         return _link(session, _person(session, account_id))
 
@@ -229,7 +229,7 @@ def remove(account_id: int) -> str:
 @people_api.delete("/removed/shares")
 @people_api.output(RevokedOut)
 def revoke_shares_of_removed() -> dict[str, int]:
-    """Revoke all links, to maps, answers and missions, that accounts made which were removed since."""
+    """Revoke all links to maps, answers and missions that were made by accounts since deleted."""
     with library().database.write() as session:
         return {"revoked": sharing.revoke_of_removed_accounts(session)}
 

@@ -1,4 +1,4 @@
-"""Pages of accounts: one's own, those of others for the owner of the library, and signing in and out."""
+"""Pages of accounts: the user's own, all accounts for the owner of the library, signing in and out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from webapp.web.pages import back, own_path, text
 
 account_pages = Blueprint("account_pages", __name__)
 
-# A plain blueprint with a `before_request` has APIFlask fail while it writes the OpenAPI document.
+# APIFlask cannot generate the OpenAPI document if a plain blueprint has a `before_request`.
 people_pages = APIBlueprint("people_pages", __name__, url_prefix="/people", enable_openapi=False)
 
 sign_in_pages = Blueprint("sign_in", __name__)
@@ -34,7 +34,7 @@ def show() -> str:
 
 @account_pages.post("/account/name")
 def rename() -> Response | tuple[str, int]:
-    """Take another name."""
+    """Change the account's name."""
     try:
         with library().database.write() as db:
             accounts.rename(db, db.get_one(Account, account().id), name=text("name"))
@@ -46,7 +46,7 @@ def rename() -> Response | tuple[str, int]:
 
 @account_pages.post("/account/password")
 def set_password() -> Response | tuple[str, int]:
-    """Set a password, or change it; everywhere else the account is signed out."""
+    """Set or change the password, and sign the account out everywhere else."""
     me = account()
     try:
         if me.password_hash is not None:
@@ -82,7 +82,7 @@ def end_sessions() -> Response:
 
 @account_pages.post("/account/tokens")
 def new_token() -> str | tuple[str, int]:
-    """Make a token; the answer is the only place where it is shown."""
+    """Make a token; it is shown only in this response."""
     try:
         with library().database.write() as db:
             token = accounts.new_token(db, account(), name=text("name"))
@@ -93,7 +93,7 @@ def new_token() -> str | tuple[str, int]:
 
 @account_pages.post("/account/tokens/<id:token_id>/revoke")
 def revoke_token(token_id: int) -> Response:
-    """Make a token worthless."""
+    """Revoke a token."""
     with library().database.write() as db:
         accounts.revoke_token(db, account(), token_id=token_id)
     flash(_("The token has been revoked."), "success")
@@ -103,7 +103,7 @@ def revoke_token(token_id: int) -> Response:
 @account_pages.post("/language")
 @public
 def choose_language() -> Response:
-    """Choose the language of the pages: for the account, or for this browser where nobody is signed in."""
+    """Set the language of the pages: of the account, or of this browser if no user is signed in."""
     chosen = text("language")
     if chosen not in LANGUAGES:
         raise NotFound(_("the pages are not available in this language"), hint=", ".join(LANGUAGES.values()))
@@ -126,7 +126,7 @@ def _page(error: ExpMapError | None = None, *, token: str | None = None) -> str:
 
 @people_pages.before_request
 def only_owners() -> None:
-    """Let in who owns the library."""
+    """Allow only owners of the library."""
     if not account().is_owner:
         raise NotAllowed(_("only the owner of the library may do this"))
 
@@ -151,7 +151,7 @@ def add() -> str | tuple[str, int]:
 
 @people_pages.post("/<id:account_id>/link")
 def new_link(account_id: int) -> str:
-    """Make another link: for a person who cannot sign in any more."""
+    """Make another sign-in link, for a user who can no longer sign in."""
     with library().database.write() as db:
         person = _person(db.get(Account, account_id))
         token = sign_in.new_link(db, person, hours=settings().web.link_hours)
@@ -172,7 +172,7 @@ def remove(account_id: int) -> Response | tuple[str, int]:
 
 @people_pages.post("/removed/revoke-shares")
 def revoke_shares_of_removed() -> Response:
-    """Revoke the links that removed accounts made."""
+    """Revoke the links made by removed accounts."""
     with library().database.write() as db:
         count = sharing.revoke_of_removed_accounts(db)
     flash(ngettext("%(num)s link has been revoked.", "%(num)s links have been revoked.", count), "success")
@@ -207,7 +207,7 @@ def _people_page(
 @sign_in_pages.get("/sign-in")
 @public
 def form() -> Response | str:
-    """Ask for name and password."""
+    """Show the form for name and password."""
     if sessions.signed_in() is not None:
         return back("map_pages.index")
     return render_template("accounts/sign_in.html", next=own_path(request.args.get("next")))
@@ -236,11 +236,11 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
 @sign_in_pages.get("/sign-in/<token>")
 @public
 def link(token: str) -> Response | tuple[str, int]:
-    """Show whom a link signs in. Programs that look at links, as chats do, do not use it up."""
+    """Show which account a link signs in. GET does not redeem it, as chat programs preview links."""
     try:
         with library().database.read() as session:
             account = sign_in.link_account(session, token)
-    except NotSignedIn as error:  # who is in already loses nothing by a link that was used
+    except NotSignedIn as error:  # a used link is no error for a user who is signed in
         return _refused(error) if sessions.signed_in() is None else back("map_pages.index")
     return render_template("accounts/sign_in_link.html", whose=account, token=token), 200
 
@@ -248,7 +248,7 @@ def link(token: str) -> Response | tuple[str, int]:
 @sign_in_pages.post("/sign-in/<token>")
 @public
 def by_link(token: str) -> Response | tuple[str, int]:
-    """Sign in by a link, which works this once."""
+    """Sign in by a one-time link."""
     try:
         with library().database.write() as session:
             account = sign_in.redeem_link(session, token)

@@ -1,4 +1,4 @@
-"""What every request and answer goes through: headers, cookies and their key, CSRF, rate limits."""
+"""Security of all requests and responses: headers, cookies and their key, CSRF, rate limits."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _NAME = "secret-key"
 _BYTES = 32
 
 _PAGE_FORM_BYTES = 1_000_000
-"""Forms of pages are small; files go to the API."""
+"""Limit of the forms of pages; files are sent to the API."""
 
 _JSON_BYTES = 16_000_000
-"""JSON is read into memory; files come as forms."""
+"""Limit of JSON bodies, which are read into memory; files are sent as forms."""
 
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _HEADERS = {
@@ -42,24 +42,24 @@ _csrf = CSRFProtect()
 
 
 def allow_images(*origins: str) -> None:
-    """Let the page of this request load images from elsewhere too: the tiles of a slippy map.
+    """Allow the page of this request to load images from other origins, such as map tiles.
 
     Parameters
     ----------
     *origins : str
-        `https://host` each, from the settings and never from a client.
+        Each `https://host`; from the settings, never from a client.
     """
     g.image_origins = (*g.get("image_origins", ()), *origins)
 
 
 def allow_inline_script(text: str) -> None:
-    """Let the page of this request have this script in itself: an import map, which cannot be a file."""
+    """Allow this inline script in the page of this request: an import map cannot be a file."""
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     g.inline_scripts = (*g.get("inline_scripts", ()), f"'sha256-{digest}'")
 
 
 def allow_framing() -> None:
-    """Let other sites show the page of this request in a frame: it must do nothing in anybody's name."""
+    """Allow other sites to frame the page of this request, which must not act on behalf of a user."""
     g.framable = True
 
 
@@ -69,7 +69,7 @@ def init_app(app: Flask) -> None:
         SESSION_COOKIE_NAME="expmap",
         SESSION_COOKIE_HTTPONLY=True,
         SESSION_COOKIE_SAMESITE="Lax",
-        WTF_CSRF_CHECK_DEFAULT=False,  # done here, before the body is read
+        WTF_CSRF_CHECK_DEFAULT=False,  # `_protect` checks, before the body is read
         WTF_CSRF_TIME_LIMIT=None,  # as long as the session: pages stay open for days
     )
     app.session_interface = _Sessions()
@@ -83,7 +83,7 @@ def init_app(app: Flask) -> None:
 
 class _Sessions(SecureCookieSessionInterface):
     def get_cookie_secure(self, app: Flask) -> bool:
-        """Keep the cookie to https where the page came by it."""
+        """Restrict the cookie to https if the request was made over https."""
         return has_request_context() and request.is_secure
 
 
@@ -104,12 +104,12 @@ def _requests_per_minute() -> str:
 
 
 def _who() -> str:
-    """Count by account, which the signed session names, or else by address."""
+    """Return the key of the rate limit: the account id of the signed session, else the IP address."""
     return str(session.get("_user_id") or request.remote_addr)
 
 
 def _protect() -> None:
-    """Refuse what another site made a browser send."""
+    """Reject cross-site request forgery."""
     if request.method in _SAFE or bearer() is not None:
         return
     if is_api() and _takes_no_session():
@@ -125,13 +125,13 @@ def _protect() -> None:
 
 
 def _limit_json() -> None:
-    """Refuse JSON that no edit needs, before it fills the memory."""
+    """Limit the size of JSON bodies, which are read into memory."""
     if request.is_json:
         request.max_content_length = min(_JSON_BYTES, request.max_content_length or _JSON_BYTES)
 
 
 def _takes_no_session() -> bool:
-    """Return whether the address is open to everyone, where a session gives nothing."""
+    """Return whether the endpoint is public, so that a session gives no additional rights."""
     view = current_app.view_functions.get(request.endpoint or "")
     return view is not None and context.is_public(view)
 
@@ -168,7 +168,7 @@ def _policy() -> str:
 
 
 def secret_key(folder: Path) -> str:
-    """Read the key, or make it where there is none; all worker processes get the same.
+    """Read the secret key, or make one if there is none; all worker processes get the same.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def secret_key(folder: Path) -> str:
     Raises
     ------
     StorageError
-        The file cannot be written, or holds something else.
+        The file cannot be written, or does not contain a key.
     """
     path = folder / _NAME
     try:
@@ -203,7 +203,7 @@ def secret_key(folder: Path) -> str:
 
 
 def _write(path: Path, key: str) -> None:
-    """Write under the name only what is complete, and readable by nobody else from the start."""
+    """Write the file atomically, readable only by its owner from the start."""
     temporary = path.with_name(f".{_NAME}.{os.getpid()}.tmp")
     temporary.unlink(missing_ok=True)
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

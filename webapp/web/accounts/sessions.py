@@ -1,4 +1,4 @@
-"""Who is signed in: by the session cookie of a browser, or by the token of a program."""
+"""Authentication of the caller: by the session cookie of a browser, or the token of a program."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from webapp.store.schema import Account
 from webapp.web.state import library, settings
 
 API = "/api/"
-"""Where tokens count, and errors are JSON."""
+"""Path prefix of the API, where tokens are accepted and errors are JSON."""
 
 
 _ID = "session_id"
-"""Of the session, in its cookie."""
+"""Key of the session's id in its cookie."""
 
 _USE_NOTED_EVERY = timedelta(hours=1)
-"""Not by each request: that would be a write each."""
+"""Interval at which the use of a token is recorded: not at each request, as that would be a write each."""
 
 _log = logging.getLogger(__name__)
 
 
 class User(UserMixin):  # type: ignore[misc]
-    """An account, as Flask-Login wants it."""
+    """An account in the form that Flask-Login needs."""
 
     def __init__(self, account: Account) -> None:
         self.account = account
 
     def get_id(self) -> str:
-        """Return what the session holds; it is worth nothing once the account's epoch is another."""
+        """Return the user id of the session; it becomes invalid when the account's epoch changes."""
         return f"{self.account.id}.{self.account.epoch}"
 
 
 def init_app(app: Flask) -> None:
     """Connect Flask-Login."""
     manager = LoginManager(app)
-    manager.session_protection = None  # phones change their address all the time
+    manager.session_protection = None  # phones often change their IP address
     manager.user_loader(_load)
 
 
@@ -53,21 +53,21 @@ def is_api() -> bool:
 
 
 def bearer() -> str | None:
-    """Return the token of the request, which counts for the API alone."""
+    """Return the bearer token of the request; only the API accepts tokens."""
     given = request.authorization
     return given.token if given is not None and given.type == "bearer" and is_api() else None
 
 
 def signed_in() -> Account | None:
-    """Return the account that asks; a token precedes a session.
+    """Return the caller's account; a token takes precedence over a session.
 
     Raises
     ------
     NotSignedIn
-        The token is not known.
+        The token is unknown.
     """
     if "expmap_account" not in g:
-        g.expmap_account = None  # also while the answer says that the token is not known
+        g.expmap_account = None  # so that the error response for an unknown token does not look it up again
         token = bearer()
         g.expmap_account = _of_session() if token is None else _of_token(token)
     found: Account | None = g.expmap_account
@@ -75,18 +75,18 @@ def signed_in() -> Account | None:
 
 
 def answer_to_nobody() -> None:
-    """Ask no database who asks, where that is not known yet: for the answer that says that it is away."""
+    """Treat a caller not yet looked up as unknown, for error responses while the database is unavailable."""
     g.setdefault("expmap_account", None)
     g.expmap_unread = True
 
 
 def forget_caller() -> None:
-    """Have `signed_in` find out again who asks."""
+    """Make `signed_in` look up the caller again."""
     g.pop("expmap_account", None)
 
 
 def sign_in(account: Account) -> None:
-    """Begin a session; nothing of the one before is kept."""
+    """Begin a new session; the data of the previous one is discarded."""
     session.clear()
     session.permanent = True
     session[_ID] = secrets.token_hex(16)
@@ -95,7 +95,7 @@ def sign_in(account: Account) -> None:
 
 
 def sign_out() -> None:
-    """End the session of this browser, also for those who have a copy of its cookie."""
+    """End the session of this browser; copies of its cookie become invalid, too."""
     if _ID in session:
         with library().database.write() as db:
             ways_in.end_session(db, session[_ID], days=settings().web.session_days)
@@ -121,7 +121,7 @@ def _of_token(token: str) -> Account:
         try:
             with database.write(locks_rows=True) as db:
                 accounts.note_use(db, known.id)
-        except StorageError as error:  # reading goes on where nothing can be written
+        except StorageError as error:  # reading still works while writing fails
             _log.info("the use of a token was not noted: %s", error)
     return account
 

@@ -1,1 +1,1 @@
-"""Landmarks: points that several photos of a map show, and what follows from them."""
+"""Pages and API of landmarks, control points, and placing photos by them."""

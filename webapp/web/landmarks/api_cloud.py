@@ -1,4 +1,4 @@
-"""The landmarks of a map by the API: points and cameras for the page, and models for other programs."""
+"""API of the landmarks of a map: points and cameras for the page, and models for other programs."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/
 @blueprint.get("")
 @blueprint.output(CloudOut)
 def show(slug: str) -> dict[str, Any]:
-    """Get what the landmarks of a map are, and the cameras that see them.
+    """Get the description of a map's landmarks, and the cameras that see them.
 
-    Where photos were placed or moved since they were laid on the map, a job lays them anew.
+    If photos were placed or moved since the landmarks were aligned with the map, a job aligns them again.
     """
     record = open_map(slug)
     shown = shown_cloud(library(), record)
     if not shown.is_current:
-        with suppress(StorageError):  # a full disk: what is there is shown all the same
+        with suppress(StorageError):  # disk full: still show the existing landmarks
             queue_landmarks(record, only_lay=True, account_id=account().id)
     return _cloud(record, shown)
 
@@ -51,7 +51,7 @@ def build(slug: str) -> dict[str, Any]:
 @blueprint.get("/points/<string(length=32):key>/<int(max=100000):number>")
 @blueprint.doc(responses=cloud_answers.POINTS_DOC)
 def points(slug: str, key: str, number: int) -> Response:
-    """Get a part of the points; browsers keep it, as another content has another key."""
+    """Get a block of the points; browsers cache it, as the key changes with the content."""
     return cloud_answers.send_block(open_map(slug), key=key, number=number)
 
 
@@ -66,7 +66,7 @@ def ply(slug: str) -> Response:
 @blueprint.input(ColmapIn, location="query", arg_name="query")
 @blueprint.doc(responses=cloud_answers.COLMAP_DOC)
 def colmap(slug: str, query: dict[str, str]) -> Response:
-    """Download the models for COLMAP and programs that read its files, first that which is on the map."""
+    """Download the models in COLMAP's format, the one that is aligned with the map first."""
     record = open_map(slug)
     with library().database.read() as session:
         names = cloud_answers.names_of({photo.path: photo for photo in maps.photos(session, record)})
@@ -74,7 +74,7 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
 
 
 def preview_address(record: MapRecord, photo: Photo) -> str:
-    """Return where the picture of a photo is."""
+    """Return the URL of a photo's preview."""
     look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
     return f"/api/v1/maps/{record.slug}/photos/{photo.id}/preview{look}"
 

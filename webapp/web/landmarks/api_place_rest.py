@@ -1,4 +1,4 @@
-"""Places for the photos in the tray, suggested by those that are placed, by the API."""
+"""API of suggested positions for the photos in the tray, computed from the placed photos."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MOST = 100_000
 
 
 class SuggestedPlaceOut(Schema):
-    """Where a photo in the tray was probably taken."""
+    """Suggested position of a photo in the tray."""
 
     id = Integer()
     name = String()
@@ -59,7 +59,7 @@ class DoubtfulPhotoOut(Schema):
 
 
 class CorrectedPhotoOut(Schema):
-    """A photo that was placed by its GPS, and where all photos together have it."""
+    """A photo placed by its GPS, with its position from the reconstruction of all photos."""
 
     id = Integer()
     name = String()
@@ -71,7 +71,7 @@ class CorrectedPhotoOut(Schema):
 
 
 class RestOut(Schema):
-    """Suggestions for the photos that are still in the tray."""
+    """Suggested positions and corrections."""
 
     revision = Integer(
         allow_none=True, metadata={"description": "Of the map then; null: none were made yet."}
@@ -88,7 +88,7 @@ class RestOut(Schema):
 
 
 class AcceptIn(Schema):
-    """Photos to place, or to move, where they are suggested."""
+    """Photos to place or to move to their suggested positions."""
 
     ids = List(RecordNumber(), required=True, validate=Length(min=1, max=_MOST))
 
@@ -96,14 +96,14 @@ class AcceptIn(Schema):
 @landmarks_api.get("")
 @landmarks_api.output(RestOut)
 def show(slug: str) -> dict[str, Any]:
-    """Get the places that were suggested last for photos in the tray."""
+    """Get the latest suggested positions for photos in the tray."""
     return _rest(open_map(slug))
 
 
 @landmarks_api.post("")
 @landmarks_api.output(RestOut, status_code=202)
 def find(slug: str) -> dict[str, Any]:
-    """Queue a job that suggests places for the photos in the tray."""
+    """Queue a job that suggests positions for the photos in the tray."""
     record, who = open_map(slug, "editor"), account()
     require("sfm")
     with library().database.write() as session:
@@ -115,7 +115,7 @@ def find(slug: str) -> dict[str, Any]:
 @landmarks_api.input(AcceptIn, arg_name="data")
 @landmarks_api.output(PlacingOut)
 def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
-    """Place photos of the tray where they are suggested, as one step that can be undone."""
+    """Place photos of the tray at their suggested positions, as one step that can be undone."""
     record = open_map(slug, "editor")
     chosen = stored.suggested_of(
         library().cfg(record.slug),
@@ -130,7 +130,7 @@ def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
 @landmarks_api.input(AcceptIn, arg_name="data")
 @landmarks_api.output(PlacingOut)
 def correct(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
-    """Move photos from where their GPS has them to where all have them, as one step that can be undone."""
+    """Move photos from their GPS to their reconstructed positions, as one step that can be undone."""
     record = open_map(slug, "editor")
     chosen = stored.corrected_of(library().cfg(record.slug), dict.fromkeys(data["ids"]))
     placing = correct_in_library(library(), record.id, corrected=chosen, account_id=account().id)

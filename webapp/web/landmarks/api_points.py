@@ -1,4 +1,4 @@
-"""The control points of a map by the API, and how well they and the placed photos fit the landmarks."""
+"""API of the control points of a map, with their residuals and those of the placed photos."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MOST_CLICKS = 200
 
 
 class ClickFields(Schema):
-    """Where a photo shows a control point: shares of the upright photo, from its top left corner."""
+    """Position of a control point in a photo: fractions of the upright photo, from its top left corner."""
 
     id = RecordNumber(required=True, metadata={"description": "Of the photo."})
     x = Float(required=True, validate=Range(0.0, 1.0), metadata={"description": "Share of the width."})
@@ -39,7 +39,7 @@ class ClickFields(Schema):
 
 
 class ControlPointIn(Schema):
-    """A spot of the world that is known on the map and clicked in photos."""
+    """A spot in the world with a known position on the map, clicked in photos."""
 
     x_px = Float(load_default=None, allow_none=True, metadata={"description": "On the map; with y_px."})
     y_px = Float(load_default=None, allow_none=True)
@@ -69,7 +69,7 @@ class ControlPointOut(Schema):
 
 
 class ResidualOut(Schema):
-    """How well a placed photo or a control point fits all others."""
+    """Residual of a placed photo or a control point, relative to all others."""
 
     photo = Integer(allow_none=True, metadata={"description": "Its id; null for a control point."})
     name = String()
@@ -87,7 +87,7 @@ class ResidualOut(Schema):
 
 
 class ControlPointsOut(Schema):
-    """The control points, and how well they fit."""
+    """The control points and the residuals."""
 
     points = List(Nested(ControlPointOut))
     residuals = List(Nested(ResidualOut), metadata={"description": "The largest first."})
@@ -102,7 +102,7 @@ class ControlPointsOut(Schema):
 def show(slug: str) -> dict[str, Any]:
     """Get the control points, and the residuals of these and of the placed photos.
 
-    Where something was changed since the landmarks were laid on the map, a job lays them anew.
+    If the map has changed since the landmarks were aligned with it, a job aligns them again.
     """
     return _answer(open_map(slug))
 
@@ -132,7 +132,7 @@ def put(slug: str, name: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.delete("/<name>")
 @blueprint.output(ControlPointsOut)
 def delete(slug: str, name: str) -> dict[str, Any]:
-    """Take a control point away, as one step that can be undone."""
+    """Remove a control point, as one step that can be undone."""
     record = open_map(slug, "editor")
     set_in_library(library(), record.id, points={name: None}, account_id=account().id)
     return _answer(open_map(slug))
@@ -141,7 +141,7 @@ def delete(slug: str, name: str) -> dict[str, Any]:
 def _answer(record: MapRecord) -> dict[str, Any]:
     shown = shown_cloud(library(), record)
     if not shown.is_current:
-        with suppress(StorageError):  # a full disk: what is there is shown all the same
+        with suppress(StorageError):  # disk full: still show the existing residuals
             queue_landmarks(record, only_lay=True, account_id=account().id)
     with library().database.read() as session:
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]

@@ -1,4 +1,4 @@
-"""What is sent of a map's landmarks, to its people and to visitors: JSON, blocks of points, and models."""
+"""Responses with a map's landmarks, for its members and visitors: JSON, blocks of points, and models."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class ShownCameraOut(Schema):
 
 
 class LeftOutOut(Schema):
-    """Photos that are joined, but cannot be laid on the map."""
+    """Photos of a submodel that cannot be aligned with the map."""
 
     photos = List(Integer())
     reason = String()
@@ -115,7 +115,7 @@ class SharedCloudOut(Schema):
 
 
 class CloudOut(SharedCloudOut):
-    """The same for people of the map."""
+    """Landmarks for members of the map."""
 
     job = Integer(allow_none=True, metadata={"description": "That computes them just now."})
     left_out = List(Nested(LeftOutOut))
@@ -123,18 +123,18 @@ class CloudOut(SharedCloudOut):
 
 
 class ColmapIn(Schema):
-    """Which of COLMAP's formats."""
+    """Choice of COLMAP's format."""
 
     form = String(load_default="binary", validate=OneOf(["binary", "text"]))
 
 
 def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return landmarks as `SharedCloudOut` has them, with `left_out`.
+    """Return landmarks in the form of `SharedCloudOut`, with `left_out`.
 
     Parameters
     ----------
     cameras : mapping of int to mapping
-        What is said of the photos that are shown, by their ids; no other one becomes a camera.
+        Further fields of the cameras, by ids of photos; cameras of other photos are left out.
     """
     found = shown.points
     if found is None:
@@ -156,12 +156,12 @@ def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> d
 
 
 def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = False) -> Response:
-    """Send a part of the points; browsers keep it, as another content has another key.
+    """Send a block of the points; browsers cache it, as the key changes with the content.
 
     Parameters
     ----------
     visitor : bool
-        Whether points that only photos of the tray see are left out.
+        Whether points seen only by photos in the tray are left out.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = Fals
 
 
 def send_ply(record: MapRecord, *, visitor: bool = False) -> Response:
-    """Send the points as a file, in the frame of the map.
+    """Send the points as a PLY file, in the frame of the map.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def send_ply(record: MapRecord, *, visitor: bool = False) -> Response:
 def send_colmap(
     record: MapRecord, *, names: Mapping[str, str], form: str, only_named: bool = False
 ) -> Response:
-    """Send the models as a zip, first that which is on the map.
+    """Send the models as a zip archive, the one that is aligned with the map first.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def send_colmap(
 
     Raises
     ------
-    NotFound, MissingExtra, IndexDamaged, StorageError
+    NotFound, MissingPart, IndexDamaged, StorageError
     """
     require("sfm")
     folder = landmarks_folder(library().cfg(record.slug))
@@ -226,15 +226,14 @@ def send_colmap(
 
 
 def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
-    """Return what photos are called in models, by what stands for them there; views with their turns.
+    """Return the names of photos in models by content hash; views of panoramas have their angle appended.
 
-    A model that was made before something was blurred in a photo has that photo under another content, and
-    so without a name.
+    A model that was made before a photo was blurred has another hash for that photo, and thus no name.
 
     Parameters
     ----------
     photos : mapping of str to Photo
-        By the names that they get.
+        Photos by the names to use.
     """
     names = {}
     for name, photo in photos.items():

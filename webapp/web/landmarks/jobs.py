@@ -1,4 +1,4 @@
-"""The job that computes the landmarks of a map, or lays them on it anew."""
+"""The job that computes the landmarks of a map, or aligns them with it again."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from webapp.web.context import library
 
 _JOB = "landmarks"
 _JOBS = (_JOB, "place-rest")
-"""Both make the landmarks."""
+"""Kinds of jobs that compute landmarks."""
 _LAY = f"lay-{VERSION}"
-"""What failed in an older version is tried again."""
+"""Job key of the alignment; as it has the version, a failure of an older version is tried again."""
 
 
 def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None) -> None:
-    """Queue it, unless it waits already."""
+    """Queue the job unless it is already waiting."""
     with library().database.write() as session:
         jobs.enqueue(
             session,
@@ -32,7 +32,7 @@ def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None
 
 
 def queue_for_visitors(record: MapRecord) -> None:
-    """Queue to lay them anew in nobody's name, unless that ended in vain since the map was changed last."""
+    """Queue an alignment without an account, unless one has failed since the last change of the map."""
     with library().database.read() as session:
         last = jobs.newest(session, record.id, kind=_JOB, key=_LAY)
     if last is None or last.state not in ("failed", "cancelled") or last.created_at < record.changed_at:
@@ -40,6 +40,6 @@ def queue_for_visitors(record: MapRecord) -> None:
 
 
 def running_job(session: Session, record: MapRecord) -> int | None:
-    """Return the id of the job that makes landmarks of a map just now."""
+    """Return the id of a queued or running job that computes landmarks of a map, if there is one."""
     running = select(Job.id).where(Job.map_id == record.id, Job.kind.in_(_JOBS), Job.state.not_in(ENDED))
     return session.scalars(running.limit(1)).first()

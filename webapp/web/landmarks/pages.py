@@ -14,7 +14,7 @@ blueprint = Blueprint("landmarks_pages", __name__)
 
 @blueprint.get("/maps/<slug>/landmarks")
 def show(slug: str) -> str:
-    """Show the page; `?photo=ID` chooses a camera."""
+    """Show the landmarks; `?photo=ID` selects a camera."""
     with reading_map(slug) as (session, record):
         role = maps.role_of(session, record, account=account())
         photos = maps.counts(session, record)[0]
@@ -29,7 +29,7 @@ def show(slug: str) -> str:
 
 @blueprint.get("/maps/<slug>/control-points")
 def control_points(slug: str) -> str:
-    """Show the control points, and how well these and the placed photos fit."""
+    """Show the control points, and the residuals of these and of the placed photos."""
     with reading_map(slug) as (session, record):
         role = maps.role_of(session, record, account=account())
         photos = [

@@ -1,1 +1,1 @@
-"""Pages and API of localization and its quality."""
+"""Pages and API of localization and its evaluation."""

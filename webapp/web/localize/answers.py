@@ -1,4 +1,4 @@
-"""Answers to "where was this photo taken?": their shape, as of `expmap localize --json`, and colours."""
+"""Answers to queries: their JSON schema, as in `expmap localize --json`, and their colours."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _STEPS = 100
 
 
 class CameraOut(Schema):
-    """How the camera was held."""
+    """Height, pitch and roll of the camera, and the covariance of its pose."""
 
     height_px = Float(metadata={"description": "Above the camera of the nearest placed photo."})
     height_m = Float(allow_none=True)
@@ -58,7 +58,7 @@ class HypothesisOut(Schema):
 
 
 class StatisticsOut(Schema):
-    """What the matching looked like."""
+    """Statistics of the matching."""
 
     keypoints = Integer()
     matches = Integer()
@@ -70,7 +70,7 @@ class StatisticsOut(Schema):
 
 
 class SecondsOut(Schema):
-    """How long it took; null for what this method does not do."""
+    """Durations of the stages; null for stages that the method lacks."""
 
     read = Float(allow_none=True)
     extract = Float(allow_none=True)
@@ -90,7 +90,7 @@ def _sentence(form: dict[str, Any]) -> str:
 
 
 class Located(Schema):
-    """Hypotheses, whose probabilities with `other_` and `off_map_probability` add up to 1."""
+    """Hypotheses; their probabilities, `other_probability` and `off_map_probability` add up to 1."""
 
     query = String(metadata={"description": "The photo, as its file was named."})
     method = String()
@@ -125,7 +125,7 @@ class Located(Schema):
 
 
 class AnswerOut(Located):
-    """The answer to a question."""
+    """The answer to a query."""
 
     id = Integer(allow_none=True, metadata={"description": "Of the answer; null for one that is not kept."})
     calibrated = Boolean(metadata={"description": "False: the probabilities are those of most maps so far."})
@@ -133,7 +133,7 @@ class AnswerOut(Located):
 
 
 def answer_colours() -> dict[str, Any]:
-    """Return the colours of the pictures for the page: fill and text for each percent of probability."""
+    """Return the colours of pictures for the page, with fill and text for each percent of probability."""
     scale = [probability_colour(step / _STEPS) for step in range(_STEPS + 1)]
     return {
         "scale": [_css(colour) for colour in scale],

@@ -1,4 +1,4 @@
-"""A photo looked for on all maps that one may see, through the API."""
+"""API that searches all maps of the caller for a photo."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _RANKING = "expmap-map-ranking"
 
 
 class FindIn(Schema):
-    """A photo."""
+    """A photo to search for."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     top = Integer(load_default=1, validate=Range(1, 20), metadata={"description": "Most places on each map."})
@@ -92,7 +92,7 @@ def _make_ranking(state: BlueprintSetupState) -> None:
 @blueprint.input(FindIn, location="form_and_files", arg_name="given")
 @blueprint.output(SearchOut)
 def find(given: dict[str, Any]) -> dict[str, Any]:
-    """Find out on which of your maps a photo was taken; the photo is not kept."""
+    """Find out on which of the caller's maps a photo was taken; the photo is not stored."""
     who, file = account(), given["file"]
     with library().database.read() as session:
         records = maps.list_maps(session, who)

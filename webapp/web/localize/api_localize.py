@@ -1,4 +1,4 @@
-"""Localization through the API."""
+"""API of localization."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _MOST_KEY = 100
 
 
 class QuestionIn(Schema):
-    """A photo, or several of one spot, and what is known besides."""
+    """A query: one photo or several from one spot, with options and prior knowledge."""
 
     file = List(
         File(),  # type: ignore[no-untyped-call]
@@ -91,7 +91,7 @@ class QuestionIn(Schema):
 
 
 class KeyIn(Schema):
-    """By what a question is known when it is sent once more."""
+    """Idempotency key of a query."""
 
     key = String(
         load_default=None,
@@ -111,7 +111,7 @@ class PixelIn(Schema):
 
 
 class CoordinatesOut(Schema):
-    """A position in the notations of maps and radios; null where there is none."""
+    """A position in several notations; null where there is none."""
 
     lat = Float(allow_none=True)
     lon = Float(allow_none=True)
@@ -132,7 +132,7 @@ def _make_cache(state: BlueprintSetupState) -> None:
 @blueprint.get("/examples/<string(maxlength=200):name>")
 @blueprint.doc(responses=file_answer("The photo.", "image/*"))
 def example(slug: str, name: str) -> Response:
-    """Get a photo that comes with the map to try it on, such as `query_02.jpg` of the sample."""
+    """Get an example query that comes with the map, such as `query_02.jpg` of the sample."""
     path = examples.path_of(library().cfg(open_map(slug).slug), name)
     return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
 
@@ -140,7 +140,7 @@ def example(slug: str, name: str) -> Response:
 @blueprint.get("/examples/<string(maxlength=200):name>/thumb")
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def example_thumb(slug: str, name: str) -> Response:
-    """Get a small picture of such a photo."""
+    """Get a thumbnail of an example query."""
     path = examples.thumb_of(library().cfg(open_map(slug).slug), name, limits=settings().photo)
     return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
 
@@ -150,7 +150,7 @@ def example_thumb(slug: str, name: str) -> Response:
 @blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)
 def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
-    """Localize a photo, or several of one spot."""
+    """Localize a photo, or several photos taken at one spot."""
     record, key = open_map(slug), sent["key"] if given["keep"] else None
     with library().database.read() as session:
         known = queries.keyed(session, record, key=key, account_id=account().id)
@@ -181,10 +181,10 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
 @blueprint.input(PixelIn, location="query", arg_name="point")
 @blueprint.output(CoordinatesOut)
 def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
-    """Write a position on the image as latitude and longitude, UTM and MGRS."""
+    """Convert a position on the image to latitude and longitude, UTM and MGRS."""
     found = georeference(open_map(slug))
     position = None if found is None else found.latlon_of(MapPixel(point["x_px"], point["y_px"]))
-    if position is None or not abs(position.lat) <= 90:  # NaN, where the image has no counterpart
+    if position is None or not abs(position.lat) <= 90:  # NaN where the transformation is undefined
         return dict.fromkeys(CoordinatesOut().fields)
     grid = utm(position)
     return {
@@ -198,7 +198,7 @@ def coordinates(slug: str, point: dict[str, float]) -> dict[str, Any]:
 
 
 def map_cache() -> MapCache:
-    """Return the maps that this process keeps open."""
+    """Return this process's cache of open maps."""
     return cast(MapCache, current_app.extensions[_CACHE])
 
 
@@ -206,12 +206,12 @@ def map_cache() -> MapCache:
 def received(
     record: MapRecord, files: list[FileStorage], *, again: int | None
 ) -> Iterator[tuple[UploadedPhoto, ...]]:
-    """Write what was sent to files, which are gone afterwards.
+    """Write the uploaded photos to temporary files, which are deleted after the block.
 
     Parameters
     ----------
     again : int or None
-        Id of an answer whose photo is asked about, instead of files.
+        Id of a stored query whose photo is used again, instead of files.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def received(
 
 
 def _choice(method: Method, features: str) -> MethodChoice:
-    """Return method and features as asked for, where this server has what they need."""
+    """Return the requested method and features, or raise UsageError if this server lacks their models."""
     folder = settings().models
     here = usable_features(folder, method=method)
     if (choose(method).name if features == "auto" else features) in here:
@@ -286,7 +286,7 @@ def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
 
 
 def answer(record: MapRecord, localize_request: LocalizeRequest) -> LocalizeResult:
-    """Localize photos on a map with the maps that this process keeps open; see `localize_or_build`."""
+    """Localize photos on a map, with this process's cache of open maps; see `localize_or_build`."""
     result = readiness.localize_or_build(
         library(), record, cache=map_cache(), request=localize_request, settings=settings()
     )

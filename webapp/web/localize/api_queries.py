@@ -1,4 +1,4 @@
-"""Queries of a map, through the API: the history, and what to do with an answer."""
+"""API of the queries of a map: history, matches, export, and adding a query's photo to the map."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _ID = "<id:id>"
 
 
 class ListIn(Schema):
-    """Which part of the history."""
+    """The requested part of the history."""
 
     before = RecordNumber(load_default=None, metadata={"description": "Only older ones than this id."})
     limit = Integer(load_default=50, validate=Range(1, _MOST))
 
 
 class AnswersIn(Schema):
-    """Which answers."""
+    """The answers to export."""
 
     first = RecordNumber(load_default=None, metadata={"description": "Id of the first one."})
     last = RecordNumber(load_default=None, metadata={"description": "Id of the last one."})
@@ -82,13 +82,13 @@ class MatchesOut(Schema):
 
 
 class MatchesList(Schema):
-    """Matches with the photos that speak for the hypotheses, the best first."""
+    """Matches with the photos that support the hypotheses, the best first."""
 
     matches = List(Nested(MatchesOut))
 
 
 class AdoptIn(Schema):
-    """Where the photo was taken; by default where it was found."""
+    """Position and heading of the new experience; by default those of the answer."""
 
     x_px = Float(allow_none=True, load_default=None)
     y_px = Float(allow_none=True, load_default=None)
@@ -110,7 +110,7 @@ class AdoptOut(Schema):
 @blueprint.input(ListIn, location="query", arg_name="query")
 @blueprint.output(QueryList)
 def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
-    """List what was asked of a map."""
+    """List the queries of a map."""
     with reading_map(slug) as (session, record):
         return {"queries": _queries_json(session, record, queries.list_queries(session, record, **query))}
 
@@ -119,7 +119,7 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(AnswersIn, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The answers, the oldest first.", "*/*"))
 def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:
-    """Download answers as a table, as waypoints or as points: the most probable place of each photo."""
+    """Download the most probable place of each photo as a CSV table, GPX waypoints or GeoJSON points."""
     record, who = open_map(slug), account()
     which = AnswerRange(query["first"], query["last"], who.id if query["mine"] else None)
     return send_pieces(export_answers.export_answers(library(), record.id, form=form, which=which))
@@ -128,7 +128,7 @@ def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:
 @blueprint.get(f"/{_ID}")
 @blueprint.output(QueryOut)
 def show(slug: str, id: int) -> dict[str, Any]:
-    """Get one answer."""
+    """Get a query with its answer."""
     with reading_map(slug) as (session, record):
         return _queries_json(session, record, [queries.find(session, record, id)])[0]
 
@@ -136,7 +136,7 @@ def show(slug: str, id: int) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}/matches")
 @blueprint.output(MatchesList)
 def matches(slug: str, id: int) -> dict[str, Any]:
-    """Return the matches with photos of the map."""
+    """Get the matches with photos of the map."""
     with reading_map(slug) as (session, record):
         return {"matches": queries.find(session, record, id).evidence}
 
@@ -144,7 +144,7 @@ def matches(slug: str, id: int) -> dict[str, Any]:
 @blueprint.delete(f"/{_ID}")
 @blueprint.output({}, status_code=204)
 def delete(slug: str, id: int) -> str:
-    """Forget an answer and its photo: one's own, or any of a map that one may edit."""
+    """Delete a query and its photo: viewers can delete their own, editors of the map all."""
     record, who = open_map(slug), account()
     with library().database.write() as session:
         row = queries.find(session, record, id)
@@ -159,7 +159,7 @@ def delete(slug: str, id: int) -> str:
 @blueprint.input(AdoptIn, arg_name="place")
 @blueprint.output(AdoptOut, status_code=201)
 def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, Any]:
-    """Make the photo an experience of the map."""
+    """Add the photo of a query to the map as an experience."""
     record = open_map(slug, "editor")
     x, y = place["x_px"], place["y_px"]
     if (x is None) != (y is None):
@@ -190,14 +190,14 @@ def photo(slug: str, id: int) -> Response:
 @blueprint.get(f"/{_ID}/preview")
 @blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
-    """Get a query as a picture that fills a screen."""
+    """Get a preview of a query's photo, large enough to fill a screen."""
     return _preview(slug, id, "preview")
 
 
 @blueprint.get(f"/{_ID}/thumb")
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(slug: str, id: int) -> Response:
-    """Get a query as a small picture."""
+    """Get a thumbnail of a query's photo."""
     return _preview(slug, id, "thumb")
 
 

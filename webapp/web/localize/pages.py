@@ -1,4 +1,4 @@
-"""Pages of localization: where a photo was taken, and how well the photos of a map are found on it."""
+"""Pages of localization, and of the evaluation of a map on its own photos."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from webapp.web.satellite.layers import offered_layers
 
 blueprint = Blueprint("localize_pages", __name__)
 KIND = "evaluate"
-"""Of the job."""
+"""Kind of the evaluation job."""
 _MISSES_SHOWN = 24
 _SURE = 0.5
-"""From this probability on, an answer that is wrong was a sure one."""
+"""Probability from which a wrong answer counts as confident."""
 
 
 @blueprint.get("/maps/<slug>/localize")
 def localize(slug: str) -> str:
-    """Show the page; `?query=ID` opens an earlier answer."""
+    """Show the page for queries; `?query=ID` opens an earlier answer."""
     with reading_map(slug) as (session, record):
         state = map_state.of_page(session, record, account=account())
     return render_template(
@@ -59,7 +59,7 @@ def localize(slug: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ResultLine:
-    """A line of the table: what, its value, and its 95 % interval where there is one."""
+    """A line of the table: name, value, and 95 % interval, which may be empty."""
 
     words: str
     value: str
@@ -68,7 +68,7 @@ class ResultLine:
 
 @dataclass(frozen=True, slots=True)
 class MissedPhoto:
-    """A photo that was not found, and what came instead, and what helps."""
+    """A photo that was not localized correctly, with the wrong answer and advice."""
 
     id: int
     name: str
@@ -78,19 +78,19 @@ class MissedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One scheme of the evaluation, ready to be shown."""
+    """One scheme of the evaluation, formatted for the page."""
 
     title: str
     about: str
     summary: str
-    """How good the map is, in a sentence."""
+    """Quality of the map in one or two sentences."""
     lines: list[ResultLine]
     charts: list[tuple[str, Markup]]
-    """Each with its title."""
+    """Title and SVG of each chart."""
     misses: list[MissedPhoto]
     """The worst first."""
     missed: int
-    """How many there are; the list has the first of them."""
+    """Total number of misses, of which `misses` has the first ones."""
 
 
 @blueprint.get("/maps/<slug>/quality")
@@ -129,7 +129,7 @@ def _kept(record: MapRecord) -> tuple[tuple[Kept, ...], StorageError | None]:
 
 
 def _metres(record: MapRecord) -> float | None:
-    """Return the metres per pixel in the middle of the image; None without a georeference."""
+    """Return the metres per pixel at the centre of the image; None without a georeference."""
     where = georeference(record)
     if where is None:
         return None
@@ -182,7 +182,7 @@ def _summary(figures: dict[str, Any], *, missed: int, metres: float | None) -> s
 
 
 def _advice(miss: Miss) -> str:
-    """Say what helps: a sure answer elsewhere is a wrong place, or one that looks the same."""
+    """Return advice: a confident wrong answer means that the photo is misplaced, or places look alike."""
     if miss.error_px is not None and miss.probability is not None and miss.probability >= _SURE:
         return str(_("Check its place; other places look similar."))
     return str(_("Add a photo here."))
@@ -230,7 +230,7 @@ def _share(figures: dict[str, Any], name: str, words: str) -> ResultLine:
 
 
 def _distance(pixels: float, metres: float | None) -> str:
-    """Write a distance in metres, with the pixels behind; in pixels alone where metres are not known."""
+    """Format a distance in metres, followed by pixels; in pixels only if the scale is unknown."""
     text = str(_("%(n)s px", n=round(pixels)))
     if metres is None:
         return text

@@ -1,4 +1,4 @@
-"""Blurring parts of photos through the API: by hand, and what networks suggest, in one or all photos."""
+"""API of blurring parts of photos: manually, or as suggested by networks, in one photo or all."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _JOB = "blur"
 
 
 class BlurIn(Schema):
-    """All that is to be blurred; nothing for the photo as it is."""
+    """All parts to blur; an empty list for none."""
 
     boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
     seen = List(
@@ -56,7 +56,7 @@ class BlurIn(Schema):
 @blur_api.input(BlurIn, arg_name="data")
 @blur_api.output(EditAnswer)
 def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
-    """Blur parts of a photo in every picture of it; visitors never get the original file."""
+    """Blur parts of a photo in all its previews; visitors never get the original file."""
     record = open_map(slug, "editor")
     given = {part: [BlurBox(**box) for box in boxes] for part, boxes in data.items()}
     wanted = show_photo.NewBlur(**given)
@@ -81,7 +81,7 @@ _MISSING = List(
 
 
 class BlurSuggestions(Schema):
-    """What is suggested to be blurred, besides what is blurred already; the surest first."""
+    """Suggested parts that are not blurred yet, by falling score."""
 
     boxes = List(Nested(SuggestedBoxOut))
     left = _LEFT
@@ -91,7 +91,7 @@ class BlurSuggestions(Schema):
 @blur_api.get("/photos/<id:id>/blur/suggestions")
 @blur_api.output(BlurSuggestions)
 def suggest(slug: str, id: int) -> dict[str, Any]:
-    """Find faces and number plates in a photo by the models `faces` and `plates`; nothing is changed."""
+    """Find faces and number plates in a photo with the models `faces` and `plates`; nothing is changed."""
     record = open_map(slug, "editor")
     with library().database.read() as session:
         photo = maps.photo(session, record, id)
@@ -105,7 +105,7 @@ def suggest(slug: str, id: int) -> dict[str, Any]:
 
 
 class PhotoSuggestions(Schema):
-    """A photo in which there is something to blur."""
+    """A photo with suggested parts."""
 
     id = Integer()
     name = String()
@@ -114,7 +114,7 @@ class PhotoSuggestions(Schema):
 
 
 class MapSuggestions(Schema):
-    """What is suggested to be blurred in all photos of a map that have been searched."""
+    """Suggested parts in all photos of a map that have been searched."""
 
     photos = List(Nested(PhotoSuggestions))
     searched = Integer(metadata={"description": "Photos that have been searched."})
@@ -124,7 +124,7 @@ class MapSuggestions(Schema):
 
 
 class SearchIn(Schema):
-    """Whether what is found is blurred at once."""
+    """Options of the search."""
 
     accept = Boolean(load_default=False, metadata={"description": "Blur all that is found."})
     least_score = Float(
@@ -135,7 +135,7 @@ class SearchIn(Schema):
 
 
 class FoundQuery(Schema):
-    """How much is listed."""
+    """Choice of the fields."""
 
     boxes = Boolean(
         load_default=True,
@@ -147,7 +147,7 @@ class FoundQuery(Schema):
 @blur_api.input(FoundQuery, location="query", arg_name="query")
 @blur_api.output(MapSuggestions)
 def list_suggestions(slug: str, query: dict[str, Any]) -> dict[str, Any]:
-    """Get what was found in the photos of a map and is not blurred yet."""
+    """Get the detections in the photos of a map that are not blurred yet."""
     found = _of_map(open_map(slug, "editor"))
     if not query["boxes"]:
         for photo in found["photos"]:
@@ -159,9 +159,9 @@ def list_suggestions(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 @blur_api.input(SearchIn, arg_name="data")
 @blur_api.output(MapSuggestions, status_code=202)
 def search(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Queue a job that finds faces and number plates in all photos of a map, and blurs them if wanted."""
+    """Queue a job that finds faces and number plates in all photos of a map, and optionally blurs them."""
     record, who = open_map(slug, "editor"), account()
-    blur_networks(settings().models)  # says at once where there is none
+    blur_networks(settings().models)  # fail early if no model is installed
     with library().database.write() as session:
         jobs.enqueue(
             session, _JOB, map_id=record.id, account_id=who.id, arguments=data, key=jobs.key_of(data)
@@ -214,7 +214,7 @@ class MaskIn(Schema):
 @blur_api.input(MaskIn, location="files", arg_name="given")
 @blur_api.output(PanoramaOut)
 def read_mask(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Turn a mask that is an image into boxes, for the `panorama` of photos; nothing is changed."""
+    """Convert a mask image to boxes for the `panorama` of photos; nothing is changed."""
     open_map(slug, "editor")
     part = library().uploads / f"{secrets.token_hex(16)}.part"
     try:

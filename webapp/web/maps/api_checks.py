@@ -1,4 +1,4 @@
-"""What is wrong with a map, which places are weak, and its evaluation by its own photos, by the API."""
+"""API of the checks of a map, the survey of its weak places, and its evaluation on its own photos."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ LABELS: dict[FixName, LazyString] = {
     "outside-take": lazy_gettext("Apply the changes"),
     "outside-discard": lazy_gettext("Overwrite the file"),
 }
-"""Words on the button of each fix."""
+"""Label on the button of each fix."""
 
 _EVALUATE_JOB = "evaluate"
 
 
 class FixOut(Schema):
-    """A button."""
+    """A fix, shown as a button."""
 
     code = String(metadata={"enum": list(LABELS)})
     label = String()
 
 
 class FindingOut(Schema):
-    """Something that is wrong."""
+    """A problem of a map."""
 
     code = String()
     severity = String(metadata={"enum": ["error", "warning"]})
@@ -62,21 +62,21 @@ class FindingOut(Schema):
 
 
 class FindingsOut(Schema):
-    """All that is wrong with a map, errors first."""
+    """All problems of a map, errors first."""
 
     revision = Integer()
     findings = List(Nested(FindingOut))
 
 
 class FixIn(Schema):
-    """A fix, and the photos that it is for."""
+    """A fix, and the photos to apply it to."""
 
     code = String(required=True, validate=Length(max=40))
     ids = List(RecordNumber(), load_default=list, validate=Length(max=_MOST))
 
 
 class PhotoHealthOut(Schema):
-    """What is known of one photo."""
+    """Result of the survey for one photo."""
 
     id = Integer()
     state = String(metadata={"enum": ["confusable", "lonely", "one-direction", "good"]})
@@ -95,7 +95,7 @@ class HealthOut(Schema):
 
 
 class OutsideOut(Schema):
-    """How `map.cfg` on the disk differs from the map, where somebody has changed it there."""
+    """Differences between the map and its `map.cfg` on the disk, if that was edited externally."""
 
     changed = Boolean()
     sha256 = String(metadata={"description": "Of the file; `take` and `discard` want it back."})
@@ -114,13 +114,13 @@ class OutsideOut(Schema):
 
 
 class OutsideSeen(Schema):
-    """The file that was shown."""
+    """Hash of the file that the caller has seen."""
 
     sha256 = String(required=True, validate=Length(equal=64))
 
 
 class OutsideAnswer(EditAnswer):
-    """What taking the file over has changed."""
+    """Result of applying the file."""
 
     left_out = List(String())
 
@@ -142,7 +142,7 @@ def show_findings(slug: str) -> dict[str, Any]:
 @checks_api.input(FixIn, arg_name="data")
 @checks_api.output(EditAnswer)
 def fix(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Put something right; undo takes it back."""
+    """Fix a problem, as one step that can be undone."""
     record, who = open_map(slug, "editor"), account()
     revision = findings.fix_findings(
         library(), record.id, fix=data["code"], ids=data["ids"], account_id=who.id, settings=settings()
@@ -160,7 +160,7 @@ def show_health(slug: str) -> dict[str, Any]:
 @checks_api.post("/health")
 @checks_api.output(HealthOut, status_code=202)
 def find_health(slug: str) -> dict[str, Any]:
-    """Queue the survey of the weak places of the map."""
+    """Queue a survey of the weak places of the map."""
     record, who = open_map(slug), account()
     with library().database.write() as session:
         jobs.enqueue(session, _HEALTH_JOB, map_id=record.id, account_id=who.id)
@@ -170,7 +170,7 @@ def find_health(slug: str) -> dict[str, Any]:
 @checks_api.get("/outside-edit")
 @checks_api.output(OutsideOut)
 def show_outside(slug: str) -> dict[str, Any]:
-    """Return whether `map.cfg` was changed outside of this program, and how."""
+    """Get whether and how `map.cfg` was edited outside this program."""
     return _outside(open_map(slug))
 
 
@@ -178,7 +178,7 @@ def show_outside(slug: str) -> dict[str, Any]:
 @checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideAnswer)
 def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
-    """Take the changed file over as one edit, which undo takes back."""
+    """Apply the changed file, as one step that can be undone."""
     record, who = open_map(slug, "editor"), account()
     taken = outside_edit.take(
         library(), record.id, account_id=who.id, settings=settings(), sha256=data["sha256"]
@@ -190,7 +190,7 @@ def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
 @checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideOut)
 def discard_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
-    """Write the file again, as the map is here."""
+    """Overwrite the file with the state of the map."""
     record = open_map(slug, "editor")
     if outside_edit.show(library(), record.id, settings=settings()) is None:
         raise Conflict("the file has not changed", hint="reload and compare again")
@@ -216,7 +216,7 @@ def _outside(record: MapRecord) -> dict[str, Any]:
 
 
 class EvaluationRequest(Schema):
-    """How much work it may be."""
+    """Extent of the evaluation."""
 
     limit = Integer(
         load_default=None,

@@ -1,4 +1,4 @@
-"""Maps on their way in and out through the API: exports, imports, copies."""
+"""API of exporting, importing and copying maps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _PARTS = 20
 
 
 class ImportIn(Schema):
-    """A zip with a `.cfg`, its image and its photos."""
+    """A zip archive with a `.cfg`, its image and its photos."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     name = String(
@@ -48,7 +48,7 @@ class ImportIn(Schema):
 
 
 class NewMapOut(Schema):
-    """The new map; `job` fills it where that takes a while."""
+    """The new map; a long import is done by `job`."""
 
     slug = String()
     job = Integer(allow_none=True)
@@ -66,13 +66,13 @@ class CopyIn(Schema):
 
 
 class ExportIn(Schema):
-    """What shall be made."""
+    """The format to export."""
 
     format = String(required=True, validate=OneOf(FORMATS))
 
 
 class JobOut(Schema):
-    """The job that does it."""
+    """The queued job."""
 
     job = Integer()
 
@@ -80,24 +80,24 @@ class JobOut(Schema):
 @blueprint.get("/<slug>/map.cfg")
 @blueprint.doc(responses=file_answer("The map file.", "*/*"))
 def cfg(slug: str) -> Response:
-    """Take the map file away, as it is on the disk."""
+    """Download the map file."""
     return send_pieces(export_files.export_map_cfg(library(), open_map(slug).id))
 
 
 @blueprint.get("/<slug>/placements/<name>.cfg")
 @blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
 def placement_cfg(slug: str, name: str) -> Response:
-    """Take the map file of a further placement away."""
+    """Download the map file of another placement."""
     return send_pieces(export_files.export_map_cfg(library(), open_map(slug).id, placement=name))
 
 
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export(slug: str, form: str) -> Response:
-    """Take a map away as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline.
+    """Download a map as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline.
 
-    `exif` is a zip of its photos with their positions and headings in EXIF, `xmp` one of sidecars, `csv` the
-    table that `exiftool -csv` writes into photos.
+    `exif` is a zip archive of the photos with positions and headings in EXIF, `xmp` one of XMP sidecars,
+    `csv` a table for `exiftool -csv`, which writes it into photos.
     """
     if form not in FORMATS:
         raise NotFound(f"unknown export format {form!r}", hint=f"use one of {', '.join(FORMATS)}")
@@ -123,7 +123,7 @@ def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
 @blueprint.get("/<slug>/exports/<string(maxlength=200):name>")
 @blueprint.doc(responses=file_answer("The file.", "*/*"))
 def exported(slug: str, name: str) -> Response:
-    """Fetch what an export job has made."""
+    """Download the file that an export job has made."""
     folder = export_file.exports_folder(library(), open_map(slug).slug)
     there = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     if name not in there or name.endswith(".part"):
@@ -136,7 +136,7 @@ def exported(slug: str, name: str) -> Response:
 @blueprint.output(NewMapOut, status_code=201)
 @blueprint.doc(responses=json_answer("A job fills the new map.", NewMapOut, status=202))
 def import_zip(given: dict[str, Any]) -> Any:
-    """Make a map of a zip: at once, or by a job (202) where it is large."""
+    """Make a map from a zip archive: at once, or by a job (202) if it is large."""
     who, place = account(), library()
     token = secrets.token_hex(16)
     archive = import_map.archive_path(place, token)
@@ -168,7 +168,7 @@ def import_zip(given: dict[str, Any]) -> Any:
 @blueprint.input(CopyIn, arg_name="data")
 @blueprint.output(NewMapOut, status_code=201)
 def duplicate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Copy a map; who copies it owns the copy."""
+    """Copy a map; the caller owns the copy."""
     record, who = open_map(slug), account()
     name = data["name"] or _("%(name)s (copy)", name=record.name)[:_MAX_NAME]
     copy = duplicate_map.duplicate_map(library(), record.id, account_id=who.id, name=name)
@@ -177,14 +177,14 @@ def duplicate(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 @blueprint.before_request
 def limit_parts() -> None:
-    """Refuse requests of many parts while they are read."""
+    """Limit the number of form parts, which is enforced while the request is read."""
     request.max_form_parts = _PARTS
 
 
 def _by_job(name: str, token: str) -> dict[str, Any]:
-    """Make an empty map, and a job that fills it."""
+    """Make an empty map, and queue a job that imports the archive."""
     who, place = account(), library()
-    delete_orphans(place)  # else the map would not get the name of a deleted one
+    delete_orphans(place)  # otherwise the new map could not reuse the name of a deleted one
     folders = [path.name for path in place.folder.iterdir()]
     with place.database.write() as session:
         record: MapRecord = maps.create(session, name, account_id=who.id, folders=folders)
@@ -194,12 +194,12 @@ def _by_job(name: str, token: str) -> dict[str, Any]:
 
 
 def _name_of(given: str | None, archive: Path, filename: str | None) -> str:
-    """Choose the name of an imported map: the given one, its title in the zip, that of the file.
+    """Choose the name of an imported map: the given one, its title in the archive, or the file name.
 
     Raises
     ------
     UsageError
-        The given one is not valid.
+        The given name is not valid.
     """
     if given:
         return maps.checked_name(given)

@@ -1,4 +1,4 @@
-"""Floors of a map through the API: listed, added, changed, aligned, removed, and given as pictures."""
+"""API of the floors of a map: list, add, change, align and remove them, and get their images."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ID = "<id:id>"
 
 
 class FloorIn(Schema):
-    """What a floor is called, and where it is."""
+    """Name and height of a floor."""
 
     name = String(validate=Length(1, MOST_FLOOR_NAME))
     level = Float(validate=Range(-LARGEST_LEVEL, LARGEST_LEVEL))
@@ -48,7 +48,7 @@ class FloorIn(Schema):
 
 
 class NewFloorIn(FloorIn):
-    """... with its image."""
+    """A new floor, with its image."""
 
     name = String(required=True, validate=Length(1, MOST_FLOOR_NAME))
     level = Float(required=True, validate=Range(-LARGEST_LEVEL, LARGEST_LEVEL))
@@ -70,20 +70,20 @@ class FloorImageIn(Schema):
 
 
 class PairIn(Schema):
-    """Where a spot is shown, and where it is to be: x and y, map pixels."""
+    """Current and desired position of a spot: x and y, map pixels."""
 
     shown = List(Float(), required=True, validate=Length(equal=2))
     wanted = List(Float(), required=True, validate=Length(equal=2))
 
 
 class AlignIn(Schema):
-    """Spots by which the image of a floor is laid on the map."""
+    """Pairs of spots by which the image of a floor is aligned with the map."""
 
     pairs = List(Nested(PairIn), required=True, validate=Length(1, MOST_PAIRS))
 
 
 class RemoveQuery(Schema):
-    """The treatment of photos on the floor."""
+    """Handling of the photos on the floor."""
 
     tray = Boolean(load_default=False, metadata={"description": "Put them into the tray."})
 
@@ -97,7 +97,7 @@ class FloorsOut(Schema):
 @blueprint.get("")
 @blueprint.output(FloorsOut)
 def show(slug: str) -> dict[str, Any]:
-    """List the floors of the map; none where it has one image alone."""
+    """List the floors of the map; empty if it has only one image."""
     return {"floors": state.floors_json(open_map(slug))}
 
 
@@ -169,7 +169,7 @@ def remove(slug: str, id: int, query: dict[str, bool]) -> dict[str, Any]:
 @blueprint.get(f"/{_ID}/image")
 @blueprint.doc(responses=file_answer("A picture that covers the map.", "image/webp"))
 def image(slug: str, id: int) -> Response:
-    """Return the image of a floor, laid on the map."""
+    """Get the image of a floor, warped into the map's frame."""
     record = open_map(slug, binned=True)
     shown = display.floor_picture(
         library(), record, floor=floors.found_floor(record, id), settings=settings()

@@ -1,4 +1,4 @@
-"""Maps and their photos' places, for pages and programs: list, state, edits, undo and redo."""
+"""API of maps and the positions of their photos: list, state, edits, undo and redo."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from webapp.web.openapi import json_answer
 blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps")
 
 _MOST = 10_000
-"""Photos in one edit."""
+"""Maximum number of photos in one edit."""
 
 _KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama", "note": "note", "floor": "floor"}
 
@@ -33,13 +33,13 @@ _EDITED = json_answer("What the edit changed.", EditAnswer)
 
 
 class NewMap(Schema):
-    """A map that shall be made, or its new name."""
+    """Name of a new map, or new name of a map."""
 
     name = String(required=True, metadata={"example": "Stromovka park"})
 
 
 class DeleteQuery(Schema):
-    """How a map is deleted."""
+    """Option of deleting a map."""
 
     forever = Boolean(load_default=False, metadata={"description": "For good; only maps in the bin."})
 
@@ -65,7 +65,7 @@ class MapList(Schema):
 
 
 class PhotoChange(Schema):
-    """New values for one photo; x and y come together, null puts it back into the tray."""
+    """New values for one photo; x and y are given together, null moves it to the tray."""
 
     x_px = Float(allow_none=True)
     y_px = Float(allow_none=True)
@@ -101,7 +101,7 @@ class NumberedChange(PhotoChange):
 
 
 class EditRequest(Schema):
-    """Several photos changed in one step."""
+    """Changes of several photos in one step."""
 
     seen = RecordNumber(metadata={"description": "Newest revision you know; later changes are a conflict."})
     kind = String(load_default="move", validate=OneOf(KINDS))
@@ -110,7 +110,7 @@ class EditRequest(Schema):
 
 
 class RemoveRequest(Schema):
-    """Photos that shall be taken out of the map."""
+    """Photos to remove from the map."""
 
     seen = RecordNumber()
     ids = List(RecordNumber(), required=True, validate=Length(1, _MOST))
@@ -126,7 +126,7 @@ class Since(Schema):
 @blueprint.input(ListPartQuery, location="query", arg_name="query")
 @blueprint.output(MapList)
 def list_maps(query: dict[str, Any]) -> dict[str, Any]:
-    """List the maps that you may see, in pages where a `limit` is given."""
+    """List the maps that the caller may see; with a `limit`, in pages."""
     who = account()
     with library().database.read() as session:
         found = maps.list_maps(session, who, part=ListPart(**wanted_part(query)))
@@ -141,9 +141,9 @@ def list_maps(query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(NewMap, arg_name="data")
 @blueprint.output(MapSummary, status_code=201)
 def create(data: dict[str, str]) -> dict[str, Any]:
-    """Make an empty map."""
+    """Create an empty map."""
     who, place = account(), library()
-    delete_map.delete_orphans(place)  # else the map would not get the name of a deleted one
+    delete_map.delete_orphans(place)  # otherwise the new map could not reuse the name of a deleted one
     folders = [path.name for path in place.folder.iterdir()]
     with place.database.write() as session:
         record = maps.create(session, data["name"], account_id=who.id, folders=folders)
@@ -153,7 +153,7 @@ def create(data: dict[str, str]) -> dict[str, Any]:
 @blueprint.get("/<slug>")
 @blueprint.doc(responses=json_answer("The whole state of a map.", MapState))
 def show(slug: str) -> dict[str, Any]:
-    """Get everything about a map."""
+    """Get the whole state of a map."""
     with reading_map(slug, binned=True) as (session, record):
         return state.whole(session, record, account=account())
 
@@ -162,7 +162,7 @@ def show(slug: str) -> dict[str, Any]:
 @blueprint.input(NewMap, arg_name="data")
 @blueprint.output(MapSummary)
 def rename(slug: str, data: dict[str, str]) -> dict[str, Any]:
-    """Rename a map; its address stays."""
+    """Rename a map; its URL stays the same."""
     record, who = open_map(slug, "owner"), account()
     with library().database.write() as session:
         row = session.get_one(MapRecord, record.id)
@@ -174,7 +174,7 @@ def rename(slug: str, data: dict[str, str]) -> dict[str, Any]:
 @blueprint.input(DeleteQuery, location="query", arg_name="query")
 @blueprint.output(MapSummary)
 def put_into_bin(slug: str, query: dict[str, Any]) -> dict[str, Any]:
-    """Put a map into the bin, from where it can be restored; or delete one there for good."""
+    """Move a map to the bin, from which it can be restored; or delete one in the bin permanently."""
     if not query["forever"]:
         return _binned(slug, into=True)
     record, who = open_map(slug, "owner", binned=True), account()
@@ -187,7 +187,7 @@ def put_into_bin(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 @blueprint.post("/<slug>/restore")
 @blueprint.output(MapSummary)
 def restore(slug: str) -> dict[str, Any]:
-    """Take a map out of the bin."""
+    """Restore a map from the bin."""
     return _binned(slug, into=False)
 
 
@@ -195,7 +195,7 @@ def restore(slug: str) -> dict[str, Any]:
 @blueprint.input(Since, location="query", arg_name="query")
 @blueprint.doc(responses=json_answer("What changed, and the jobs of the map.", MapChanges))
 def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
-    """Get what changed since a revision."""
+    """Get the changes since a revision."""
     with reading_map(slug) as (session, record):
         return state.changes(session, record, account=account(), since=query["since"])
 
@@ -204,7 +204,7 @@ def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
 @blueprint.input(EditRequest, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Place, move or turn photos, all of them or none."""
+    """Change photos (place, move, turn, ...); either all changes are made or none."""
     wanted: dict[int, dict[str, Any]] = {}
     for change in data["changes"]:
         wanted.setdefault(change.pop("id"), {}).update(change)
@@ -216,7 +216,7 @@ def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(RemoveRequest, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Take photos out of the map; undo brings them back."""
+    """Remove photos from the map, as one step that can be undone."""
     gone = {id: {"removed": True} for id in data["ids"]}
     return _edited(slug, RequestedEdit("remove", gone, seen=data.get("seen")))
 
@@ -225,7 +225,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(PhotoChange, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Place, move or turn one photo; `If-Match` has the revision that you know."""
+    """Change one photo (place, move, turn, ...); `If-Match` is the revision that the caller knows."""
     kind = next((kind for field, kind in _KIND_OF.items() if field in data), "turn")
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=if_match()))
 
@@ -233,21 +233,21 @@ def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.delete("/<slug>/experiences/<id:id>")
 @blueprint.doc(responses=_EDITED)
 def remove_one(slug: str, id: int) -> dict[str, Any]:
-    """Take a photo out of the map; undo brings it back."""
+    """Remove a photo from the map, as one step that can be undone."""
     return _edited(slug, RequestedEdit("remove", {id: {"removed": True}}, seen=if_match()))
 
 
 @blueprint.post("/<slug>/undo")
 @blueprint.doc(responses=_EDITED)
 def undo(slug: str) -> dict[str, Any]:
-    """Take back your last edit of the map."""
+    """Undo the caller's last edit of the map."""
     return _undone_or_redone(slug, "undo")
 
 
 @blueprint.post("/<slug>/redo")
 @blueprint.doc(responses=_EDITED)
 def redo(slug: str) -> dict[str, Any]:
-    """Do your last undone edit of the map again."""
+    """Redo the caller's last undone edit of the map."""
     return _undone_or_redone(slug, "redo")
 
 

@@ -1,4 +1,4 @@
-"""Notes on spots of a map through the API; those on photos are edits of the photos."""
+"""API of notes on spots of a map; notes on photos are edits of the photos."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MOST_PHOTOS = 500
 
 
 class NoteIn(Schema):
-    """What a note says, and where."""
+    """Content and position of a note."""
 
     title = String(required=True, validate=Length(1, MOST_TITLE))
     text = String(load_default="", validate=Length(max=MOST_TEXT))
@@ -69,7 +69,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(NoteIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
-    """Replace a note, as one step that can be undone; `If-Match` has the revision that you know."""
+    """Replace a note, as one step that can be undone; `If-Match` is the revision that the caller knows."""
     record = open_map(slug, "editor")
     revision = edit_notes.change_note(
         library(),
@@ -85,7 +85,7 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.delete(f"/{_ID}")
 @blueprint.output(EditAnswer)
 def remove(slug: str, id: int) -> dict[str, Any]:
-    """Take a note away, as one step that can be undone; `If-Match` has the revision that you know."""
+    """Remove a note, as one step that can be undone; `If-Match` is the revision that the caller knows."""
     record = open_map(slug, "editor")
     revision = edit_notes.remove_note(library(), record.id, id=id, account_id=account().id, seen=if_match())
     return state.edited(record, revision)

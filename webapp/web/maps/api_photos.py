@@ -1,8 +1,8 @@
-"""Photos through the API: added, uploaded in chunks, given back as a picture or file.
+"""API of photos: add them, upload them in chunks, get previews and original files.
 
-An upload in chunks is begun, sent, and taken in when the last chunk is there. A chunk that was answered is
-on the disk. A client that lost the answer asks for the offset and resumes there; one that lost everything
-starts over with the same fingerprint and finds what has arrived.
+A chunked upload is begun and sent, and the photo is added after the last chunk. A chunk that was acknowledged
+is on the disk. A client that lost a response asks for the offset and resumes there; one that lost all its
+state begins again with the same fingerprint and gets the offset of the stored bytes.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
 
 _OTHER_PARTS = 20
-"""Fields of a form besides its files."""
+"""Allowance for form fields other than files."""
 
 
 class ErrorOut(Schema):
-    """Why a file was refused."""
+    """Reason for rejecting a file."""
 
     code = String()
     message = String()
@@ -71,7 +71,7 @@ class IntakeOut(Schema):
 
 
 class PhotosIn(Schema):
-    """Photos."""
+    """Photos to add."""
 
     file = List(
         File(),  # type: ignore[no-untyped-call]
@@ -81,7 +81,7 @@ class PhotosIn(Schema):
 
 
 def intake_json(intake: Intake) -> dict[str, Any]:
-    """Return what was done with a file."""
+    """Return the result for a file as JSON."""
     return {
         "name": intake.name,
         "id": intake.id,
@@ -94,7 +94,7 @@ def intake_json(intake: Intake) -> dict[str, Any]:
 
 @photos_api.before_request
 def limit_parts() -> None:
-    """Refuse requests of very many parts while they are read."""
+    """Limit the number of form parts, which is enforced while the request is read."""
     request.max_form_parts = settings().upload.files_per_request + _OTHER_PARTS
 
 
@@ -102,7 +102,7 @@ def limit_parts() -> None:
 @photos_api.input(PageQuery, location="query", arg_name="query")
 @photos_api.doc(responses=json_answer("Some photos, by id.", PhotoPage))
 def list_photos(slug: str, query: dict[str, int]) -> dict[str, Any]:
-    """List photos, some at a time."""
+    """List photos in pages."""
     with reading_map(slug, binned=True) as (session, record):
         return state.photos_after(session, record, query["after"], most=query["limit"])
 
@@ -126,14 +126,14 @@ def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
 @photos_api.get("/<id:id>/thumb")
 @photos_api.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def thumb(slug: str, id: int) -> Response:
-    """Get a photo as a small picture."""
+    """Get a thumbnail of a photo."""
     return _preview(slug, id, "thumb")
 
 
 @photos_api.get("/<id:id>/preview")
 @photos_api.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def preview(slug: str, id: int) -> Response:
-    """Get a photo as a picture that fills a screen."""
+    """Get a preview of a photo, large enough to fill a screen."""
     return _preview(slug, id, "preview")
 
 
@@ -174,7 +174,7 @@ def _preview(slug: str, id: int, kind: Kind) -> Response:
 
 
 class UploadIn(Schema):
-    """A file that is going to be sent."""
+    """The file to upload."""
 
     name = String(required=True, validate=Length(max=2000))
     size_bytes = Integer(required=True, strict=True, validate=Range(min=0))
@@ -186,7 +186,7 @@ class UploadIn(Schema):
 
 
 class UploadOut(Schema):
-    """How far an upload is."""
+    """State of an upload."""
 
     id = String()
     offset = Integer(metadata={"description": "bytes that have arrived: where to resume"})
@@ -195,7 +195,7 @@ class UploadOut(Schema):
 
 
 class ChunkOut(IntakeOut):
-    """How far an upload is; with the last chunk also the result for the file."""
+    """State of an upload; with the last chunk also the result for the file."""
 
     offset = Integer()
 
@@ -208,7 +208,7 @@ uploads_api.errorhandler(WrongOffset)(chunks.tell_offset)
 @uploads_api.input(UploadIn, arg_name="given")
 @uploads_api.output(UploadOut, status_code=201)
 def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Begin to send a photo, or find how far it has come."""
+    """Begin the upload of a photo, or get the state of an existing one."""
     record, who = open_map(slug, "editor"), account()
     _check_size(given["name"], given["size_bytes"])
     with library().database.write() as session:
@@ -223,7 +223,7 @@ def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @uploads_api.get("/<id>")
 @uploads_api.output(UploadOut)
 def look(slug: str, id: str) -> dict[str, Any]:
-    """Ask how far an upload is."""
+    """Get the state of an upload."""
     return _state(_find_upload(open_map(slug, "editor"), id))
 
 
@@ -256,7 +256,7 @@ def send(slug: str, id: str) -> dict[str, Any]:
 @uploads_api.delete("/<id>")
 @uploads_api.output({}, status_code=204)
 def give_up(slug: str, id: str) -> str:
-    """Cancel an upload: what has arrived is deleted."""
+    """Cancel an upload and delete its received bytes."""
     upload = _find_upload(open_map(slug, "editor"), id)
     with one_at_a_time(_part(upload)):
         _give_up(upload)
@@ -269,7 +269,7 @@ def _find_upload(record: MapRecord, id: str) -> Upload:
 
 
 def _part(upload: Upload) -> Path:
-    """Name the file of what has arrived, by the id that the server chose."""
+    """Return the path of the received bytes, named by the id that the server has chosen."""
     return library().uploads / f"{upload.id}.part"
 
 
@@ -283,7 +283,7 @@ def _state(upload: Upload) -> dict[str, Any]:
 
 
 def _check_size(name: str, size_bytes: int) -> None:
-    """Refuse at once what would be refused at the end."""
+    """Fail early if the complete file would be rejected for its size."""
     where, most = add_photo.tidy_name(name), settings().photo.max_mb
     if size_bytes == 0:
         raise PhotoError("it is empty", where=where, hint="copy it from the camera again")
@@ -297,7 +297,7 @@ def _check_size(name: str, size_bytes: int) -> None:
 
 
 def _give_up(upload: Upload) -> None:
-    """Delete the record, then what is left of the bytes."""
+    """Delete the record, then the remaining bytes."""
     with library().database.write() as session:
         uploads.finish(session, upload.id)
     discard(_part(upload))

@@ -1,4 +1,4 @@
-"""Many photos placed in one edit: by GPS, a list of file names, a GPX track; and further placements."""
+"""API of placing many photos in one edit (by GPS, a list of file names, a GPX track), and of placements."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class NotPlacedOut(Schema):
 
 
 class PlacingOut(Schema):
-    """What was placed, as one step that can be undone."""
+    """Placed photos, as one step that can be undone."""
 
     placed = List(Integer(), metadata={"description": "ids of the photos"})
     outside = List(Nested(NotPlacedOut), metadata={"description": "photos that lie outside the image"})
@@ -49,7 +49,7 @@ class PlacingOut(Schema):
 
 
 class ListedPhotoOut(Schema):
-    """Where a list has a photo."""
+    """Position of a photo by a list."""
 
     id = Integer()
     name = String()
@@ -64,7 +64,7 @@ class ListedPhotoOut(Schema):
 
 
 class ListedOut(PlacingOut):
-    """What a list of positions says and did; `placed` is empty as long as it is a preview."""
+    """Content and result of a list of positions; `placed` is empty for a preview."""
 
     photos = List(Nested(ListedPhotoOut))
 
@@ -99,7 +99,7 @@ class PositionListIn(FileIn):
 
 
 class GpxIn(FileIn):
-    """A GPX file, and how the camera's clock was set."""
+    """A GPX file, and the error of the camera's clock."""
 
     offset_s = Float(load_default=0.0, metadata={"description": "seconds to add to the camera's time"})
     max_gap_s = Float(load_default=60.0, metadata={"description": "largest gap of the track that is bridged"})
@@ -110,13 +110,13 @@ class GpxIn(FileIn):
 
 
 class PreviewQuery(Schema):
-    """Whether to look only."""
+    """Option of a preview, which changes nothing."""
 
     preview = Boolean(load_default=False)
 
 
 class MatchedOut(Schema):
-    """Where a photo comes by the track."""
+    """Position of a photo by the track."""
 
     id = Integer()
     name = String()
@@ -129,14 +129,14 @@ class MatchedOut(Schema):
 
 
 class SuggestedOut(Schema):
-    """How the camera's clock was probably set."""
+    """Estimated offset of the camera's clock."""
 
     offset_s = Float()
     median_m = Float(metadata={"description": "distance of the photos' own positions from the track then"})
 
 
 class GpxOut(PlacingOut):
-    """What a track says about the photos in the tray; `placed` is empty as long as it is a preview."""
+    """Result of matching the photos in the tray to a track; `placed` is empty for a preview."""
 
     photos = List(Nested(MatchedOut))
     unmatched = List(Nested(NotPlacedOut))
@@ -148,14 +148,14 @@ class GpxOut(PlacingOut):
 
 @placing_api.before_request
 def limit_bytes() -> None:
-    """Refuse files that are too large while they are read."""
+    """Limit the size of files, which is enforced while they are read."""
     request.max_content_length = MAX_BYTES + 100_000
 
 
 @placing_api.post("/photos/place-by-gps")
 @placing_api.output(PlacingOut)
 def by_gps(slug: str) -> dict[str, Any]:
-    """Place the photos in the tray that know where they were taken."""
+    """Place the photos in the tray that have a GPS position."""
     record = open_map(slug, "editor")
     placing = place_by_gps(library(), record.id, account_id=account().id)
     return placing_json(placing)
@@ -170,7 +170,7 @@ def by_gps(slug: str) -> dict[str, Any]:
     "`lon` or `x` and `y` in pixels of the image; GeoJSON, KML or GPX with points that are named like photos."
 )
 def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
-    """Place photos by a list of file names, or look where they would come."""
+    """Place photos by a list of file names, or preview their positions."""
     record, file = open_map(slug, "editor"), given["file"]
     name = tidy_name(file.filename or "")
     ending = "cfg" if name.lower().endswith(".cfg") else "list"
@@ -195,7 +195,7 @@ def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[st
 @placing_api.input(GpxIn, location="form_and_files", arg_name="given")
 @placing_api.output(GpxOut)
 def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str, Any]:
-    """Place photos in the tray by a GPX track and their times, or look where they would come."""
+    """Place photos in the tray by a GPX track and their times, or preview their positions."""
     record, name = open_map(slug, "editor"), tidy_name(given["file"].filename or "")
     clock = Clock(given["offset_s"], parse_zone(given["time_zone"]), given["max_gap_s"])
     with show_file_as(name):
@@ -212,7 +212,7 @@ def by_gpx(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[str
 
 
 def placing_json(placing: PlacingResult) -> dict[str, Any]:
-    """Turn the result of placing photos into what `PlacingOut` takes."""
+    """Convert the result of placing photos to the form of `PlacingOut`."""
     outside = [{"id": o.id, "name": o.name, "reason": o.reason} for o in placing.outside]
     return {"placed": list(placing.placed), "outside": outside, "job": placing.job}
 
@@ -263,7 +263,7 @@ def _preview_json(seen: Preview) -> dict[str, Any]:
 
 
 class PlacementIn(Schema):
-    """Where the photos are in the placement; without anything, where they are on the map."""
+    """Positions of the photos in the placement; by default those on the map."""
 
     positions = Dict(
         keys=Integer(),
@@ -281,7 +281,7 @@ class PlacementIn(Schema):
 @placements_api.input(PlacementIn, arg_name="data")
 @placements_api.output(EditAnswer)
 def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
-    """Make a placement, or replace it."""
+    """Create or replace a placement."""
     record, who = open_map(slug, "editor"), account()
     if data["positions"] is not None and data["clusters_px"] is not None:
         raise UsageError("positions and clusters_px exclude each other", where="clusters_px")
@@ -302,6 +302,6 @@ def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:
 @placements_api.delete("/<string(maxlength=60):name>")
 @placements_api.output(EditAnswer)
 def delete(slug: str, name: str) -> dict[str, Any]:
-    """Delete a placement; the photos and their places on the map stay."""
+    """Delete a placement; the photos and their positions on the map are kept."""
     record, who = open_map(slug, "editor"), account()
     return state.edited(record, placements.delete(library(), record.id, name=name, account_id=who.id))

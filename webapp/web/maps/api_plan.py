@@ -1,4 +1,4 @@
-"""Where the next photos of a map are to be taken, by the API: the plan, its walk, and photos of its spots."""
+"""API of the plan of the next photos of a map: the plan, its walk, and adding photos taken at its spots."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _FAR_PX = 1e6
 
 
 class PlanIn(Schema):
-    """What is wanted."""
+    """Request of a plan."""
 
     spots = Integer(load_default=12, validate=Range(1, MOST_SPOTS))
     area = List(
@@ -54,7 +54,7 @@ class PlanIn(Schema):
 
 
 class CellsOut(Schema):
-    """Square cells of the map, one value for each."""
+    """Square cells of the map, with one value per cell."""
 
     x_px = List(Float(), metadata={"description": "Of the middles."})
     y_px = List(Float())
@@ -63,7 +63,7 @@ class CellsOut(Schema):
 
 
 class SpotOut(Schema):
-    """Where photos are to be taken."""
+    """A spot at which to take photos."""
 
     number = Integer(metadata={"description": "In the order of the walk."})
     x_px = Float()
@@ -95,7 +95,7 @@ class PhotoPlanOut(Schema):
 
 
 class PlanOut(Schema):
-    """The plan that was made last."""
+    """The latest plan."""
 
     plan = Nested(PhotoPlanOut, allow_none=True, metadata={"description": "Null: none was made yet."})
     current = Boolean(metadata={"description": "Whether nothing was changed since."})
@@ -103,7 +103,7 @@ class PlanOut(Schema):
 
 
 class SpotPhotoIn(Schema):
-    """A photo that was taken at a spot."""
+    """A photo taken at a spot."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     x_px = Float(required=True, validate=Range(-_FAR_PX, _FAR_PX))
@@ -116,7 +116,7 @@ class SpotPhotoIn(Schema):
 
 
 class SpotPhotoOut(IntakeOut):
-    """What was done with it."""
+    """The result for the photo."""
 
     suggested = Boolean(metadata={"description": "It has no GPS, and waits with the spot as a suggestion."})
 
@@ -124,7 +124,7 @@ class SpotPhotoOut(IntakeOut):
 @blueprint.get("")
 @blueprint.output(PlanOut)
 def show(slug: str) -> dict[str, Any]:
-    """Get the plan of the next photos that was made last."""
+    """Get the latest plan of the next photos."""
     return _plan(open_map(slug))
 
 
@@ -132,7 +132,7 @@ def show(slug: str) -> dict[str, Any]:
 @blueprint.input(PlanIn, arg_name="data")
 @blueprint.output(PlanOut)
 def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Plan the next photos, in place of the plan before."""
+    """Plan the next photos, and replace the previous plan."""
     record = open_map(slug, "editor")
     area = None if data["area"] is None else Rectangle(*data["area"])
     with library().database.read() as session:
@@ -150,7 +150,7 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/walk.gpx")
 @blueprint.doc(responses=file_answer("Waypoints and a route, GPX 1.1.", "application/gpx+xml"))
 def walk(slug: str) -> Response:
-    """Download the walk of the plan that was made last."""
+    """Download the walk of the latest plan."""
     record = open_map(slug)
     plan = planning.read(library().cfg(record.slug))
     if plan is None:
@@ -164,7 +164,7 @@ def walk(slug: str) -> Response:
 @blueprint.input(SpotPhotoIn, location="form_and_files", arg_name="given")
 @blueprint.output(SpotPhotoOut)
 def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Add a photo of a spot; one without GPS waits in the tray with the spot as its suggested place."""
+    """Add a photo taken at a spot; without GPS, it goes to the tray with the spot as suggested position."""
     record = open_map(slug, "editor")
     file: FileStorage = given["file"]
     part = library().uploads / f"{secrets.token_hex(16)}.part"

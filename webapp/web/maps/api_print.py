@@ -1,4 +1,4 @@
-"""A map on paper: PDF and PNG through the API."""
+"""API that prints a map as PDF or PNG."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ blueprint.record(_limit.set_up)
 
 
 class PrintIn(Schema):
-    """What is printed, and on which paper."""
+    """Options of the print."""
 
     paper = String(load_default="a4", validate=OneOf(PAPERS))
     orientation = String(
@@ -100,7 +100,7 @@ class PrintIn(Schema):
 @blueprint.input(PrintIn, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("One sheet of paper, or one for each floor.", "*/*"))
 def print_sheet(slug: str, sheet: SheetFormat, *, query: dict[str, Any]) -> Response:
-    """Print a map on one sheet of paper, with legend, scale, north and date; all floors as pages of a PDF."""
+    """Print a map on one sheet, with legend, scale, north and date; or all floors as pages of a PDF."""
     record = open_map(slug)
     answers = _answers(record, query) if query["answers"] else ()
     options = SheetOptions(**{name: query[name] for name in SheetOptions.__slots__})

@@ -1,4 +1,4 @@
-"""Street-level photos from services, by the API: counted first, then added by a job."""
+"""API of street-level photos from services: a preview counts them, a job adds them."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ blueprint.record(_limit.set_up)
 
 _JOB = "street-photos"
 _PATIENCE_S = 5.0
-"""A request waits no longer for a service that is silent, or asks for a pause; a job does."""
+"""Timeout of a service, and longest pause that it may demand, within a request; jobs are more patient."""
 
 _LIMIT_S = 20.0
-"""A request asks a service for so long in all; what it waits for then is at most `_PATIENCE_S` more."""
+"""Total time of querying a service within a request; the last query may take `_PATIENCE_S` more."""
 
 _DIGITS = 2
 
 
 class StreetServiceOut(Schema):
-    """A service that is set up."""
+    """A configured service."""
 
     key = String(metadata={"enum": list(SOURCES)})
     name = String()
 
 
 class StreetServicesOut(Schema):
-    """The services that are set up; none where the settings name none."""
+    """The services that the settings configure, if any."""
 
     services = List(Nested(StreetServiceOut))
 
 
 class StreetIn(Schema):
-    """What is wanted."""
+    """The requested photos."""
 
     source = String(required=True, validate=OneOf(SOURCES))
     area = List(
@@ -71,7 +71,7 @@ class StreetIn(Schema):
 
 
 class StreetSurveyOut(Schema):
-    """What the service has of the area."""
+    """Summary of the service's photos of the area."""
 
     service = String()
     found = Integer()
@@ -90,7 +90,7 @@ class StreetSurveyOut(Schema):
 @blueprint.get("")
 @blueprint.output(StreetServicesOut)
 def list_services(slug: str) -> dict[str, Any]:
-    """List the street-level services that are set up here."""
+    """List the street-level services that this server is configured for."""
     open_map(slug)
     found = services(settings().street)
     return {"services": [{"key": key, "name": service.name} for key, service in found.items()]}
@@ -100,7 +100,7 @@ def list_services(slug: str) -> dict[str, Any]:
 @blueprint.input(StreetIn, arg_name="data")
 @blueprint.output(StreetSurveyOut)
 def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Ask a service what it has of an area; nothing is downloaded."""
+    """Query a service for its photos of an area; nothing is downloaded."""
     record = open_map(slug, "editor")
     target = LibraryTarget(library(), record.id, settings=settings())
     with _limit.slot():
@@ -115,7 +115,7 @@ def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(StreetIn, arg_name="data")
 @blueprint.output(JobSchema, status_code=202)
 def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Queue a job that adds the photos of an area which the map does not have."""
+    """Queue a job that adds the photos of an area that the map does not have yet."""
     record, who = open_map(slug, "editor"), account()
     target = LibraryTarget(library(), record.id, settings=settings())
     check_request(target, _request(data), settings=settings().street)

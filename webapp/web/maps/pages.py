@@ -1,4 +1,4 @@
-"""Pages of maps: the list and the bin; of one map, the editor and the settings."""
+"""Pages of maps: the list, the bin, and the editor and settings of a map."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from webapp.web.satellite.layers import offered_layers
 blueprint = Blueprint("map_pages", __name__)
 
 _PAGE = 48
-"""Maps that are listed at once."""
+"""Maps per page of the list."""
 _MOST_DOTS = 200
-"""In the preview of a map."""
+"""Maximum number of dots in the preview of a map."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapCard:
-    """What the list shows of a map.
+    """An entry of the list of maps.
 
     Attributes
     ----------
     role : str or None
-        Of who looks at it.
+        Role of the caller.
     dots : str
-        Path of an SVG picture: a point for each photo, or for some of many.
+        Data of an SVG path: a dot for each photo, or for some of them if there are many.
     """
 
     map: MapRecord
@@ -53,7 +53,7 @@ class MapCard:
 
 @blueprint.get("/")
 def index() -> str:
-    """List the maps that are shared with the caller, a part of them where they are many."""
+    """List the maps that are shared with the caller, in pages."""
     with library().database.read() as session:
         listed = _listed(session, account(), binned=False)
         binned = maps.count_binned(session, account())
@@ -62,20 +62,20 @@ def index() -> str:
 
 @blueprint.get("/new")
 def new() -> str:
-    """Show the form of a new map, which begins with its photos."""
+    """Show the form for a new map, which begins with photos."""
     return render_template("maps/new.html")
 
 
 @blueprint.get("/bin")
 def trash() -> str:
-    """List the maps in the bin, a part of them where they are many."""
+    """List the maps in the bin, in pages."""
     with library().database.read() as session:
         listed = _listed(session, account(), binned=True)
     return render_template("maps/bin.html", **listed)
 
 
 def _listed(session: Session, who: Account, *, binned: bool) -> dict[str, Any]:
-    """Read the part of the list that the address names; where it continues, too."""
+    """Read the page of the list that the query string selects, and where the next one begins."""
     search, after = request.args.get("search", ""), request.args.get("after")
     if len(search) > MOST_SEARCHED or (after is not None and not is_cursor(after)):
         raise UsageError("this part of the list does not exist", hint="open the list again")
@@ -102,13 +102,13 @@ def _cards(session: Session, records: list[MapRecord], *, who: Account) -> list[
 
 @blueprint.get("/maps/<slug>")
 def show(slug: str) -> Response:
-    """Lead from the address of a map to its editor."""
+    """Redirect from the URL of a map to its editor."""
     return redirect(url_for("map_pages.editor", slug=open_map(slug).slug))
 
 
 @blueprint.get("/maps/<slug>/edit")
 def editor(slug: str) -> str:
-    """Show the editor, with the state of the map in the page; who may only look finds nothing to change."""
+    """Show the editor, with the map's state embedded in the page; it is read-only for viewers."""
     with reading_map(slug) as (session, record):
         state = map_state.of_page(session, record, account=account())
     return render_template("maps/editor.html", map=record, tab="edit", state=state, services=offered_layers())
@@ -122,7 +122,7 @@ def settings(slug: str) -> str:
 
 @blueprint.post("/maps/<slug>/settings/name")
 def rename(slug: str) -> Response | tuple[str, int]:
-    """Rename the map; its address stays."""
+    """Rename the map; its URL stays the same."""
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:
@@ -135,7 +135,7 @@ def rename(slug: str) -> Response | tuple[str, int]:
 
 @blueprint.post("/maps/<slug>/settings/members")
 def set_role(slug: str) -> Response | tuple[str, int]:
-    """Share the map with somebody, or change what somebody may do."""
+    """Share the map with a person, or change a person's role."""
     record = open_map(slug, "owner")
     try:
         with library().database.write() as db:
@@ -149,7 +149,7 @@ def set_role(slug: str) -> Response | tuple[str, int]:
 
 @blueprint.post("/maps/<slug>/settings/members/<id:account_id>/remove")
 def remove_member(slug: str, account_id: int) -> Response | tuple[str, int]:
-    """Share the map with somebody no longer; everybody may leave by themselves."""
+    """Stop sharing the map with a person; members may also remove themselves."""
     leaving = account_id == account().id
     record = open_map(slug, "viewer" if leaving else "owner")
     try:

@@ -1,4 +1,4 @@
-"""The schemas of maps, for the API's document and its answers."""
+"""The schemas of maps, for the OpenAPI document and the API's responses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ROLES = ("owner", "editor", "viewer")
 
 
 class GpsOut(Schema):
-    """Where a photo says that it was taken."""
+    """GPS position of a photo."""
 
     lat = Float()
     lon = Float()
@@ -24,7 +24,7 @@ class GpsOut(Schema):
 
 
 class BoxOut(Schema):
-    """A part of a photo, in shares of its width and height from its top-left corner."""
+    """A part of a photo, in fractions of its width and height, from its top-left corner."""
 
     x = Float(required=True)
     y = Float(required=True)
@@ -33,7 +33,7 @@ class BoxOut(Schema):
 
 
 class SourceOut(Schema):
-    """Where a photo comes from that somebody else has taken, and on what terms."""
+    """Origin and licence of a photo from a street-level service."""
 
     service = String()
     id = String(metadata={"description": "Of the photo in the service."})
@@ -44,7 +44,7 @@ class SourceOut(Schema):
 
 
 class PanoramaOut(Schema):
-    """What is said of a photo that shows the whole sphere, equirectangular."""
+    """Properties of an equirectangular panorama of the whole sphere."""
 
     masked = List(
         Nested(BoxOut),
@@ -55,7 +55,7 @@ class PanoramaOut(Schema):
 
 
 class PhotoOut(Schema):
-    """A photo of a map; one that was taken out has `id`, `removed` and `revision` alone."""
+    """A photo of a map; a removed one has only `id`, `removed` and `revision`."""
 
     id = Integer()
     name = String(metadata={"description": "Name of the original file."})
@@ -101,7 +101,7 @@ class PhotoOut(Schema):
 
 
 class PageQuery(Schema):
-    """Which photos are listed."""
+    """The requested page of photos."""
 
     after = RecordNumber(least=-1, load_default=-1, metadata={"description": "An id."})
     limit = Integer(load_default=1000, validate=Range(1, 5000))
@@ -134,7 +134,7 @@ class SatelliteOut(Schema):
 
 
 class PlacementOut(Schema):
-    """A further set of places for the photos of a map."""
+    """Another set of positions for the photos of a map."""
 
     name = String()
     positions = Dict(
@@ -184,7 +184,7 @@ class JobErrorOut(Schema):
 
 
 class JobSchema(Schema):
-    """A job: long work outside a request."""
+    """A background job."""
 
     id = Integer()
     kind = String()
@@ -222,7 +222,7 @@ class _Changed(Schema):
 
 
 class MapState(_Changed):
-    """All of a map."""
+    """The whole state of a map."""
 
     slug = String()
     name = String()
@@ -233,14 +233,14 @@ class MapState(_Changed):
 
 
 class MapChanges(_Changed):
-    """What changed since a revision; `satellite`, `georeference` and `placements` only where they did."""
+    """Changes since a revision; `satellite`, `georeference` and `placements` only if they changed."""
 
     revision = Integer()
     jobs = List(Nested(JobSchema), metadata={"description": "Waiting, at work, or just ended."})
 
 
 class EditAnswer(_Changed):
-    """What an edit changed; `satellite` and `georeference` only where it was about the image."""
+    """Changes made by an edit; `satellite` and `georeference` only if it changed the image."""
 
     revision = Integer(
         allow_none=True, metadata={"description": "Of this edit; null when everything was so already."}

@@ -1,4 +1,4 @@
-"""Maps as JSON, for pages and programs: the state, and what changed since a revision."""
+"""Maps as JSON, for pages and programs: the state, and the changes since a revision."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ from webapp.web.language import translate_job
 from webapp.web.state import library
 
 FIRST_PHOTOS = 500
-"""That come with a page; the details of all others follow."""
+"""Number of photos embedded in a page with all details; the details of the others are fetched later."""
 _DOT_DIGITS = 2
-"""Of pixels and degrees that are only drawn."""
+"""Decimal digits of pixels and degrees that are only drawn."""
 
 
 def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Return all of a map.
+    """Return the whole state of a map.
 
     Returns
     -------
     dict
-        `slug, name, role, can_edit, binned, revision, satellite, georeference, photos, placements, undo,
-        redo`.
+        `slug, name, role, can_edit, binned, revision, satellite, georeference, photos, placements, notes,
+        floors, undo, redo`.
     """
     present = [p for p in maps.photos(session, record) if not p.removed]
     return {**_about(session, record, account=account), "photos": _photos(record, present)}
 
 
 def of_page(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Return what a page of a map begins with; it asks for the other photos by and by.
+    """Return the initial state for a page of a map, which fetches the other photos later.
 
     Returns
     -------
     dict
-        As `whole`, with those `photos` that are shown first, and `dots` of all others.
+        As `whole`, but with only the first `photos`, and `dots` for all others.
     """
     first = maps.first_photos(session, record, most=FIRST_PHOTOS)
     shown = {photo.id for photo in first}
@@ -70,7 +70,7 @@ def photos_after(session: Session, record: MapRecord, id: int, *, most: int) -> 
 
 
 def columns(dots: Iterable[Dot]) -> dict[str, list[float | None]]:
-    """Return what is drawn of photos as one list for each field, which takes a tenth of the space."""
+    """Return the drawn properties of photos as one list per field, which takes a tenth of the space."""
     found: dict[str, list[float | None]] = {name: [] for name in Dot._fields}
     for dot in dots:
         for values, value in zip(found.values(), dot, strict=True):
@@ -79,7 +79,7 @@ def columns(dots: Iterable[Dot]) -> dict[str, list[float | None]]:
 
 
 def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
-    """Return everything about a map but its photos."""
+    """Return the state of a map without its photos."""
     role = maps.role_of(session, record, account=account)
     return {
         "slug": record.slug,
@@ -97,13 +97,13 @@ def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str
 
 
 def changes(session: Session, record: MapRecord, *, account: Account, since: int) -> dict[str, Any]:
-    """Return what changed after a revision.
+    """Return the changes since a revision.
 
     Returns
     -------
     dict
-        `revision`, `photos` (the changed ones, those that were taken out as `{id, removed}`), `placements`,
-        `undo`, `redo`, `jobs`; `satellite` and `georeference` only where they changed.
+        `revision`, `photos` (the changed ones, removed ones as `{id, removed, revision}`), `undo`, `redo`,
+        `jobs`; `satellite`, `georeference`, `placements`, `notes` and `floors` only if they may have changed.
     """
     changed = maps.photos(session, record, since=since)
     return {
@@ -121,19 +121,20 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
 
 
 def edited(record: MapRecord, revision: int | None) -> dict[str, Any]:
-    """Return what one edit changed, and nothing of what others did at the same time: `changes` has that.
+    """Return the changes made by one edit, without concurrent edits, which `changes` returns.
 
     Parameters
     ----------
     record : MapRecord
-        As it was before or after.
+        The map, before or after the edit.
     revision : int or None
-        Of the edit; None for one that changed nothing.
+        Revision of the edit; None if it changed nothing.
 
     Returns
     -------
     dict
-        `revision`, `photos` (without those that somebody has changed again), `placements`, `undo`, `redo`.
+        `revision`, `photos` (those whose last change is this edit), `placements`, `notes`, `floors`, `undo`,
+        `redo`; `satellite` and `georeference` only if it changed the image.
     """
     who = context.account()
     with library().database.read() as session:
@@ -162,7 +163,7 @@ def summary(session: Session, record: MapRecord, *, account: Account) -> dict[st
 
 
 def summaries(session: Session, records: Sequence[MapRecord], *, account: Account) -> list[dict[str, Any]]:
-    """Return the entries of a list of maps, in as many statements for many as for one."""
+    """Return the entries of a list of maps, with a constant number of SQL statements."""
     roles = maps.roles_of(session, records, account=account)
     counts = maps.counts_of(session, records)
     return [
@@ -186,7 +187,7 @@ def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
     Returns
     -------
     dict
-        `satellite` and `georeference`, each None where there is none.
+        `satellite` and `georeference`, each None if the map has none.
     """
     found = georeference(record)
     size = (record.satellite_width or 0, record.satellite_height or 0)
@@ -197,7 +198,7 @@ def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
 
 
 def _georeference(record: MapRecord, found: Georeference, size: tuple[int, int]) -> dict[str, Any]:
-    """Return the georeference as `map.json` has it, with its scale, and sampled for the page."""
+    """Return the georeference as in `map.json`, with its scale and a sampled grid for pages."""
     grid = latlon_grid(found, size)
     scale = found.metres_per_pixel(MapPixel(size[0] / 2, size[1] / 2))
     return {
@@ -247,18 +248,18 @@ def notes_json(record: MapRecord) -> list[dict[str, Any]]:
 
 
 def floors_json(record: MapRecord, *, base: str | None = None) -> list[dict[str, Any]]:
-    """Return the floors of a map, the lowest first; none where it has its own image alone.
+    """Return the floors of a map, the lowest first; empty if the map has only its own image.
 
     Parameters
     ----------
     base : str, optional
-        Address below which the images are found, instead of the one for people of the map.
+        Base URL of the images; by default that for members of the map.
 
     Returns
     -------
     list of dict
-        `id`, `name`, `level`, `height_m`, `url` of an image that covers the map, which is null where the
-        map's own image shows the floor, and `attribution`.
+        `id`, `name`, `level`, `height_m`, `url` of an image that covers the map (null if the map's own image
+        shows the floor), and `attribution`.
     """
     base = base or f"/api/v1/maps/{record.slug}/floors"
     return [_floor(record, floor, base=base) for floor in sorted(floors(record), key=lambda f: f.level)]
@@ -279,12 +280,12 @@ def _floor(record: MapRecord, floor: Floor, *, base: str) -> dict[str, Any]:
 
 
 def source_of_photo(photo: Photo) -> dict[str, str] | None:
-    """Return where a photo comes from, with the line to show; None where people of the map have added it."""
+    """Return the street-level source of a photo, with its credit line; None for members' own photos."""
     return None if photo.source is None else {**photo.source, "credit": PhotoSource(**photo.source).credit}
 
 
 def _gps_spots(record: MapRecord, photos: list[Photo]) -> dict[int, dict[str, Any]]:
-    """Return the GPS of photos by id, with its place on the image where the map knows."""
+    """Return the GPS positions of photos by id, also in map pixels if the map has a georeference."""
     known = [p for p in photos if p.gps_lat is not None and p.gps_lon is not None]
     found = georeference(record) if known else None
     latlon = np.array([[p.gps_lat, p.gps_lon] for p in known], float).reshape(-1, 2)
@@ -321,19 +322,18 @@ def _history(session: Session, record: MapRecord, *, account: Account) -> dict[s
 
 
 def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
-    """Return address and size of a map's image; None without one.
+    """Return the URL and size of a map's image; None without one.
 
     Parameters
     ----------
     base : str, optional
-        Address below which the image is found, instead of the one for people of the map.
+        Base URL of the image; by default that for members of the map.
 
     Returns
     -------
     dict or None
         `url`, `width`, `height`, `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null, and
-        `attribution`: who is to be named where the image is shown, or null. Another content has another
-        address, so that browsers may keep what they have.
+        `attribution` or null. The URLs change with the content, so that browsers can cache the image.
     """
     key = display.key_of(library(), record)
     width, height = record.satellite_width, record.satellite_height

@@ -1,4 +1,4 @@
-"""Where a map's image is on the Earth, through the API: looked at first, then applied."""
+"""API of the georeference of a map's image: preview, set and remove it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MOST_POINTS = 500
 
 
 class PointIn(Schema):
-    """A point that is known on the image and on the Earth."""
+    """A control point: a spot in the image with known latitude and longitude."""
 
     x = Float(required=True, metadata={"description": "Pixels from the outer left edge."})
     y = Float(required=True, metadata={"description": "Pixels from the outer top edge."})
@@ -83,7 +83,7 @@ class ImageAnswer(EditAnswer):
 @blueprint.input(GeoreferenceIn, arg_name="given")
 @blueprint.output(PreviewOut)
 def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Compute a georeference and how well it fits; nothing is changed."""
+    """Compute a georeference and its residuals; nothing is changed."""
     image, data, found = _fitted(open_map(slug, "editor"), given)
     return satellite_georeference.preview(found, data, width=image.width, height=image.height)
 
@@ -103,7 +103,7 @@ def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.delete("")
 @blueprint.output(ImageAnswer)
 def delete(slug: str) -> dict[str, Any]:
-    """Take the georeference away; photos stay where they are on the image."""
+    """Remove the georeference; photos keep their positions on the image."""
     record = open_map(slug, "editor")
     applied = set_georeference(
         library().changing, record.id, georeference=None, choice=ImageChoice(account().id)
@@ -129,12 +129,12 @@ def _fitted(
 
 
 def answer(record: MapRecord, applied: ImageEditResult, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what is new.
+    """Return the changes made by an edit of the image or its georeference.
 
     Parameters
     ----------
     record : MapRecord
-        As it was before.
+        Its state before the edit.
     """
     who = account()
     with library().database.read() as session:

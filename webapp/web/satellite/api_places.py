@@ -1,4 +1,4 @@
-"""Places by their names through the API, for the map on which the area of an image is chosen."""
+"""API that searches places by name, for choosing the area of an image."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PlaceOut(Schema):
 
 
 class PlacesOut(Schema):
-    """Places, the likeliest first."""
+    """Places, the best match first."""
 
     places = List(Nested(PlaceOut))
     attribution = String(metadata={"description": "to be shown with them"})
@@ -44,7 +44,7 @@ class PlacesOut(Schema):
 @blueprint.input(PlaceQuery, location="query", arg_name="query")
 @blueprint.output(PlacesOut)
 def search(query: dict[str, str]) -> dict[str, Any]:
-    """Search places by name; 404 where the setting `geocoder.address` is not given."""
+    """Search places by name; 404 if the setting `geocoder.address` is not given."""
     account()
     chosen = settings().geocoder
     found = find_place(

@@ -1,4 +1,4 @@
-"""The satellite image of a map through the API: set in one of three ways, and given to browsers."""
+"""API of the satellite image of a map: set it from an upload, as a blank plan or from tiles, and get it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="S
 blueprint.before_request(limit_image)
 
 _limit = ConcurrencyLimit("satellite images", share=0.125)
-"""An image of the largest size keeps a core busy for some ten seconds."""
+"""An image of the maximum size occupies a core for about ten seconds."""
 
 blueprint.record(_limit.set_up)
 
@@ -47,7 +47,7 @@ _WORLDFILE_BYTES = 10_000
 
 
 class OutsideIn(Schema):
-    """The treatment of photos that would not lie on the new image."""
+    """Handling of the photos' positions, in particular of those outside the new image."""
 
     scale = Boolean(
         load_default=False,
@@ -60,7 +60,7 @@ class OutsideIn(Schema):
 
 
 class ImageIn(OutsideIn):
-    """An image, and perhaps where it is."""
+    """An image, optionally with its georeference."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
     corners = String(metadata={"description": "JSON: `top_left` and `bottom_right`, or all four."})
@@ -71,7 +71,7 @@ class ImageIn(OutsideIn):
 
 
 class BlankIn(OutsideIn):
-    """Size of a plan; without one, it is laid around the GPS positions of the photos."""
+    """Size of a plan; by default it covers the GPS positions of the photos."""
 
     width = Integer(load_default=None)
     height = Integer(load_default=None)
@@ -89,7 +89,7 @@ class TilesIn(OutsideIn):
 
 
 class TilesOut(Schema):
-    """What will be fetched, and the job that does it."""
+    """The tiles to fetch, and the job that does it."""
 
     job = Integer()
     width = Integer()
@@ -110,7 +110,7 @@ class ServiceOut(Schema):
 
 
 class ServicesOut(Schema):
-    """The tile services that can be used here."""
+    """The available tile services."""
 
     services = List(Nested(ServiceOut))
 
@@ -118,13 +118,13 @@ class ServicesOut(Schema):
 @blueprint.get("/tile-services")
 @blueprint.output(ServicesOut)
 def services() -> dict[str, Any]:
-    """List the tile services that can be used here, each with who is to be named for it."""
+    """List the available tile services, with their attributions."""
     account()
     return {"services": [*map(service_json, tile_services(settings().tile_services))]}
 
 
 def service_json(service: Any) -> dict[str, Any]:
-    """Get what a page needs to know of a tile service."""
+    """Return a tile service as JSON for pages."""
     most = settings().tiles.max_tiles
     return {
         "name": service.name,
@@ -160,7 +160,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(BlankIn, arg_name="given")
 @blueprint.output(ImageAnswer)
 def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Set a blank plan as the image of a map: of a size in pixels, or around its photos' GPS positions."""
+    """Set a blank plan as the image of a map: of a given size, or around its photos' GPS positions."""
     record = open_map(slug, "editor")
     width, height = given["width"], given["height"]
     if (width is None) != (height is None):
@@ -174,7 +174,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.input(TilesIn, arg_name="given")
 @blueprint.output(TilesOut, status_code=202)
 def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
-    """Queue the download of an area from a tile service, which becomes the image of the map."""
+    """Queue a job that downloads an area from a tile service and sets it as the image of the map."""
     record, who = open_map(slug, "editor"), account()
     box = GeoBox(given["north"], given["south"], given["west"], given["east"])
     data = TileRequest(given["service"], box, given["zoom"])
@@ -187,7 +187,7 @@ def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
         "tray": given["tray"],
     }
     with library().database.write() as session:
-        # the newest request is the one that counts: others that wait are forgotten
+        # the newest request replaces a waiting one
         job = jobs.enqueue(session, TILES_JOB, map_id=record.id, account_id=who.id, arguments=arguments)
         job.arguments = arguments
         session.flush()
@@ -205,21 +205,21 @@ def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 @blueprint.get("/maps/<slug>/satellite")
 @blueprint.doc(responses=file_answer("The image, or a smaller copy of a large one.", "image/*"))
 def get_image(slug: str) -> Response:
-    """Return the image for display."""
+    """Get the image for display."""
     return _sent(display.whole(library(), open_map(slug), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/thumbnail")
 @blueprint.doc(responses=file_answer("A picture of at most 480 pixels a side.", "image/*"))
 def get_thumbnail(slug: str) -> Response:
-    """Return a small copy of the image, for lists."""
+    """Get a small copy of the image, for lists."""
     return _sent(display.thumbnail(library(), open_map(slug, binned=True), settings=settings()))
 
 
 @blueprint.get("/maps/<slug>/satellite/tiles/<int:z>/<int:x>/<int:y>")
 @blueprint.doc(responses=file_answer("A tile of 256 x 256 pixels.", "image/*"))
 def get_tile(slug: str, *, z: int, x: int, y: int) -> Response:
-    """Return a tile of a large image; at the largest zoom its pixels are the image's."""
+    """Get a tile of a large image; the largest zoom has its full resolution."""
     return _sent(display.tile(library(), open_map(slug), z=z, x=x, y=y))
 
 
@@ -242,7 +242,7 @@ def _choice(given: dict[str, Any]) -> ImageChoice:
 
 
 def _sent(shown: DisplayFile) -> Response:
-    """Send a file; a request with its key may be cached for good."""
+    """Send a file; if the request has its key, the response may be cached permanently."""
     if request.if_none_match.contains_weak(shown.key):
         response = Response(status=304)
         response.set_etag(shown.key)

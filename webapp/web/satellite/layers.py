@@ -1,4 +1,4 @@
-"""What a page may show below an image: tiles of the services that the server offers."""
+"""Background layers of pages: tiles of the services that the server offers."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _log = logging.getLogger(__name__)
 
 
 def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
-    """Get the services for the page of this request, which may show their tiles from now on.
+    """Return the services for the page of this request, and allow it to load their tiles.
 
-    None where their file cannot be used, which the log then says: pages do without them.
+    Empty, with a warning in the log, if the file of services cannot be used: pages work without them.
 
     Parameters
     ----------
     to_visitors : bool
-        Only those whose addresses everybody may see.
+        Whether to return only services whose URLs are public.
     """
     try:
         found = tile_services(settings().tile_services)
@@ -33,5 +33,5 @@ def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
 
 
 def configured_layers() -> tuple[TileService, ...]:
-    """Get those that the server's own file names: other hosts are asked at once for what these show."""
+    """Return the services of the server's own file, if any; pages that use these contact them at once."""
     return () if settings().tile_services is None else offered_layers()

@@ -1,4 +1,4 @@
-"""The page on which a map gets its satellite image, and where that is on the Earth."""
+"""The page on which the satellite image of a map and its georeference are set."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ blueprint = Blueprint("satellite_pages", __name__)
 T = TypeVar("T")
 
 _MOST_DRAWN = 1000
-"""Positions of photos that a page gets; of more, some are left out evenly."""
+"""Maximum number of photo positions that a page gets; larger numbers are thinned evenly."""
 
 
 @blueprint.get("/maps/<slug>/image")
 def show(slug: str) -> str:
-    """Show the image, the three ways to another one, and the three ways to a georeference."""
+    """Show the image, with the three ways of setting an image, and the three of setting a georeference."""
     geocoder = settings().geocoder
     with reading_map(slug) as (session, record):
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
@@ -60,7 +60,7 @@ def show(slug: str) -> str:
 
 
 def _earth(record: MapRecord) -> dict[str, Any] | None:
-    """Return the present georeference, in words of the page."""
+    """Return the current georeference as JSON for the page."""
     found, image = georeference(record), image_of(record)
     if found is None or image is None:
         return None
@@ -78,7 +78,7 @@ def _count_outside(record: MapRecord, photos: list[Photo]) -> int:
 
 
 def _where(photos: list[Photo]) -> dict[str, Any] | None:
-    """Return the surroundings of the photos by their GPS, which are proposed for the image."""
+    """Return the area around the photos' GPS positions, which is proposed for the image."""
     known = [(p.gps_lat, p.gps_lon) for p in photos if p.gps_lat is not None and p.gps_lon is not None]
     if not known:
         return None
@@ -93,5 +93,5 @@ def _where(photos: list[Photo]) -> dict[str, Any] | None:
 
 
 def _thinned(items: list[T]) -> list[T]:
-    """Leave out some evenly where there are more than are drawn."""
+    """Thin items evenly to at most `_MOST_DRAWN`."""
     return items[:: max(1, -(-len(items) // _MOST_DRAWN))]

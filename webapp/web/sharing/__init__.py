@@ -1,1 +1,1 @@
-"""Pages and API of what is shared."""
+"""Pages and API of shared maps and answers."""

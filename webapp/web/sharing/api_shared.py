@@ -1,4 +1,4 @@
-"""Shared maps and answers for visitors: whoever has the end of the address, without a sign-in."""
+"""API of shared maps and answers, for visitors who have the token and need no sign-in."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ blueprint.before_request(limit_photo)
 _LIMITER = "expmap-visits"
 _MINUTE_S = 60
 visitors_limit = ConcurrencyLimit("visitors", share=0.25)
-"""Visitors may not keep the threads from those who work here."""
+"""Leaves threads for users who are signed in."""
 
 blueprint.record(visitors_limit.set_up)
 _ID = "<id:id>"
 
 
 class AllowsOut(Schema):
-    """What the share gives besides the image, the dots, and its answer."""
+    """Contents of the share in addition to the image, the positions of photos, and its answer."""
 
     photos = Boolean()
     localize = Boolean()
@@ -95,7 +95,7 @@ def _make_limiter(state: BlueprintSetupState) -> None:
 @public
 @blueprint.output(SharedOut)
 def show(token: str) -> dict[str, Any]:
-    """Get everything about a shared map or answer."""
+    """Get the whole state of a shared map or answer."""
     with library().database.read() as session:
         return shared_state.whole(session, sharing.open_share(session, token), token=token)
 
@@ -105,7 +105,7 @@ def show(token: str) -> dict[str, Any]:
 @blueprint.input(PageQuery, location="query", arg_name="query")
 @blueprint.output(SharedPhotoPage)
 def list_photos(token: str, query: dict[str, int]) -> dict[str, Any]:
-    """List the photos that have a place, some at a time."""
+    """List the placed photos, in pages."""
     with library().database.read() as session:
         opened = sharing.open_share(session, token)
         return shared_state.photos_after(
@@ -146,7 +146,7 @@ def tile(token: str, *, z: int, x: int, y: int) -> Response:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def photo_thumb(token: str, id: int) -> Response:
-    """Get a photo of the map as a small picture."""
+    """Get a thumbnail of a photo of the map."""
     return _photo_preview(token, id, "thumb")
 
 
@@ -154,7 +154,7 @@ def photo_thumb(token: str, id: int) -> Response:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def photo_preview(token: str, id: int) -> Response:
-    """Get a photo of the map as a picture that fills a screen."""
+    """Get a preview of a photo of the map, large enough to fill a screen."""
     return _photo_preview(token, id, "preview")
 
 
@@ -162,7 +162,7 @@ def photo_preview(token: str, id: int) -> Response:
 @public
 @blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def photo_original(token: str, id: int) -> Response:
-    """Get the file of a photo of the map, where the owner gives files out."""
+    """Get the original file of a photo of the map, if the share includes original files."""
     opened = _opened(token, originals=True)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
@@ -175,7 +175,7 @@ def photo_original(token: str, id: int) -> Response:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def query_thumb(token: str) -> Response:
-    """Get the photo of the shared answer as a small picture."""
+    """Get a thumbnail of the photo of the shared answer."""
     return _query_preview(token, "thumb")
 
 
@@ -183,7 +183,7 @@ def query_thumb(token: str) -> Response:
 @public
 @blueprint.doc(responses=file_answer("A picture of at most 1600 x 1600 pixels.", "image/jpeg"))
 def query_preview(token: str) -> Response:
-    """Get the photo of the shared answer as a picture that fills a screen."""
+    """Get a preview of the photo of the shared answer, large enough to fill a screen."""
     return _query_preview(token, "preview")
 
 
@@ -191,7 +191,7 @@ def query_preview(token: str) -> Response:
 @public
 @blueprint.doc(responses=file_answer("The original file.", "image/*"))
 def query_original(token: str) -> Response:
-    """Get the file of the photo of the shared answer, where the owner gives files out."""
+    """Get the original file of the photo of the shared answer, if the share includes original files."""
     query = shared_state.query(_opened(token, originals=True))
     return _file(show_query.original(library(), query), query.name)
 
@@ -201,7 +201,7 @@ def query_original(token: str) -> Response:
 @blueprint.input(VisitIn, location="files", arg_name="given")
 @blueprint.output(Located)
 def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
-    """Localize a visitor's photo where the owner allows it; neither photo nor answer is kept."""
+    """Localize a visitor's photo, if the share allows it; neither photo nor answer is stored."""
     opened = _opened(token)
     if not opened.share.localize:
         raise NotFound("photos cannot be localized here")
@@ -220,7 +220,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
 
 
 def _count_visit(opened: OpenedShare) -> None:
-    """Refuse too many questions of one visitor, and of all of them together."""
+    """Enforce the rate limits of queries, per visitor and of all visitors of the share."""
     limiter = cast(FixedWindowRateLimiter, current_app.extensions[_LIMITER])
     share, limits = str(opened.share.id), settings().web
     for most, who in (

@@ -1,4 +1,4 @@
-"""The landmarks of a shared map for visitors: placed photos are its cameras, the others are not spoken of."""
+"""API of the landmarks of a shared map, for visitors; only placed photos are shown as cameras."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ blueprint = APIBlueprint(
 @public
 @blueprint.output(SharedCloudOut)
 def show(token: str) -> dict[str, Any]:
-    """Get the landmarks of a shared map, and the cameras that see them, where the owner shows them.
+    """Get the landmarks of a shared map, and the cameras that see them, if the share includes them.
 
-    Where photos were placed or moved since they were laid on the map, a job lays them anew; where one was
-    blurred or put into the tray there are none until then.
+    If photos were placed or moved since the landmarks were aligned with the map, a job aligns them again; if
+    one was blurred, removed or moved to the tray, there are no landmarks until then.
     """
     with library().database.read() as session:
         opened = shared_state.open_landmarks(session, token)
@@ -39,7 +39,7 @@ def show(token: str) -> dict[str, Any]:
     with visitors_limit.slot():
         shown = shown_cloud(library(), opened.map)
         if not shown.is_current:
-            with suppress(StorageError):  # a full disk: what is there is shown all the same
+            with suppress(StorageError):  # disk full: still show the existing landmarks
                 queue_for_visitors(opened.map)
         visible = replace(shown, points=points_for_visitors(library(), opened.map))
         return cloud_answers.cloud_json(visible, cameras)
@@ -49,7 +49,7 @@ def show(token: str) -> dict[str, Any]:
 @public
 @blueprint.doc(responses=cloud_answers.POINTS_DOC)
 def points(token: str, key: str, number: int) -> Response:
-    """Get a part of the points; browsers keep it, as another content has another key."""
+    """Get a block of the points; browsers cache it, as the key changes with the content."""
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token).map
     with visitors_limit.slot():
@@ -60,7 +60,7 @@ def points(token: str, key: str, number: int) -> Response:
 @public
 @blueprint.doc(responses=cloud_answers.PLY_DOC)
 def ply(token: str) -> Response:
-    """Download the points, in the frame of the map, where the owner gives files out."""
+    """Download the points, in the frame of the map, if the share includes original files."""
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token, originals=True).map
     with visitors_limit.slot():
@@ -72,7 +72,7 @@ def ply(token: str) -> Response:
 @blueprint.input(ColmapIn, location="query", arg_name="query")
 @blueprint.doc(responses=cloud_answers.COLMAP_DOC)
 def colmap(token: str, query: dict[str, str]) -> Response:
-    """Download the models for COLMAP with the placed photos, where the owner gives files out."""
+    """Download the models of the placed photos in COLMAP's format, if the share includes original files."""
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token, originals=True).map
         placed = [photo for photo in maps.photos(session, record) if photo.is_placed]

@@ -1,4 +1,4 @@
-"""Who may see a map besides its owners: links, of the map or one answer, and members."""
+"""API of sharing a map: links to the map or to one answer, and members."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _FRAME = '<iframe src="{}" title="{}" width="800" height="600" loading="lazy"></
 
 
 class AllowsIn(Schema):
-    """What the share gives besides the image, the dots, and the answer that it is about."""
+    """Contents of the share in addition to the image, the positions of photos, and its answer."""
 
     photos = Boolean(load_default=False, metadata={"description": "Pictures of photos, without EXIF."})
     localize = Boolean(
@@ -49,7 +49,7 @@ class AllowsIn(Schema):
 
 
 class ShareIn(AllowsIn):
-    """What is shared, and with whom."""
+    """A new share: of the map or an answer, public or secret."""
 
     query = RecordNumber(
         load_default=None, metadata={"description": "Id of the only answer to share; null: the map."}
@@ -87,7 +87,7 @@ class ShareList(Schema):
 @shares_api.get("")
 @shares_api.output(ShareList)
 def list_shares(slug: str) -> dict[str, Any]:
-    """List what is shared of a map."""
+    """List the shares of a map."""
     record = open_map(slug, "owner")
     with library().database.read() as session:
         return {
@@ -102,7 +102,7 @@ def list_shares(slug: str) -> dict[str, Any]:
 @shares_api.input(ShareIn, arg_name="data")
 @shares_api.output(ShareOut, status_code=201)
 def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
-    """Share the map or one answer; the address of a secret link is in this answer and nowhere else."""
+    """Share the map or one answer; the URL of a secret link is only in this response."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         share, token = sharing.create(
@@ -120,7 +120,7 @@ def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @shares_api.input(AllowsIn, arg_name="data")
 @shares_api.output(ShareOut)
 def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
-    """Let a share give more, or less; its address stays."""
+    """Change the contents of a share; its URL stays the same."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         share = sharing.find(session, record, id)
@@ -131,7 +131,7 @@ def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
 @shares_api.delete(f"/{_ID}")
 @shares_api.output({}, status_code=204)
 def revoke(slug: str, id: int) -> str:
-    """Take a share back: its address leads to nothing from now on."""
+    """Revoke a share; its URL becomes invalid."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         session.delete(sharing.find(session, record, id))
@@ -169,14 +169,14 @@ def _embed(record: MapRecord, token: str) -> str:
 
 
 class MemberIn(Schema):
-    """Whom the map is shared with."""
+    """A member to add, or a new role of a member."""
 
     name = String(required=True, metadata={"description": "Of an account; capital letters do not matter."})
     role = String(required=True, validate=OneOf(maps.ROLES))
 
 
 class MemberOut(Schema):
-    """An account that may use the map."""
+    """A member of the map."""
 
     account = Integer(metadata={"description": "Id."})
     name = String()
@@ -184,7 +184,7 @@ class MemberOut(Schema):
 
 
 class MemberList(Schema):
-    """Who may use the map, by name; who owns the library may use every map."""
+    """The members of the map, by name; owners of the library have access to every map."""
 
     members = List(Nested(MemberOut))
 
@@ -192,7 +192,7 @@ class MemberList(Schema):
 @members_api.get("")
 @members_api.output(MemberList)
 def list_members(slug: str) -> dict[str, Any]:
-    """List who may use a map."""
+    """List the members of a map."""
     record = open_map(slug)
     with library().database.read() as session:
         return {
@@ -206,7 +206,7 @@ def list_members(slug: str) -> dict[str, Any]:
 @members_api.input(MemberIn, arg_name="data")
 @members_api.output(MemberOut)
 def set_role(slug: str, data: dict[str, str]) -> dict[str, Any]:
-    """Share the map with somebody, or change what somebody may do."""
+    """Share the map with a person, or change a person's role."""
     record = open_map(slug, "owner")
     with library().database.write() as session:
         person = accounts.named(session, data["name"])
@@ -217,7 +217,7 @@ def set_role(slug: str, data: dict[str, str]) -> dict[str, Any]:
 @members_api.delete("/<id:account_id>", endpoint="remove")
 @members_api.output({}, status_code=204)
 def remove_member(slug: str, account_id: int) -> str:
-    """Share the map with somebody no longer; everybody may leave by themselves."""
+    """Stop sharing the map with a person; members may also remove themselves."""
     leaving = account_id == account().id
     record = open_map(slug, "viewer" if leaving else "owner")
     with library().database.write() as session:

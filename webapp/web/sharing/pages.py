@@ -1,4 +1,4 @@
-"""Pages for visitors: a shared map or answer, the same for frames, and the list of public ones."""
+"""Pages for visitors: a shared map or answer, also for embedding, and the list of public maps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 @blueprint.get("/public")
 @public
 def index() -> str:
-    """List what is open to everybody."""
+    """List all public shares."""
     with library().database.read() as session:
         more = {name: read(session) for name, read in parts().public_lists.items()}
         return render_template("sharing/public_maps.html", opened=sharing.public(session), **more)
@@ -42,7 +42,7 @@ def show(token: str) -> _Page:
 @blueprint.get("/embed/<token>")
 @public
 def embed(token: str) -> _Page:
-    """Show it in a frame of another site: no sign-in, no cookie, nothing that could be done for somebody."""
+    """Show a share in a frame of another site, without sign-in, cookies or any action on behalf of a user."""
     allow_framing()
     return _page(token, framed=True)
 
@@ -50,7 +50,7 @@ def embed(token: str) -> _Page:
 @blueprint.get("/s/<token>/landmarks")
 @public
 def show_landmarks(token: str) -> _Page:
-    """Show a shared map in 3D, where its owner has chosen that."""
+    """Show the landmarks of a shared map, if the share includes them."""
     try:
         with library().database.read() as session:
             opened = shared_state.open_landmarks(session, token)

@@ -1,4 +1,4 @@
-"""What a visitor gets of a shared map or answer: state and files, nothing that the share does not give."""
+"""State and files of a shared map or answer, restricted to the contents of the share."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from webapp.web.maps import state
 from webapp.web.sending import send_revalidated
 
 _OF_EXIF = ("fov_deg", "fov_source")
-"""Of an answer."""
+"""Fields of an answer that come from EXIF."""
 
 _OF_CAMERAS = ("name", "width", "height", "source", "preview")
-"""Of a photo, where the map is shown in 3D."""
+"""Fields of a photo on the page with landmarks."""
 
 _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
-"""Of a georeference: how it was found is left out."""
+"""Fields of a georeference that visitors get; its source is left out."""
 
 
 def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
-    """Return all of a share.
+    """Return the whole state of a share.
 
     Returns
     -------
     dict
-        `name, revision, allows, satellite, georeference, notes, photos, answer`: photos that have a place,
-        and the shared answer, or null.
+        `name, revision, allows, satellite, georeference, notes, floors, photos, answer`: `photos` are the
+        placed ones, `answer` is the shared answer or null.
     """
     present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
     return {**_about(opened, token), "photos": [_photo(opened, photo, token) for photo in present]}
 
 
 def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
-    """Return what the page of a share begins with: see `webapp.web.maps.state.of_page`."""
+    """Return the initial state for the page of a share: see `webapp.web.maps.state.of_page`."""
     first = maps.first_photos(session, opened.map, most=state.FIRST_PHOTOS, placed=True)
     shown = {photo.id for photo in first}
     others = (dot for dot in maps.dots(session, opened.map, placed=True) if dot.id not in shown)
@@ -67,7 +67,7 @@ def photos_after(
 
 
 def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
-    """Return everything about a share but the photos."""
+    """Return the state of a share without its photos."""
     record, share = opened.map, opened.share
     found = state.image(record, base=_image_address(token))
     earth = found["georeference"]
@@ -84,12 +84,12 @@ def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
 
 
 def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord, Photo]:
-    """Find a photo whose pictures a share gives.
+    """Find a photo whose previews the share includes.
 
     Raises
     ------
     NotFound
-        The share gives no pictures of it.
+        The share does not include its previews.
     """
     found = maps.photo(session, opened.map, id)
     if not _is_on(found) or not _shows(opened, id):
@@ -98,7 +98,7 @@ def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord,
 
 
 def query(opened: OpenedShare) -> QueryRecord:
-    """Return the answer whose photo a share gives.
+    """Return the shared answer, if the share includes its photo.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def query(opened: OpenedShare) -> QueryRecord:
 
 
 def open_landmarks(session: Session, token: str, *, originals: bool = False) -> OpenedShare:
-    """Find a share that shows the map in 3D.
+    """Find a share that includes the landmarks.
 
     Parameters
     ----------
     originals : bool
-        Whether it has to give files out, too.
+        Whether it has to include original files, too.
 
     Raises
     ------
@@ -130,12 +130,12 @@ def open_landmarks(session: Session, token: str, *, originals: bool = False) -> 
 
 
 def files_not_shared() -> NotFound:
-    """Make the error of a share that gives no files out."""
+    """Make the error of a share that does not include original files."""
     return NotFound("original files are not shared here")
 
 
 def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
-    """Return what the page with the map in 3D needs besides the landmarks."""
+    """Return the state for the page with landmarks, without these."""
     return {
         "name": opened.map.name,
         "token": token,
@@ -146,13 +146,13 @@ def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
 
 
 def cameras(session: Session, opened: OpenedShare, *, token: str) -> dict[int, dict[str, Any]]:
-    """Return what visitors learn of the photos that are cameras of landmarks, by id."""
+    """Return the visible fields of the photos that can be cameras of landmarks, by id."""
     shown = (_photo(opened, photo, token) for photo in maps.photos(session, opened.map) if _is_on(photo))
     return {photo["id"]: {"placed": True, **{key: photo[key] for key in _OF_CAMERAS}} for photo in shown}
 
 
 def answer_for_visitors(form: dict[str, Any], *, exif: bool) -> dict[str, Any]:
-    """Return an answer as `localize --json`, for visitors: without EXIF and file name."""
+    """Return an answer in the form of `localize --json`; unless `exif`, without EXIF and file name."""
     return form if exif else {**form, "query": "", **dict.fromkeys(_OF_EXIF)}
 
 
@@ -161,7 +161,7 @@ def _is_on(photo: Photo) -> bool:
 
 
 def _shows(opened: OpenedShare, id: int) -> bool:
-    """A shared answer gives pictures of those photos alone that it speaks of."""
+    """Return whether the share includes previews of a photo; for a shared answer, only if it names it."""
     if not opened.share.photos:
         return False
     return opened.query is None or id in _named(opened.query)
@@ -213,5 +213,5 @@ def _image_address(token: str) -> str:
 
 
 def send_display(picture: DisplayFile) -> Response:
-    """Send what is shown of a map's image."""
+    """Send a display file of a map's image."""
     return send_revalidated(picture.path, etag=picture.key, media_type=picture.mime)

@@ -1,11 +1,11 @@
-/** The image of a floor is laid over that of the map by clicks: a spot where it is shown, then where it is to be. */
+/** Aligns the image of a floor with that of the map by pairs of clicks: the present and the wanted position of a point. */
 
 import { h, icon } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
 import { latLngOf } from "../../shared/map/coords.js";
 import { toastError } from "../../shared/toast.js";
 
-/** So many pairs say how the image is moved, turned and scaled; more say it more exactly. */
+/** Minimum number of pairs for translation, rotation and scale; more improve the accuracy. */
 const FEWEST = 2;
 
 /** Takes the clicks on the image while it is active. */

@@ -1,4 +1,4 @@
-/** Photos are put on another floor. */
+/** The dialog to move photos to another floor. */
 
 import { openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";

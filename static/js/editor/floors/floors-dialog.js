@@ -1,4 +1,4 @@
-/** The floors of the map: added, renamed, ordered by their levels, given images, aligned, removed. */
+/** The dialog to add, rename, order, align and remove floors, and set their images. */
 
 import { busy, confirmDialog, errorLine, field, openDialog } from "../../shared/dialogs.js";
 import { byId, h, icon } from "../../shared/dom.js";
@@ -18,7 +18,7 @@ export function connectFloors(page) {
   });
 }
 
-/** The dialog; what is changed in it is saved at once, and each change is a step that can be undone. */
+/** The dialog; each change is saved at once and can be undone by itself. */
 class FloorsDialog {
   constructor({ store, server, align }) {
     this.store = store;
@@ -75,7 +75,7 @@ class FloorsDialog {
     return h("span", {}, input, h("label", { class: "button button--quiet", for: input.id }, icon("image"), words));
   }
 
-  /** A further floor: the next one above. */
+  /** The form to add a floor, by default the next one above. */
   _form() {
     const next = Math.floor(Math.max(0, ...this.store.floors.map(({ level }) => level))) + 1;
     const inputs = this._inputs({ name: next === 1 ? t("1st floor") : t("Floor {n}", { n: levelText(next) }), level: next, height_m: null });

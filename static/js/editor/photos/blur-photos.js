@@ -1,11 +1,11 @@
-/** Blurring photos, and the bar above the tray that leads to those in which there is something to blur. */
+/** Blurring photos, and the bar above the tray that leads to photos with suggestions. */
 
 import { byId, h, icon } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
 import { toast, toastError } from "../../shared/toast.js";
 import { blurDialog } from "../blur-dialog.js";
 
-/** The photos come first. */
+/** Delay of the request, so that photos load first. */
 const AFTER_LOAD_MS = 1500;
 
 /**
@@ -13,11 +13,11 @@ const AFTER_LOAD_MS = 1500;
  * @param {import("../../shared/map/map-store.js").MapStore} store
  * @param {Object} server endpoints
  * @param {number[]} ids
- * @returns {?HTMLDialogElement} null where nothing is known of the photos yet
+ * @returns {?HTMLDialogElement} null if the details of the photos are not loaded yet
  */
 export function blurPhotos(store, server, ids) {
   const photos = ids.map((id) => store.photos.get(id)).filter((photo) => photo?.preview);
-  if (!photos.length) return null; // of a large map, whose details are still on their way
+  if (!photos.length) return null; // a large map whose details are still loading
   return blurDialog(photos, {
     blurredNow: ({ id }) => store.photos.get(id)?.blurred ?? [],
     suggest: ({ id }) => server.suggestBlur(id),
@@ -40,7 +40,7 @@ export function connectBlurBar({ store, server }) {
     bar.hidden = !ids.length;
     text.textContent = tn("{n} photo has something to blur.", "{n} photos have something to blur.", ids.length);
   };
-  /** Nobody asked for it: where it fails, the bar stays as it is, and the next load of the page asks again. */
+  /** A background request: if it fails, the bar stays unchanged until the next one. */
   const askQuietly = () => ask().catch(() => {});
   const open = () => {
     blurPhotos(store, server, ids)?.addEventListener("close", () => ask().catch(toastError));

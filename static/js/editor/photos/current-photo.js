@@ -1,4 +1,4 @@
-/** The current photo: large, with what is known of it and what can be done with it. */
+/** The current photo, large, with its details and actions. */
 
 import { byId, h, icon } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
@@ -30,7 +30,7 @@ export class CurrentPhoto {
     this.around = new PanoramaView(this.image);
     this.note = byId("current-note", HTMLTextAreaElement);
     this.heading = byId("current-heading", HTMLInputElement);
-    /** @type {?number} the photo that these are about */
+    /** @type {?number} id of the photo that the fields show */
     this.shown = null;
     this._listen();
     this.store.on("current", () => {
@@ -61,7 +61,7 @@ export class CurrentPhoto {
     this.heading.addEventListener("change", () => this._heading());
   }
 
-  /** Show on the dot where one looks in the panorama. */
+  /** Show the viewing direction in the panorama on the dot. */
   _look() {
     const { around, store } = this;
     store.setLook(store.current?.panorama ? { id: store.currentId, turn: around.turn, fov: around.fov } : null);
@@ -73,7 +73,7 @@ export class CurrentPhoto {
     if (photo?.id !== this.store.look?.id) this._look();
   }
 
-  /** Keep what is being written: a finger chooses another photo before it takes the focus. */
+  /** Commit the field being edited: a tap selects another photo before the field loses the focus. */
   _leave() {
     [this.note, this.heading].find((field) => field === document.activeElement)?.blur();
   }
@@ -113,7 +113,7 @@ export class CurrentPhoto {
     if (document.activeElement !== this.heading) this.heading.value = this._headingText(photo.id);
   }
 
-  /** Fetch the next photo before it is asked for. */
+  /** Preload the next unplaced photo. */
   _ahead() {
     const waiting = this.store.unplaced();
     const next = waiting[waiting.indexOf(this.store.currentId) + 1];
@@ -139,7 +139,7 @@ export class CurrentPhoto {
   }
 
   _gps({ gps, gps_problem: problem }) {
-    if (!gps) return h("span", { title: problem }, t("none")); // why, is above the tray
+    if (!gps) return h("span", { title: problem }, t("none")); // the reason is shown above the tray
     const accuracy = gps.accuracy_m ? ` ± ${accuracyText(gps.accuracy_m)}` : "";
     const { satellite } = this.store;
     const known = satellite && Number.isFinite(gps.x_px);
@@ -163,7 +163,7 @@ export class CurrentPhoto {
     byId("current-note-part").hidden = !store.canEdit;
   }
 
-  /** One line that says what to do now. */
+  /** A line with the next step. */
   _instruction(photo) {
     const { store } = this;
     const left = store.unplaced().length;

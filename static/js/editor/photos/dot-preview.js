@@ -1,4 +1,4 @@
-/** The picture of a photo beside its dot, while the mouse is on it. */
+/** Thumbnails next to a dot, while the mouse is on it. */
 
 import { h } from "../../shared/dom.js";
 import { tn } from "../../shared/i18n.js";
@@ -8,10 +8,10 @@ const SHOWN = 3;
 const AWAY = 14;
 
 /**
- * Show it.
+ * Connect the preview.
  * @param {import("../../shared/map/map-view.js").MapView} view
  * @param {import("../../shared/map/photo-dots.js").PhotoDots} dots
- * @param {{gesture: ?Object}} gestures nothing is shown while one is made
+ * @param {{gesture: ?Object}} gestures nothing is shown during a gesture
  */
 export function previewDots(view, dots, gestures) {
   const { element, map, store } = view;

@@ -2,7 +2,7 @@
 
 import { isInside } from "../../shared/map/coords.js";
 
-/** What a drag from the grid carries: the ids, as JSON. */
+/** Data type of a drag from the grid: the ids as JSON. */
 export const PHOTOS_TYPE = "application/x-expmap-photos";
 
 /**

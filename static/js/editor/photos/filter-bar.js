@@ -1,15 +1,15 @@
-/** The search, the sorting and the filters above the grid. */
+/** Search, sort order and filters above the grid. */
 
 import { byId, h } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
 import { debounce } from "../../shared/timing.js";
 import { countEach, countTags } from "./tags.js";
 
-/** Photos change in bursts, while they are uploaded or their details load. */
+/** Debounce time: photos change in bursts, while they are uploaded or their details load. */
 const OFFER_MS = 200;
 
 /**
- * Connect them.
+ * Connect the controls.
  * @param {import("./photo-order.js").PhotoOrder} order
  * @param {import("../../shared/map/map-store.js").MapStore} store
  */
@@ -29,7 +29,7 @@ export function connectFilters(order, store) {
   search.addEventListener("input", debounce(() => order.filter({ text: search.value.trim() }), 150));
   for (const [name, field] of Object.entries(fields)) field.addEventListener("change", () => order.filter({ [name]: field.value }));
   const menu = byId("filter-menu", HTMLDetailsElement);
-  let loading = false; // more choices come with the details of photos
+  let loading = false; // options may be missing while details of photos load
   const offer = () => {
     if (!menu.open) return;
     const photos = [...store.photos.values()];
@@ -40,7 +40,7 @@ export function connectFilters(order, store) {
   };
   menu.addEventListener("toggle", offer);
   store.on("photos", debounce(offer, OFFER_MS));
-  /** Values that photos have, after the choices that there always are. */
+  /** Offer the values found in the photos after the fixed options. */
   function offerBesides(name, values) {
     const field = fields[name];
     const always = [...field.options].filter((option) => !option.dataset.found);
@@ -51,7 +51,7 @@ export function connectFilters(order, store) {
     if (missing && loading) offered.push(choice(chosen, chosen));
     if (!same(offered, [...field.options])) field.replaceChildren(...offered);
     field.value = chosen;
-    if (missing && !loading) order.filter({ [name]: "any" }); // no photo has it any more
+    if (missing && !loading) order.filter({ [name]: "any" }); // no photo has this value now
   }
   byId("filter-clear").addEventListener("click", () => order.clear());
   const render = () => {
@@ -67,12 +67,12 @@ export function connectFilters(order, store) {
   render();
 }
 
-/** A choice that photos have. */
+/** An option for a value found in photos. */
 function choice(value, words) {
   return h("option", { value, "data-found": "yes" }, words);
 }
 
-/** Whether two lists of choices say the same: one that somebody looks at is not replaced without need. */
+/** Whether two lists of options have the same texts; an open list is not replaced needlessly. */
 function same(offered, shown) {
   return offered.length === shown.length && offered.every(({ text }, n) => text === shown[n].text);
 }

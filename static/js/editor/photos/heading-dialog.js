@@ -1,4 +1,4 @@
-/** The heading of many photos at once. */
+/** The dialog to set the headings of many photos. */
 
 import { field, openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";
@@ -6,10 +6,10 @@ import { t, tn } from "../../shared/i18n.js";
 import { imageAngle, wholeTurn } from "../../shared/map/coords.js";
 
 /**
- * Headings of photos that were taken while walking: each looks to the next one, the last as the one before it.
+ * Headings of photos taken while walking: each towards the next one, the last like the one before it.
  * @param {number[]} ids by time
  * @param {import("../../shared/map/map-store.js").MapStore} store
- * @returns {Map<number, number>} of those that are placed and not all at one spot
+ * @returns {Map<number, number>} by id; empty if the placed photos are all at one position
  */
 export function headingsAlong(ids, store) {
   const placed = ids.filter((id) => store.isPlaced(id)).map((id) => ({ id, at: store.position(id) }));

@@ -1,4 +1,4 @@
-/** What is masked of a panorama: boxes one by one, and those that cover the black of an image, which are one mask. */
+/** The masked parts of a panorama: single boxes, and boxes made from a mask image, which are shown as one mask. */
 
 import { h, icon } from "../../shared/dom.js";
 import { locale, t, tn } from "../../shared/i18n.js";
@@ -8,7 +8,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const SAME = 1e-4;
 const LEAST_PARTS = 3;
 
-/** Whether two boxes lie edge to edge, as those do that an image is cut into, and none that is drawn by hand. */
+/** Whether two boxes lie edge to edge, like those made from a mask image; ones drawn by hand practically never do. */
 function isEdgeToEdge(one, other) {
   const [across, down] = [overlap(one.x, one.width, other.x, other.width), overlap(one.y, one.height, other.y, other.height)];
   return (Math.abs(across) < SAME && down > SAME) || (Math.abs(down) < SAME && across > SAME);
@@ -19,7 +19,7 @@ function overlap(from, length, otherFrom, otherLength) {
 }
 
 /**
- * Find the boxes that an image was cut into: some that lie edge to edge.
+ * Find the boxes made from a mask image: groups that lie edge to edge.
  * @param {Object[]} boxes
  * @returns {Object[]}
  */
@@ -33,7 +33,7 @@ export function partsOfMask(boxes) {
   return groups.filter(({ length }) => length >= LEAST_PARTS).flat();
 }
 
-/** Boxes as those that are blurred, but a mask is shown and removed as one. */
+/** Boxes like those for blurring, but a mask is shown and removed as a whole. */
 export class MaskBoxes extends Boxes {
   /**
    * @param {*} frame
@@ -41,12 +41,12 @@ export class MaskBoxes extends Boxes {
    */
   constructor(frame, all) {
     super(frame, []);
-    /** Says how large the mask is, and removes it. */
+    /** Shows the size of the mask, with a button to remove it. */
     this.mask = h("span", { class: "row small" });
     this.replace(all);
   }
 
-  /** The boxes that are no part of the mask. */
+  /** The boxes that are not part of the mask. */
   get single() {
     const mask = new Set(partsOfMask(this.all));
     return this.all.filter((box) => !mask.has(box));
@@ -73,7 +73,7 @@ export class MaskBoxes extends Boxes {
   }
 }
 
-/** One shape, without the edges inside it. */
+/** One shape without inner edges. */
 function drawn(parts) {
   const svg = document.createElementNS(SVG, "svg");
   svg.setAttribute("class", "blur-mask");

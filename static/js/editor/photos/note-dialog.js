@@ -1,4 +1,4 @@
-/** The notes and tags of several photos at once. */
+/** The dialog for notes and tags of several photos. */
 
 import { errorLine, field, openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";
@@ -8,7 +8,7 @@ import { countTags, retagged, tagsOf } from "./tags.js";
 const MOST = 4000; // characters of a note
 
 /**
- * Ask what is added to the notes, and which tags all photos get or lose.
+ * Ask for text to add to the notes, and for tags to add or remove.
  * @param {import("../commands.js").Commands} commands
  * @param {number[]} ids
  */
@@ -38,7 +38,7 @@ export function noteDialog(commands, ids) {
       add: [...[...ticks].filter(([, { checked }]) => checked).map(([tag]) => tag), ...tagsOf(asTags(tags.value))],
       remove: [...ticks].filter(([tag, { checked, indeterminate }]) => here.has(tag) && !checked && !indeterminate).map(([tag]) => tag),
     };
-    const now = ids.map((id) => store.photos.get(id)).filter(Boolean); // others may have written on them meanwhile
+    const now = ids.map((id) => store.photos.get(id)).filter(Boolean); // others may have changed the notes meanwhile
     const notes = new Map(now.map(({ id, note }) => [id, retagged(withWords(note, words.value.trim()), changes)]));
     const long = now.find(({ id }) => notes.get(id).length > MOST);
     if (long) {
@@ -50,7 +50,7 @@ export function noteDialog(commands, ids) {
   });
 }
 
-/** Ticked where all photos have the tag, undecided where some have it and they are to stay so. */
+/** A checkbox: checked if all photos have the tag, indeterminate if some have it, which leaves them unchanged. */
 function tick(count, all) {
   const input = h("input", { type: "checkbox" });
   input.checked = count === all;
@@ -58,12 +58,12 @@ function tick(count, all) {
   return input;
 }
 
-/** What is typed as new tags: words, with or without #, with spaces or commas between them. @param {string} text */
+/** Parse new tags: words with or without #, separated by spaces or commas. @param {string} text */
 function asTags(text) {
   return text.split(/[\s,;]+/).filter(Boolean).map((word) => `#${word.replace(/^#+/, "")}`).join(" ");
 }
 
-/** A note with a line more. @param {?string} note @param {string} words */
+/** A note with a line appended. @param {?string} note @param {string} words */
 function withWords(note, words) {
   return [note, words].filter(Boolean).join("\n");
 }

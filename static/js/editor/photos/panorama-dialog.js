@@ -1,4 +1,4 @@
-/** The dialog about a panorama: whether it is one, and what of it is masked, by angles, boxes or an image. */
+/** The dialog to mark a photo as a panorama and to mask parts of it by angles, boxes or an image. */
 
 import { busy, errorLine, openDialog } from "../../shared/dialogs.js";
 import { h, icon, targetOf } from "../../shared/dom.js";
@@ -9,14 +9,14 @@ const NEW = { x: 0.4, y: 0.6, width: 0.2, height: 0.2 };
 const ASPECT = 2;
 const TOLERANCE = 0.02;
 
-/** Whether a photo has the shape of a panorama of the whole sphere. @param {{width: number, height: number}} photo */
+/** Whether a photo has the aspect ratio of a full-sphere panorama. @param {{width: number, height: number}} photo */
 export const isWholeSphere = ({ width, height }) => Math.abs(width / height - ASPECT) <= TOLERANCE;
 
 /** @param {Object} box */
 const isBand = ({ x, y, width, height }) => x === 0 && width === 1 && (y === 0 || y + height > 1 - 1e-6);
 
 /**
- * Ask about the current photo.
+ * Open the dialog for the current photo.
  * @param {import("../commands.js").Commands} commands
  * @param {Object} server endpoints
  */
@@ -64,7 +64,7 @@ export function panoramaDialog(commands, server) {
   }));
 }
 
-/** Two angles from the horizon, which are boxes from edge to edge. */
+/** Fields for two angles from the horizon, which correspond to full-width boxes. */
 function angles(boxes) {
   const input = (band) => h("input", { class: "input", type: "number", min: "0", max: "90", step: "1", size: "3", value: String(band) });
   const bands = boxes.single.filter(isBand);

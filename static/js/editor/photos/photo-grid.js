@@ -1,4 +1,4 @@
-/** The photos as a grid: one of them is current, some may be selected; they are dragged to the image from here. */
+/** The photos as a grid: one is current, some may be selected, and they can be dragged to the image. */
 
 import { byId, h, icon, queryAll, targetOf } from "../../shared/dom.js";
 import { accuracyText, clockText, offText } from "../../shared/format.js";
@@ -7,12 +7,12 @@ import { rafThrottle } from "../../shared/timing.js";
 import { PHOTOS_TYPE } from "./drop-photos.js";
 import { VirtualGrid } from "./virtual-grid.js";
 
-/** The grid, and the choice of those with or without a place. */
+/** The grid, and the filter for placed or unplaced photos. */
 export class PhotoGrid {
   /**
    * @param {import("../commands.js").Commands} commands
    * @param {import("./photo-order.js").PhotoOrder} order
-   * @param {{open: function(): void, menu: function(number, {x: number, y: number}): void}} on a double click; a right click
+   * @param {{open: function(): void, menu: function(number, {x: number, y: number}): void}} on `open` for a double click, `menu` for a right click
    */
   constructor(commands, order, on) {
     this.commands = commands;
@@ -62,7 +62,7 @@ export class PhotoGrid {
     box.addEventListener("focus", () => this._activate(this._active ?? this.store.currentId ?? this.grid.ids[0]));
   }
 
-  /** Do something with the photo that an event is about. */
+  /** Call a function with the photo under an event. */
   _at(event, run) {
     const tile = targetOf(event).closest("[data-id]");
     if (tile) run(Number(tile.getAttribute("data-id")));
@@ -76,7 +76,7 @@ export class PhotoGrid {
     if (!event.shiftKey) this._anchor = id;
   }
 
-  /** The menu of a photo, by the mouse or, of the active one, by the keyboard. */
+  /** Open the menu of the photo under the mouse or, by the keyboard, of the active one. */
   _menu(event) {
     event.preventDefault();
     const byKey = !targetOf(event).closest("[data-id]");
@@ -87,7 +87,7 @@ export class PhotoGrid {
     }
   }
 
-  /** A selected photo takes all that are selected with it. */
+  /** Dragging a selected photo drags the whole selection. */
   _drag(id, event) {
     const { selection } = this.store;
     event.dataTransfer.setData(PHOTOS_TYPE, JSON.stringify(selection.has(id) ? [...selection] : [id]));
@@ -122,7 +122,7 @@ export class PhotoGrid {
     event.stopPropagation();
   }
 
-  /** The photo that keys act on. */
+  /** Make a photo the one that keys act on. */
   _activate(id) {
     const tile = id === undefined || id === null ? null : this.grid.reveal(id);
     const before = this._active;
@@ -134,7 +134,7 @@ export class PhotoGrid {
     }
   }
 
-  /** The active photo is named only while its tile is an element: it leaves the page when it is scrolled out of sight. */
+  /** Set `aria-activedescendant` only while the active photo has an element: tiles out of view are removed. */
   _nameActive() {
     const tile = this.grid.tiles.get(this._active);
     if (tile) this.box.setAttribute("aria-activedescendant", tile.id);
@@ -187,7 +187,7 @@ export class PhotoGrid {
     if (!empty.hidden) empty.replaceChildren(...this._emptyWords(counts));
   }
 
-  /** Why photos of the tray have no GPS position: each reason once. */
+  /** Show why photos in the tray have no GPS position, grouped by reason. */
   _withoutGps() {
     const { store } = this;
     const reasons = new Map();
@@ -220,7 +220,7 @@ export class PhotoGrid {
 
 /** @typedef {{icon: string, text: string, words: string, turn?: number}} Fact */
 
-/** What is known of a photo, for its badges and in words. @returns {Fact[]} */
+/** Facts about a photo for its badges, with their texts. @returns {Fact[]} */
 function factsOf(store, id) {
   const { gps } = store.photos.get(id);
   const radius = store.radius(id);

@@ -1,4 +1,4 @@
-/** What a right click offers: on a photo of the grid, on a dot, and on the image. */
+/** Context menus of photos in the grid, of dots, and of the image. */
 
 import { copy } from "../../shared/clipboard.js";
 import { openContextMenu } from "../../shared/context-menu.js";
@@ -36,7 +36,7 @@ export class PhotoMenu {
     });
   }
 
-  /** The menu of a photo, or of all that are selected where it is one of them. */
+  /** Open the menu of a photo, or of the selection if the photo is in it. */
   ofPhoto(id, at) {
     const { commands, store } = this;
     const ids = store.selection.has(id) ? store.order.filter((one) => store.selection.has(one)) : [id];
@@ -74,7 +74,7 @@ export class PhotoMenu {
     ]);
   }
 
-  /** What can be done with a place. */
+  /** Menu items for a position. */
   _placeItems(pixel) {
     const latLon = this.store.georeference.latLon(pixel);
     const [lat, lon] = latLon?.map((value) => value.toFixed(7)) ?? [];

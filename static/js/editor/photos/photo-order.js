@@ -1,11 +1,11 @@
-/** Which photos the grid shows, and in which order; the keys that go through the photos follow it. */
+/** Filters and order of the photos in the grid, also used for stepping through them by keys. */
 
 import { tagsOf } from "./tags.js";
 
-/** What no filter leaves out; `note` can be a tag, with its #. */
+/** Filters that pass every photo; `note` can be a tag with its #. */
 const EVERY = { gps: "any", heading: "any", accuracy: "any", camera: "any", note: "any", from: "", to: "", text: "" };
 
-/** The choice of photos whose camera nobody knows. */
+/** Filter value for photos with an unknown camera. */
 const UNKNOWN = "unknown";
 
 /** Sorting and filters; fires `change`. */
@@ -18,7 +18,7 @@ export class PhotoOrder extends EventTarget {
     this.place = store.order.length && !store.unplaced().length ? "all" : "unplaced";
     /** @type {"time"|"name"|"placed"|"distance"} */
     this.sort = "time";
-    /** Distances are from this photo, which stays while others are looked at. */
+    /** Distances are from this photo, also after another becomes the current one. */
     this.reference = null;
     this.filters = { ...EVERY };
   }
@@ -42,18 +42,18 @@ export class PhotoOrder extends EventTarget {
     this._changed();
   }
 
-  /** Show every photo again, but for those that the search leaves out. */
+  /** Clear all filters except the search text. */
   clear() {
     this.filter({ ...EVERY, text: this.filters.text });
   }
 
-  /** How many filters leave out photos, the search apart. */
+  /** Number of active filters without the search. */
   get active() {
     const { from, to, ...others } = this.filters;
     return [from || to, ...Object.entries(others).map(([name, value]) => name !== "text" && value !== "any")].filter(Boolean).length;
   }
 
-  /** Ids of all photos in their order. */
+  /** Ids of all photos in the chosen order. */
   sorted() {
     const { store } = this;
     if (this.sort === "name") return store.byName;
@@ -61,18 +61,18 @@ export class PhotoOrder extends EventTarget {
     return this.sort === "distance" ? this._byDistance() : store.order;
   }
 
-  /** Ids of those that are shown. */
+  /** Ids of the shown photos. */
   shown() {
     const { place, store } = this;
     return this.sorted().filter((id) => (place === "all" || store.isPlaced(id) === (place === "placed")) && this.passes(id));
   }
 
-  /** Whether search and filters keep a photo, placed or not. */
+  /** Whether a photo passes search and filters, placed or not. */
   passes(id) {
     const { gps, heading, accuracy, camera, note, from, to, text } = this.filters;
     const photo = this.store.photos.get(id);
     if (text && !`${photo.name} ${photo.note ?? ""}`.toLowerCase().includes(text.toLowerCase())) return false;
-    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // yet
+    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // details not loaded yet
     if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
     if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
     if (accuracy !== "any" && !(this.store.isPlaced(id) && Number.isFinite(photo.radius_px) === (accuracy === "suggested"))) return false;
@@ -83,7 +83,7 @@ export class PhotoOrder extends EventTarget {
     return Boolean(day) && (!from || day >= from) && (!to || day <= to);
   }
 
-  /** Near ones first; those of which nobody knows where they are at the end, by time. */
+  /** By distance from the reference; photos without any position last, by time. */
   _byDistance() {
     const from = this.reference === null ? null : this._spot(this.reference);
     if (!from) return this.store.order;
@@ -94,7 +94,7 @@ export class PhotoOrder extends EventTarget {
     return this.store.order.toSorted((a, b) => (away.get(a) === away.get(b) ? 0 : away.get(a) - away.get(b)));
   }
 
-  /** Where a photo is, else where its GPS says. */
+  /** Position of a photo, else that of its GPS. */
   _spot(id) {
     const gps = this.store.photos.get(id)?.gps;
     return this.store.position(id) ?? (Number.isFinite(gps?.x_px) ? [gps.x_px, gps.y_px] : null);

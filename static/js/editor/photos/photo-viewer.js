@@ -1,4 +1,4 @@
-/** The current photo on the whole screen, with keys. */
+/** The current photo in full screen, with keys. */
 
 import { h, icon } from "../../shared/dom.js";
 import { clockText } from "../../shared/format.js";
@@ -8,14 +8,14 @@ import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
 
-/** What is shown of a panorama from inside: the original, unless something in it is blurred; null for other photos. */
+/** What a panorama view shows: the original, unless parts are blurred; null for other photos. */
 function insideOf(photo, heading) {
   if (!photo.panorama) return null;
   const sharp = photo.blurred.length ? null : photo.preview.replace(/preview[^/]*$/, "original");
   return { name: photo.name, src: photo.preview, sharp, heading };
 }
 
-/** Open it, and go through the photos with it. @param {import("../commands.js").Commands} commands */
+/** Open the viewer. @param {import("../commands.js").Commands} commands */
 export function openViewer(commands) {
   const { store } = commands;
   if (!store.current?.preview || document.querySelector("dialog[open]")) return;

@@ -1,4 +1,4 @@
-/** What can be done with the selected photos; stands in the toolbar, so that it is always in sight. */
+/** Actions on the selected photos, in the toolbar so that they are always visible. */
 
 import { byId } from "../../shared/dom.js";
 import { tn } from "../../shared/i18n.js";

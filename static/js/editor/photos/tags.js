@@ -3,7 +3,7 @@
 const TAG = /(?<![\p{L}\p{N}_#&/])#([\p{L}\p{N}_-]*\p{L}[\p{L}\p{N}_-]*)/gu;
 
 /**
- * The tags of a note, each once, in small letters and without the #; a number such as #2 is none.
+ * The distinct tags of a note, in lower case without the #; a number such as #2 is no tag.
  * @param {?string} note
  * @returns {string[]}
  */
@@ -12,7 +12,7 @@ export function tagsOf(note) {
 }
 
 /**
- * How often each of some texts is there, in alphabetical order.
+ * Count equal texts; in alphabetical order.
  * @param {string[]} texts
  * @returns {Map<string, number>}
  */
@@ -23,13 +23,13 @@ export function countEach(texts) {
 }
 
 /**
- * How many of some photos have each tag.
+ * Number of photos with each tag.
  * @param {Array<{note?: ?string}>} photos
  */
 export const countTags = (photos) => countEach(photos.flatMap(({ note }) => tagsOf(note)));
 
 /**
- * Change the tags of a note, and leave its other words as they are.
+ * Change the tags of a note without changing its other words.
  * @param {?string} note
  * @param {{add?: string[], remove?: string[]}} tags without the #
  * @returns {string}

@@ -1,14 +1,14 @@
-/** The times of photos whose camera had a wrong clock: one is corrected, and the others by as much. */
+/** The dialog to correct times from a wrong camera clock: the first is set, the others shift by the same amount. */
 
 import { field, openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";
 import { t, tn } from "../../shared/i18n.js";
 
 /**
- * Shift local times; a clock that is wrong knows nothing of summer time.
+ * Shift local times, without daylight saving changes: a camera clock has none.
  * @param {Array<{id: number, taken_at: ?string}>} photos
- * @param {string} right time of the first of them, as 2026-05-31T14:05:00
- * @returns {Map<number, string>} of those with a time
+ * @param {string} right time of the first of them, such as 2026-05-31T14:05:00
+ * @returns {Map<number, string>} new times by id, for photos with a time
  */
 export function shiftedTimes(photos, right) {
   const timed = photos.filter(({ taken_at: taken }) => taken);
@@ -48,7 +48,7 @@ export function timeDialog(commands, ids) {
   });
 }
 
-/** Seconds of a local time, as if it were UTC: so no hour is left out or comes twice. */
+/** Seconds of a local time as if it were UTC, so that no hour is skipped or repeated. */
 function seconds(local) {
   return Date.parse(`${local.slice(0, 19)}Z`) / 1000;
 }
@@ -57,12 +57,12 @@ function text(time) {
   return new Date(time * 1000).toISOString().slice(0, 19);
 }
 
-/** The UTC offset that a time ends with, which a wrong clock does not change. */
+/** The UTC offset at the end of a time, which is kept. */
 function offset(time) {
   return /(Z|[+-]\d\d:\d\d)$/.exec(time)?.[0] ?? "";
 }
 
-/** A shift for people, as +1:02:00, with days where there are any. */
+/** A shift as text, such as +01:02:00, with days if any. */
 function signed(shift) {
   const [size, sign] = [Math.abs(shift), shift < 0 ? "−" : "+"];
   const [days, rest] = [Math.floor(size / 86400), size % 86400];

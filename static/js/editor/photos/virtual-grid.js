@@ -1,17 +1,17 @@
-/** A grid of thousands of tiles of one size, of which only those in and near sight are elements. */
+/** A grid of thousands of equal tiles, with elements only for those in or near the view. */
 
 import { h } from "../../shared/dom.js";
 import { rafThrottle } from "../../shared/timing.js";
 
 const EDGE = 8;
 const GAP = 6;
-/** A photo is shown in this shape, above its name. */
+/** Aspect ratio of a photo, above its name. */
 const SHAPE = 4 / 3;
-/** Rows beyond the edges that are there before they are scrolled to. */
+/** Rows rendered beyond the visible ones. */
 const OVERSCAN = 2;
 
 /**
- * Where tiles go: columns of at least some width, or one row that is as high as the box.
+ * Layout of the tiles: columns of a minimum width, or one row as high as the box.
  * @param {{width: number, height: number}} box
  * @param {{count: number, least: number, label: number, strip: boolean}} tiles `least` width; `label`: height of the name
  * @returns {{columns: number, tile: [number, number], step: [number, number], size: [number, number]}} pixels
@@ -31,11 +31,11 @@ export function gridLayout(box, { count, least, label, strip }) {
 }
 
 /**
- * Which tiles are in or near sight.
+ * Range of tiles in or near the view.
  * @param {{columns: number, step: number[]}} layout
  * @param {{left: number, top: number, width: number, height: number}} sight the part of the grid that the box shows
  * @param {{count: number, strip: boolean}} tiles
- * @returns {[number, number]} the first, and the one after the last
+ * @returns {[number, number]} first, and last + 1
  */
 export function inSight({ columns, step }, sight, { count, strip }) {
   const [start, length, size] = strip ? [sight.left, sight.width, step[0]] : [sight.top, sight.height, step[1]];
@@ -47,10 +47,10 @@ export function inSight({ columns, step }, sight, { count, strip }) {
 /** Tiles of a listbox. */
 export class VirtualGrid {
   /**
-   * @param {HTMLElement} box that scrolls; its class `is-strip` makes it one row, its `--tile` is the least width of a tile
+   * @param {HTMLElement} box scrolling element; its class `is-strip` makes one row, its `--tile` is the minimum width of a tile
    * @param {function(number): HTMLElement} make a tile for an id
    * @param {function(HTMLElement, number): void} update
-   * @param {function(): void} rendered called when tiles have come or gone
+   * @param {function(): void} rendered called after each rendering
    */
   constructor(box, make, update, rendered) {
     this.rendered = rendered;
@@ -73,7 +73,7 @@ export class VirtualGrid {
     this._render();
   }
 
-  /** Scroll a tile into sight, and give its element. */
+  /** Scroll a tile into view and return its element. */
   reveal(id) {
     const at = this.ids.indexOf(id);
     if (at < 0) return null;
@@ -88,7 +88,7 @@ export class VirtualGrid {
     return this.box.classList.contains("is-strip");
   }
 
-  /** How far a key of the keyboard goes: `across` by arrows, `page` by the page keys. */
+  /** Tiles that a key moves by: `across` for vertical arrows, `page` for the page keys. */
   get steps() {
     const { columns, step } = this.layout;
     const { clientWidth, clientHeight } = this.box;
@@ -115,7 +115,7 @@ export class VirtualGrid {
     this.space.style.setProperty("--high", `${high}px`);
   }
 
-  /** What was at the top, or at the left, stays there. */
+  /** Keep the first visible tile in view. */
   _resize() {
     if (!this.box.clientWidth) return; // hidden
     const { columns, step } = this.layout;

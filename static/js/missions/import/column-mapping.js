@@ -1,4 +1,4 @@
-/** Which column of a table holds what: as the server has understood it, until somebody says otherwise. */
+/** Mapping of the columns of a table: as detected by the server, and changeable. */
 
 import { h } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
@@ -22,14 +22,14 @@ const FIELDS = [
 ];
 
 /**
- * Write which column holds what, as the server reads it.
- * @param {Array<{name: string, column: string, unit: string}>} rows `column` by its number, as heads may hold any sign; empty: none
+ * Write the mapping in the server's syntax.
+ * @param {Array<{name: string, column: string, unit: string}>} rows `column` by number, as headers may contain any character; empty: none
  */
 export function mappingText(rows) {
   return rows.filter(({ column }) => column).map(({ name, column, unit }) => `${name}=${column}${unit ? `:${unit}` : ""}`).join(", ");
 }
 
-/** The choices of a table: those that are offered, and whatever else the server has found. */
+/** The rows of a mapping: the offered fields, and any others that the server has found. */
 export function rowsOf({ columns, units }) {
   const known = new Map(FIELDS.map((field) => [field.name, field]));
   const names = [...known.keys(), ...Object.keys(columns).filter((name) => !known.has(name))];
@@ -48,7 +48,7 @@ export function rowsOf({ columns, units }) {
 }
 
 /**
- * @param {Object} table as the server gives it
+ * @param {Object} table as returned by the server
  * @param {function(string): void} changed called with the text of the mapping
  * @returns {Array<Node>}
  */
@@ -84,7 +84,7 @@ function unitOf(row, update) {
   return unit;
 }
 
-/** The first rows, so that heads without a meaning get one. */
+/** The first rows, which help to interpret unclear headers. */
 function sample(heads, rows) {
   const line = (cells, tag) => h("tr", {}, ...cells.map((cell) => h(tag, tag === "th" ? { scope: "col" } : {}, cell)));
   return h("div", { class: "im-sample", tabindex: 0, role: "group", "aria-label": t("First rows of the table") },

@@ -1,4 +1,4 @@
-/** What is in a file, and how it is to be read: sources to choose, remarks, columns, axes. */
+/** Contents of a file and how to read it: sources, remarks, columns, axes. */
 
 import { field } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";
@@ -13,7 +13,7 @@ import { keyOf } from "./staged-file.js";
 
 const SOURCES = ["gps", "odometry", "visual", "manual"];
 
-/** A part of the dialog; `element` is kept as long as the file is shown. */
+/** A part of the dialog; `element` stays the same while the file is shown. */
 export class FilePanel {
   /** @param {import("./staged-file.js").StagedFile} file */
   constructor(file) {
@@ -78,7 +78,7 @@ export class FilePanel {
   }
 }
 
-/** What is known of a source, for people. */
+/** Facts about a source as texts. */
 export function factsOf({ poses, first_time_s: first, last_time_s: last, frame, extent, headings }) {
   return [
     tn("{n} pose", "{n} poses", poses),
@@ -90,7 +90,7 @@ export function factsOf({ poses, first_time_s: first, last_time_s: last, frame, 
 
 const sizeText = (a, b) => `${lengthText(a)} × ${lengthText(b)}`;
 
-/** From west to east, and from south to north, in metres. */
+/** Extents from west to east and from south to north, metres. */
 function spanOf({ south, west, north, east }) {
   const middle = (south + north) / 2;
   return [metresBetween([middle, west], [middle, east]), metresBetween([south, west], [north, west])];

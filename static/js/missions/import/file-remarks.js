@@ -1,4 +1,4 @@
-/** What is said of a file: how far it is, what it has brought, what was left out of it and what is odd. */
+/** Messages about a file: progress, result, skipped and doubtful data. */
 
 import { h, icon } from "../../shared/dom.js";
 import { locale, t, tn } from "../../shared/i18n.js";
@@ -9,7 +9,7 @@ const SIGNS = { sending: "upload", reading: "table", ready: "route", refused: "w
 const BUSY = new Set(["sending", "reading", "importing"]);
 
 /**
- * A line about a file: what it is called, and how far it is.
+ * A line with the name and progress of a file.
  * @param {import("./staged-file.js").StagedFile} file
  */
 export function fileLine(file) {
@@ -37,7 +37,7 @@ function lineText({ state, error, contents, result, job }) {
   return [sentence(contents.kind), tn("{n} track", "{n} tracks", contents.sources.length)].join(" · ");
 }
 
-/** What imports have brought. @param {Array<Object>} results of their jobs */
+/** Summary of imported data. @param {Array<Object>} results of their jobs */
 export function resultText(results) {
   if (!results.some((result) => result.new)) return t("Everything in this file was already here.");
   const poses = results.flatMap(({ tracks }) => tracks).reduce((sum, track) => sum + track.poses, 0);
@@ -48,7 +48,7 @@ export function resultText(results) {
 }
 
 /**
- * Lists with a title each.
+ * Titled lists of remarks.
  * @param {{notes?: string[], skipped: Array<Object>, doubts: Array<Object>}} remarks
  */
 export function remarkList({ notes = [], skipped, doubts }) {
@@ -57,7 +57,7 @@ export function remarkList({ notes = [], skipped, doubts }) {
   return lists.filter(([, lines]) => lines.length).map(([title, lines]) => h("div", {}, h("h3", { class: "small" }, title), folded(lines)));
 }
 
-/** Lines, of which the later ones are shown on demand. */
+/** A list whose later lines are folded. */
 function folded(lines) {
   const items = (some) => h("ul", { class: "im-remarks small" }, ...some.map((line) => h("li", {}, sentence(line))));
   if (lines.length <= SHORT) return items(lines);

@@ -1,4 +1,4 @@
-/** Draws tracks on the ground of a preview: each in the colour of its source, with its begin and its end. */
+/** Draws tracks on the ground of a preview, in the colours of their sources, with start and end. */
 
 import { CanvasLayer } from "../../shared/map/canvas-layer.js";
 import { ThemeColours } from "../../shared/theme-colours.js";
@@ -11,7 +11,7 @@ const FAINT = 0.45;
 const END = 5;
 const INKS = ["rim", "grid", "grid-strong", "text", "halo"].map((name) => `--mi-${name}`);
 
-/** A layer of Leaflet. */
+/** A Leaflet layer. */
 export class PreviewLayer extends CanvasLayer {
   /** @param {import("../mission-view.js").MissionView} view */
   constructor(view) {
@@ -23,7 +23,7 @@ export class PreviewLayer extends CanvasLayer {
     view.addEventListener("ground", () => this._inks.forget());
   }
 
-  /** @param {Array<{source: ?string, latlon: Array<[number, number]>}>} lines without a source: those that are there already */
+  /** @param {Array<{source: ?string, latlon: Array<[number, number]>}>} lines without a source: tracks already in the mission */
   setLines(lines) {
     const { ground } = this.view;
     this._lines = lines.map(({ source, latlon }) => ({ source, flat: latlon.map(([lat, lon]) => ground.flat(lat, lon)).filter(Boolean) }));

@@ -1,4 +1,4 @@
-/** The picture of an import: the tracks of a file where they will be, and the start of a robot, set by clicks. */
+/** Preview of an import: the tracks of a file at their positions, and the robot's start, set by clicks. */
 
 import { h, icon } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
@@ -10,16 +10,16 @@ import { headingTo, laid, placeAhead } from "./start-pose.js";
 const ARROW_PX = 56;
 const NEAREST_PX = 10;
 const A_FEW_METRES = 1e-4; // degrees
-/** Where tracks in metres are drawn while nothing says where on the Earth that is. */
+/** Origin for tracks in metres while no position on the Earth is known. */
 const NOWHERE = { lat: 0, lon: 0, heading_deg: 0 };
 
 /**
- * @typedef {Object} Place what is known of where the tracks are
+ * @typedef {Object} Place surroundings of the tracks
  * @property {?Object} satellite image of the map, with its georeference
- * @property {Array<Array<[number, number]>>} lines tracks that are there already: latitudes and longitudes
+ * @property {Array<Array<[number, number]>>} lines tracks already in the mission: latitudes and longitudes
  */
 
-/** The map of the dialog; `element` holds it. */
+/** The map of the dialog, in `element`. */
 export class Preview {
   /** @param {import("./start-pose.js").StartPose} start */
   constructor(start) {
@@ -27,8 +27,8 @@ export class Preview {
     /** @type {Place} */
     this.place = { satellite: null, lines: [] };
     this.sources = [];
-    this._pointed = null; // the heading under the pointer, while a second click is awaited
-    this._made = ""; // what the ground is; only one that is visible has a size
+    this._pointed = null; // heading of the pointer from the start, before the second click
+    this._made = ""; // key of the present ground; empty before the first `show`, as a hidden map has no size
     this._dragged = null;
     this._canvas = h("div", { class: "ed-canvas", "data-testid": "import-picture", role: "group", "aria-label": t("Picture of the tracks") });
     this._hint = h("p", { class: "im-hint small", "aria-live": "polite", "data-testid": "import-hint" });
@@ -54,7 +54,7 @@ export class Preview {
     if (this._made) this.show(this.sources);
   }
 
-  /** Show the tracks of a file. @param {Array<Object>} sources as the server lists them */
+  /** Show the tracks of a file. @param {Array<Object>} sources as returned by the server */
   show(sources) {
     const before = this.sources;
     this.sources = sources;
@@ -63,7 +63,7 @@ export class Preview {
     if (before.length !== sources.length || before.some((one, n) => one !== sources[n])) this._fit();
   }
 
-  /** Whether a start is wanted, and can be clicked. */
+  /** Whether a start is needed and can be set by clicks. */
   get _takesClicks() {
     return this._needsStart && this.view.ground && !this._isNowhere;
   }
@@ -76,7 +76,7 @@ export class Preview {
     return this._made === "nowhere";
   }
 
-  /** Choose what the tracks are drawn on, and keep it as long as it fits. */
+  /** Choose the ground, and keep it as long as it is suitable. */
   _settle() {
     const known = [...this.place.lines, ...this.sources.filter(({ frame }) => frame === "earth").map(({ line }) => line)];
     const first = known.find((line) => line.length)?.[0] ?? this.start.position;
@@ -88,7 +88,7 @@ export class Preview {
     this._fit();
   }
 
-  /** Lines as they will be: `{source, latlon}`. */
+  /** The tracks as they would be imported: `{source, latlon}`. */
   _lines() {
     const start = this._shownStart();
     return this.sources.flatMap(({ source, frame, line }) => {
@@ -97,7 +97,7 @@ export class Preview {
     });
   }
 
-  /** The start that the picture has: the chosen one, or one that is being pointed at. */
+  /** The start to draw: the chosen one, or with the heading of the pointer. */
   _shownStart() {
     const { whole, position } = this.start;
     if (whole) return whole;
@@ -116,7 +116,7 @@ export class Preview {
     this._placeHandles();
   }
 
-  /** The start may have been entered in numbers: it is brought into view. */
+  /** Redraw, and bring the start into view: it may have been entered as numbers. */
   _follow() {
     this._draw();
     const { whole } = this.start;
@@ -174,7 +174,7 @@ export class Preview {
     this._draw();
   }
 
-  /** Whether a place is too near to the start for a direction. */
+  /** Whether a position is too close to the start to define a heading. */
   _isNear(latlng) {
     const { map } = this.view;
     const start = map.latLngToContainerPoint(this._latLngOf(this.start.position));
@@ -186,7 +186,7 @@ export class Preview {
     return ground.latLngOf(ground.flat(lat, lon));
   }
 
-  /** The start and the tip of its arrow, which can be dragged. */
+  /** Draggable handles of the start and the tip of its arrow. */
   _startHandles() {
     const handle = (kind, moved) => {
       const marker = L.marker([0, 0], { draggable: true, keyboard: false, icon: L.divIcon({ className: `im-handle im-handle--${kind}`, iconSize: [28, 28] }) });
@@ -220,7 +220,7 @@ export class Preview {
     this.layer.setArrow(start && [this._latLngOf(position), ahead]);
   }
 
-  /** Show a marker at a place, or nowhere; one that is being dragged stays under the pointer. */
+  /** Show a marker at a position, or hide it; one being dragged is not moved. */
   _toggle(group, marker, latLng) {
     if (!latLng) return group.removeLayer(marker);
     if (marker !== this._dragged) marker.setLatLng(latLng);
@@ -228,7 +228,7 @@ export class Preview {
   }
 }
 
-/** The image of a map, if it knows where it is, and some of the tracks are on it or nothing is known of them. */
+/** The image of a map if it is georeferenced and overlaps some of the tracks, or if there are none. */
 function imageUnder(satellite, lines) {
   const places = satellite?.georeference?.latlon_grid?.latlon.filter(Boolean);
   if (!places?.length) return null;

@@ -1,4 +1,4 @@
-/** A file that was chosen: sent, looked at, read again in another way, imported or dropped. */
+/** A chosen file: uploaded, inspected, reread with other options, imported or dropped. */
 
 import { sendInChunks } from "../../shared/send-chunks.js";
 import { debounce } from "../../shared/timing.js";
@@ -13,7 +13,7 @@ export const keyOf = ({ source, track }) => `${source}\n${track}`;
  * @typedef {"sending"|"reading"|"ready"|"refused"|"importing"|"done"|"failed"} State
  */
 
-/** Fires `change`; its `contents` are what the server found in it. */
+/** Fires `change`; `contents` is what the server found in the file. */
 export class StagedFile extends EventTarget {
   /**
    * @param {File} file
@@ -31,13 +31,13 @@ export class StagedFile extends EventTarget {
     this.error = null;
     this.contents = null;
     this.result = null;
-    /** How it is read. */
+    /** Options of reading. */
     this.reading = { columns: "", axes: "", source: "" };
-    /** Poses that moved less are left out, as the server reads it; empty: as usual. */
+    /** Threshold for skipping poses that moved less, in the server's syntax; empty: the default. */
     this.minMove = "";
     this.unwanted = new Set();
     this._id = null;
-    this._running = null; // id of the job that reads or imports it
+    this._running = null; // id of the job that reads or imports the file
     this._turn = 0;
     this._stop = new AbortController();
     this._readSoon = debounce(() => this._read(), CALM_MS);
@@ -47,7 +47,7 @@ export class StagedFile extends EventTarget {
     return this.file.name;
   }
 
-  /** Whether there is something to choose, or to correct. */
+  /** Whether the file was read, so that there is something to choose or correct. */
   get isUsable() {
     return this.contents !== null;
   }
@@ -57,7 +57,7 @@ export class StagedFile extends EventTarget {
     return this.contents?.sources.filter((one) => !this.unwanted.has(keyOf(one))) ?? [];
   }
 
-  /** Those of them that are in the robot's own frame. */
+  /** Those of them in the robot frame. */
   get inMetres() {
     return this.wanted.filter(({ frame }) => frame === "robot");
   }
@@ -66,7 +66,7 @@ export class StagedFile extends EventTarget {
     return !this.wanted.length && !this.contents?.objects;
   }
 
-  /** Send it, and see what is in it. */
+  /** Upload the file and read its contents. */
   async open() {
     try {
       await this._send();
@@ -77,7 +77,7 @@ export class StagedFile extends EventTarget {
     if (this.state === "refused") this._drop();
   }
 
-  /** Read it in another way. @param {Object} changes of the reading */
+  /** Reread the file with other options. @param {Object} changes of the reading */
   readAs(changes) {
     Object.assign(this.reading, changes);
     this._become("reading");
@@ -92,16 +92,16 @@ export class StagedFile extends EventTarget {
   }
 
   /**
-   * Import it; gives the mission that it went into.
-   * @param {Object} wish where to, and how
-   * @returns {Promise<?number>} null where it failed, for the reason in `error`
+   * Import the file and return the id of its mission.
+   * @param {Object} wish destination and options
+   * @returns {Promise<?number>} null if it failed, with the reason in `error`
    */
   async bringIn(wish) {
     this.error = null;
     this.job = null;
     this._become("importing");
     try {
-      if (this._id === null) await this._send(); // the file of an import that failed is gone
+      if (this._id === null) await this._send(); // after a failed import the server has no file
       const chosen = this.unwanted.size ? this.wanted.map(({ source, track }) => ({ source, track })) : null;
       const { job } = await this.server.importFile(this._id, { name: this.name, ...this.reading, min_move: this.minMove, tracks: chosen, ...wish });
       this._id = null;
@@ -115,22 +115,22 @@ export class StagedFile extends EventTarget {
     }
   }
 
-  /** Nobody wants to know of it any more. */
+  /** Discard the file and stop its requests. */
   close() {
     this._stop.abort();
     this._cancel();
     this._drop();
   }
 
-  /** Nobody waits for its job any more. */
+  /** Cancel its job. */
   async _cancel() {
     const job = this._running;
     this._running = null;
-    if (job !== null) await this.server.cancel(job).catch(() => {}); // it may have ended meanwhile
+    if (job !== null) await this.server.cancel(job).catch(() => {}); // the job may have ended meanwhile
   }
 
   _drop() {
-    if (this._id !== null) this.server.drop(this._id).catch(() => {}); // what stays is swept away by the server
+    if (this._id !== null) this.server.drop(this._id).catch(() => {}); // the server cleans up otherwise
     this._id = null;
   }
 
@@ -150,7 +150,7 @@ export class StagedFile extends EventTarget {
     });
   }
 
-  /** See what is in it; an answer that comes after a later question is of no use, and no job works for it. */
+  /** Read the contents; an outdated response is ignored and its job cancelled. */
   async _read() {
     this._turn += 1;
     const turn = this._turn;
@@ -175,7 +175,7 @@ export class StagedFile extends EventTarget {
     }
   }
 
-  /** Whether this is how it is to be read now: the server gives equal questions one job. */
+  /** Whether these are the present options: equal requests share one job, which must not be cancelled. */
   _isRead(reading) {
     return Object.entries(this.reading).every(([name, value]) => reading[name] === value);
   }
@@ -188,7 +188,7 @@ export class StagedFile extends EventTarget {
       this.job = state;
       this._become(this.state);
     }).catch((error) => {
-      if (error.code === "job") this._running = null; // it has ended
+      if (error.code === "job") this._running = null; // the job has ended
       throw error;
     });
     this._running = null;

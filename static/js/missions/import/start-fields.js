@@ -1,4 +1,4 @@
-/** The start of a robot in numbers: what clicks on the picture set, for those who do not click. */
+/** Number fields for the start of a robot, as an alternative to clicks on the preview. */
 
 import { field } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";

@@ -1,4 +1,4 @@
-/** Where a robot was at first, and which way it looked; and a track in its own frame, laid there. */
+/** Position and heading of a robot at its start, and conversion of tracks from its frame. */
 
 import { t } from "../../shared/i18n.js";
 import { PlainGround } from "../background.js";
@@ -9,7 +9,7 @@ const RADIANS = Math.PI / 180;
  * @typedef {{lat: number, lon: number, heading_deg: number}} Start
  */
 
-/** The start that is being chosen, perhaps half of it; fires `change`. */
+/** The start being chosen, possibly incomplete; fires `change`. */
 export class StartPose extends EventTarget {
   constructor() {
     super();
@@ -17,7 +17,7 @@ export class StartPose extends EventTarget {
     this._values = [null, null, null];
   }
 
-  /** Latitude, longitude, heading; null: not known. */
+  /** Latitude, longitude, heading; null: unknown. */
   get values() {
     return [...this._values];
   }
@@ -32,7 +32,7 @@ export class StartPose extends EventTarget {
     return this._values[2];
   }
 
-  /** @returns {?Start} null as long as a part of it is missing */
+  /** @returns {?Start} null while incomplete or invalid */
   get whole() {
     const [lat, lon, heading] = this._values;
     return this.problem || lat === null ? null : { lat, lon, heading_deg: heading };
@@ -42,7 +42,7 @@ export class StartPose extends EventTarget {
     return this._values.every((value) => value === null);
   }
 
-  /** What is missing or wrong, for people; empty for a whole start, and for none. */
+  /** Message on what is missing or wrong; empty for a complete start, and for none. */
   get problem() {
     const [lat, lon, heading] = this._values;
     if (this.isEmpty) return "";
@@ -52,7 +52,7 @@ export class StartPose extends EventTarget {
     return Math.abs(heading) <= 360 ? "" : t("The heading is between 0 and 360 degrees.");
   }
 
-  /** @param {Array<?number>} values latitude, longitude, heading; null: not known */
+  /** @param {Array<?number>} values latitude, longitude, heading; null: unknown */
   set(values) {
     if (values.every((value, n) => value === this._values[n])) return;
     this._values = [...values];
@@ -72,7 +72,7 @@ export class StartPose extends EventTarget {
 }
 
 /**
- * Lay a track on the Earth: near enough for a picture, as the server does it exactly.
+ * Convert a track to latitude and longitude, approximately, for a preview; the server computes it exactly.
  * @param {Array<[number, number]>} line metres forward and left of the start
  * @param {Start} start
  * @returns {Array<[number, number]>} latitudes and longitudes
@@ -85,7 +85,7 @@ export function laid(line, { lat, lon, heading_deg: heading }) {
 }
 
 /**
- * The direction from one place to another, nearby.
+ * The direction from one position to another nearby.
  * @param {[number, number]} from latitude, longitude
  * @param {[number, number]} to
  * @returns {number} degrees clockwise from north, to a tenth, in [0, 360)
@@ -96,7 +96,7 @@ export function headingTo(from, [lat, lon]) {
   return degrees < 0 ? degrees + 360 : degrees + 0;
 }
 
-/** A place in a direction. @param {Start} start @param {number} metres @returns {[number, number]} */
+/** The position ahead of a start. @param {Start} start @param {number} metres @returns {[number, number]} */
 export function placeAhead(start, metres) {
   return laid([[metres, 0]], start)[0];
 }

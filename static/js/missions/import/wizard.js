@@ -1,8 +1,8 @@
 /**
- * The dialog that imports files with tracks: choose them, see what is in them and where it will be, import.
+ * The dialog that imports files with tracks: choose files, preview their contents and positions, import.
  *
- * A file is sent once, and imported from where the server has put it. What is in it is shown before anything of
- * it is stored.
+ * A file is uploaded once to a temporary place on the server, and imported from there. Its contents are shown before
+ * anything is stored.
  */
 
 import { busy, errorLine, field, openDialog } from "../../shared/dialogs.js";
@@ -17,26 +17,26 @@ import { StagedFile } from "./staged-file.js";
 import { startFields } from "./start-fields.js";
 import { StartPose } from "./start-pose.js";
 
-/** What the file dialog offers. */
+/** File types of the file dialog. */
 export const ACCEPT = ".bag,.mcap,.db3,.gpx,.tcx,.fit,.igc,.geojson,.json,.nmea,.nma,.kml,.kmz,.csv,.txt,.tum,.kitti,.zip,.log";
 const STEPS = ["files", "contents", "result"];
 const OPEN = new Set(["sending", "reading"]);
 
-/** @type {?Wizard} the dialog that files are dropped on */
+/** @type {?Wizard} the open dialog, which takes dropped files */
 let opened = null;
 
 /**
  * @typedef {Object} Destination the mission that files go into
- * @property {Array<Node>} [fields] that choose it
- * @property {function(string): Object} wish what an import says of it; called with the name of the file
- * @property {function(): Promise<{place: import("./preview.js").Place, start: ?Object}>} look what is known of it
- * @property {function(function(): void): void} [onChange] calls when `look` gives another answer
+ * @property {Array<Node>} [fields] fields to choose it
+ * @property {function(string): Object} wish fields of the import request; called with the name of the file
+ * @property {function(): Promise<{place: import("./preview.js").Place, start: ?Object}>} look its surroundings and start
+ * @property {function(function(): void): void} [onChange] registers a function to call when the result of `look` changes
  */
 
 /**
  * Ask for files and import them, one after the other.
  * @param {{files?: Array<File>, into: Destination, done: function(number, Array<Object>): void}} what `done` is called with the
- *   mission and what the jobs did, once the dialog is closed
+ *   mission and the results of the jobs, once the dialog is closed
  */
 export function importDialog({ files = [], into, done }) {
   if (opened?.dialog.open) return opened.exchange(files);
@@ -55,7 +55,7 @@ class Wizard {
     this.start = new StartPose();
     this.start.addEventListener("change", () => this._error.show(null));
     this.preview = new Preview(this.start);
-    this._shown = null; // the file whose contents are shown
+    this._shown = null; // file whose contents are shown
     this._panel = null;
     this._step = "files";
     /** @type {?HTMLButtonElement} */
@@ -118,14 +118,14 @@ class Wizard {
     return this._showContents();
   }
 
-  /** Take other files instead, unless some are on their way into the mission. */
+  /** Replace the files, unless an import is running. */
   exchange(files) {
     if (this._step === "result" || !files.length) return;
     this._forget();
     this._take(files);
   }
 
-  /** Begin again with other files. */
+  /** Start again with other files. */
   _forget() {
     this._drop(this.files);
     this._input.value = "";
@@ -148,7 +148,7 @@ class Wizard {
     this._openAll(this.files).catch(toastError);
   }
 
-  /** Send the files one after the other, and go on when all of them have been looked at. */
+  /** Upload and read the files one after the other, then show their contents. */
   async _openAll(files) {
     for (const file of files) if (this.files.includes(file)) await file.open();
     if (!files.every((file) => this.files.includes(file))) return;
@@ -179,7 +179,7 @@ class Wizard {
     this._showPicture();
   }
 
-  /** Which file is shown, where there are several; those that were refused say why. */
+  /** Show a tab for each of several files; rejected files show the reason. */
   _showTabs() {
     this._tabs.hidden = this.files.length < 2;
     const hasFocus = this._tabs.contains(document.activeElement);
@@ -204,7 +204,7 @@ class Wizard {
     this.preview.setPlace(place);
   }
 
-  /** Why nothing can be imported yet, for people; null where it can. The file that it is about is shown. */
+  /** Message why nothing can be imported yet, or null; shows the file that lacks a start. */
   _objection() {
     const [waiting, broken] = [this._usable.find(({ state }) => OPEN.has(state)), this._usable.find(({ state, error }) => error && state !== "failed")];
     if (waiting) return t("Wait a moment: {file} is being read.", { file: waiting.name });

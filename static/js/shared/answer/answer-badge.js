@@ -1,4 +1,4 @@
-/** An answer in one badge, for lists: its first place in its colour, hollow where that does not lead, or "not here". */
+/** An answer as a badge for lists: the probability of its first place, hollow if that is faint, or "not here". */
 
 import { h } from "../dom.js";
 import { percentText } from "../format.js";
@@ -7,7 +7,7 @@ import { probabilityColours } from "./answer-format.js";
 import { isOffMap } from "./query-session.js";
 import { isFaint, verdictText } from "./verdict.js";
 
-/** @returns {HTMLElement} with the sentence of the answer as its tooltip */
+/** @returns {HTMLElement} with the verdict as its tooltip */
 export function answerBadge(answer) {
   const [first] = answer.hypotheses;
   const elsewhere = isOffMap(answer);

@@ -1,4 +1,4 @@
-/** The floor of the place that is looked at is the one that is shown. */
+/** Shows the floor of the selected hypothesis. */
 
 /**
  * @param {import("./query-session.js").QuerySession} session

@@ -1,4 +1,4 @@
-/** Colours, numbers and angles of the answer, for people. */
+/** Formats colours, numbers and angles of an answer for display. */
 
 import { locale, t } from "../i18n.js";
 
@@ -13,12 +13,12 @@ export function probabilityColours(probability) {
   return { fill: colours.scale[percent], text: colours.text[percent] };
 }
 
-/** A number, not more exact than it means something. */
+/** A number rounded to the given digits. */
 export function numberText(value, digits = 0) {
   return value.toLocaleString(locale, { maximumFractionDigits: digits });
 }
 
-/** A length: metres where the map knows them, else pixels. */
+/** A length: in metres if the map has a scale, else in pixels. */
 export function lengthText(metres, pixels) {
   if (metres === null || metres === undefined) return t("{n} px", { n: numberText(pixels, pixels < 10 ? 1 : 0) });
   return t("{n} m", { n: numberText(metres, metres < 10 ? 1 : 0) });

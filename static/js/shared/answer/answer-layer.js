@@ -1,6 +1,6 @@
 /**
- * What the map shows: all photos as plain dots, the hypotheses as numbered markers that are the brighter the more
- * probable, their radius and heading, the circle of a hint, and a place that was said by hand. One canvas.
+ * Draws on one canvas: all photos as plain dots, the hypotheses as numbered markers coloured by probability, their
+ * radius and heading, the circle of a hint, and a position set by hand.
  */
 
 import { CanvasLayer } from "../map/canvas-layer.js";
@@ -17,7 +17,7 @@ const WEDGE = 42;
 const GUESSED_FOV = 60;
 const NEAR = { mouse: 16, touch: 26 };
 
-/** A layer of Leaflet. */
+/** A Leaflet layer. */
 export class AnswerLayer extends CanvasLayer {
   /**
    * @param {import("../map/map-store.js").MapStore} store
@@ -33,7 +33,7 @@ export class AnswerLayer extends CanvasLayer {
     session.on("answer chosen hint spot", this._draw);
   }
 
-  /** Show a circle that is just being drawn. @param {?Object} hint */
+  /** Show a circle while it is being drawn. @param {?Object} hint */
   setDraft(hint) {
     this.draft = hint;
     this._draw();
@@ -77,14 +77,14 @@ export class AnswerLayer extends CanvasLayer {
     return { x, y };
   }
 
-  /** Plain dots; those that speak for the hypothesis that is looked at are larger. */
+  /** Plain dots; those of photos that support the selected hypothesis are larger. */
   _photos(speaking) {
     const pen = this._pen;
     const dot = this._zoom < SMALL_ZOOM ? DOT - 1 : DOT;
     pen.lineWidth = 1.5;
     pen.fillStyle = "#fff";
     pen.strokeStyle = colours.ink;
-    pen.beginPath(); // one path: twenty thousand of one dot each would take a fifth of a second
+    pen.beginPath(); // one path: 20 000 paths of one dot each would take 0.2 s
     const drawn = new Set();
     const size = this._map.getSize();
     for (const id of this.store.order) {
@@ -103,7 +103,7 @@ export class AnswerLayer extends CanvasLayer {
     pen.stroke();
   }
 
-  /** Where the truth is in 68 of 100 cases, and where the camera looked. */
+  /** The 68 % radius and the heading of the camera. */
   _reach({ x, y, radius, heading, position, probability }, chosen) {
     if (!chosen && isMinor(this.session.answer, probability)) return;
     const pen = this._pen;
@@ -166,7 +166,7 @@ export class AnswerLayer extends CanvasLayer {
     pen.setLineDash([]);
   }
 
-  /** The place that a person says: the one red thing. */
+  /** The position set by hand, the only red mark. */
   _pin({ x, y }) {
     const pen = this._pen;
     pen.beginPath();
@@ -183,7 +183,7 @@ export class AnswerLayer extends CanvasLayer {
     pen.fill();
   }
 
-  /** A line that is seen on any ground. */
+  /** A line with a dark edge, visible on any background. */
   _stroke(colour, width) {
     const pen = this._pen;
     pen.lineWidth = width + 2;

@@ -1,4 +1,4 @@
-/** The answer as a list: each place with its probability, and "not on this map" as an entry of its own. */
+/** The answer as a list: each place with its probability, and "not on this map" as a separate entry. */
 
 import { byId, h, icon, queryAll } from "../dom.js";
 import { percentText } from "../format.js";
@@ -7,7 +7,7 @@ import { headingText, lengthText, probabilityColours } from "./answer-format.js"
 import { isOffMap, ranking } from "./query-session.js";
 import { isFaint, isMinor, verdictText } from "./verdict.js";
 
-/** Photos of other places seldom reach as many. */
+/** Photos of other places seldom reach as many inliers. */
 const STRONG_INLIERS = 30;
 
 /**
@@ -57,7 +57,7 @@ function entries(answer, choose) {
   return items;
 }
 
-/** Several improbable places take one line until somebody wants to see them. */
+/** Fold several improbable places into one line. */
 function fold(minor, items) {
   const text = tn("{n} more, less than 5 %", "{n} more, each less than 5 %", minor.length);
   const button = h("button", { class: "lo-place lo-place--rest small soft", type: "button", onclick: () => {

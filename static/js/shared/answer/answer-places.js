@@ -1,7 +1,7 @@
 /**
- * Where the hypotheses are in a placement. In the exact one, that is where they were computed. In any other, a
- * hypothesis is where that placement has the photo that speaks for it best; those of one spot are one, and their
- * probabilities add up: that is how a map of clusters answers "which part is it?".
+ * Positions of the hypotheses in a placement. In the exact one, they are as computed. In any other, a hypothesis is
+ * at the position of the photo that supports it best; hypotheses at the same position are merged and their
+ * probabilities added up: so a map of clusters answers "which part is it?".
  */
 
 import { BASE_FLOOR } from "../map/map-store.js";
@@ -41,7 +41,7 @@ export function placesOf(answer, store) {
   return [...spots.values()].sort((a, b) => a.probability - b.probability);
 }
 
-/** An area lights up as a whole: it has no radius of its own. */
+/** Radius to draw; an area has none of its own and is drawn with the place radius. */
 function reach({ kind, radius_px }, { place_radius_px }) {
   return kind === "area" ? place_radius_px ?? null : radius_px;
 }

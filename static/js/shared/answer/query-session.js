@@ -1,6 +1,6 @@
 /**
- * What the page knows about the question: the photo, its answer, which hypothesis is looked at, and what a click on
- * the map means. Fires an event named after what changed: `query`, `answer`, `chosen`, `mode`, `hint`, `spot`, `busy`.
+ * State of a query: the photo, its answer, the selected hypothesis, and what a click on the map means. Fires an
+ * event named after what changed: `query`, `answer`, `chosen`, `mode`, `hint`, `spot`, `busy`, `live`.
  */
 
 /** @typedef {{rank: number, kind: "position"|"photo"|"area", x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
@@ -14,8 +14,8 @@ export function isOffMap({ hypotheses: [first], off_map_probability: off }) {
 const WORTH_TELLING = 0.005;
 
 /**
- * The order in which an answer is listed: places by probability, then all others together. "Not on this map" stands
- * before what is less probable, so never above the other places when these are more probable.
+ * The order in which an answer is listed: places by probability, then all other places as one entry. "Not on this
+ * map" comes before the less probable places, but after the other places if these are more probable.
  *
  * @returns {Array<{kind: "place"|"other"|"off", at: number}>} `at` is the index of a place
  */
@@ -30,7 +30,7 @@ export function ranking({ hypotheses, off_map_probability: off, other_probabilit
   return entries;
 }
 
-/** The state of one visit. */
+/** State of one page view. */
 export class QuerySession extends EventTarget {
   constructor() {
     super();
@@ -53,12 +53,12 @@ export class QuerySession extends EventTarget {
     for (const name of names.split(" ")) this.addEventListener(name, run);
   }
 
-  /** Hypothesis that is looked at. @returns {?Hypothesis} */
+  /** The selected hypothesis. @returns {?Hypothesis} */
   get hypothesis() {
     return this.answer?.hypotheses.find(({ rank }) => rank === this.chosen) || null;
   }
 
-  /** Where the photo was taken as far as anybody knows: what was said by hand, else the hypothesis. */
+  /** Where the photo was taken: the position set by hand, else that of the selected hypothesis. */
   get position() {
     if (this.spot) return this.spot;
     const found = this.hypothesis;
@@ -67,7 +67,7 @@ export class QuerySession extends EventTarget {
 
   /**
    * Show a photo.
-   * @param {?Object} query `name`, and `preview` or a local `url`; with an `id` once the server remembers it
+   * @param {?Object} query `name`, and `preview` or a local `url`; with an `id` once the server has stored it
    */
   setQuery(query) {
     if (this.query?.url && this.query.url !== query?.url) URL.revokeObjectURL(this.query.url);
@@ -85,7 +85,7 @@ export class QuerySession extends EventTarget {
     this.emit("chosen");
   }
 
-  /** Look at one hypothesis. @param {?number} rank */
+  /** Select a hypothesis. @param {?number} rank */
   choose(rank) {
     if (this.spot) {
       this.spot = null;
@@ -107,7 +107,7 @@ export class QuerySession extends EventTarget {
     this.emit("hint");
   }
 
-  /** Say by hand where the photo was taken. @param {?[number, number]} spot map pixels */
+  /** Set by hand where the photo was taken. @param {?[number, number]} spot map pixels */
   setSpot(spot) {
     this.spot = spot;
     this.emit("spot");

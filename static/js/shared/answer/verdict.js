@@ -1,4 +1,4 @@
-/** The answer in one sentence, by the rule of the terminal (`webapp/core/hypotheses/verdict.py`), and which places count little. */
+/** The answer in one sentence, by the rule of `webapp/core/hypotheses/verdict.py`, and which places are improbable. */
 
 import { t } from "../i18n.js";
 import { isOffMap } from "./query-session.js";
@@ -10,10 +10,10 @@ const LITTLE = 0.05;
 export function verdictOf(answer) {
   const { hypotheses: [first], off_map_probability: off } = answer;
   if (isOffMap(answer)) return off === null || off >= LIKELY ? "off_map" : "perhaps_off_map";
-  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` has shares, no probabilities
+  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` gives shares of votes, no probabilities
 }
 
-/** The sentence that stands above the list. */
+/** The sentence above the list. */
 export function verdictText(answer) {
   const area = answer.hypotheses[0]?.kind === "area";
   return {
@@ -24,7 +24,7 @@ export function verdictText(answer) {
   }[verdictOf(answer)]();
 }
 
-/** Whether a place is so improbable that the others are shown first. */
+/** Whether a place is so improbable that it is folded and drawn small. */
 export function isMinor({ off_map_probability: off }, probability) {
   return off !== null && probability < LITTLE;
 }

@@ -1,11 +1,11 @@
-/** A canvas over all of a map, redrawn at every move; while a zoom is animated it is scaled with the map. */
+/** A canvas over the whole map, redrawn at every move; during a zoom animation it is scaled with the map. */
 
 import { rafThrottle } from "../timing.js";
 import { turnOf } from "./turned-crs.js";
 
 const EVENTS = "move zoom viewreset resize zoomend moveend";
 
-/** A layer of Leaflet; `this._draw()` asks for a new picture with the next frame, which `paint` draws. */
+/** A Leaflet layer; `this._draw()` schedules a call of `paint` in the next frame. */
 export class CanvasLayer extends L.Layer {
   constructor() {
     super();
@@ -13,21 +13,21 @@ export class CanvasLayer extends L.Layer {
   }
 
   /**
-   * Draw everything; the canvas is empty.
+   * Draw everything on the cleared canvas.
    * @param {CanvasRenderingContext2D} pen in CSS pixels of the container
    * @param {L.Point} size
    */
-  // eslint-disable-next-line no-unused-vars -- the parameters are for those who extend this
+  // eslint-disable-next-line no-unused-vars -- the parameters are for subclasses
   paint(pen, size) {
     throw new Error("a layer paints itself");
   }
 
-  /** How everything on the map is turned. */
+  /** The rotation of the map. */
   get turn() {
     return turnOf(this._map);
   }
 
-  /** Angle on the canvas, radians clockwise from the right, of a direction. @param {number} degrees clockwise from image-up */
+  /** Angle of a direction on the canvas, radians clockwise from the right. @param {number} degrees clockwise from image-up */
   angleOf(degrees) {
     return ((degrees + this.turn.degrees - 90) * Math.PI) / 180;
   }

@@ -1,5 +1,5 @@
 /**
- * Where things are: map pixels, Leaflet's positions, latitude and longitude. The only module that converts.
+ * Conversions between map pixels, Leaflet positions, latitude and longitude; no other module converts them.
  *
  * Map pixels have x to the right and y down; (0, 0) is the outer corner of the top-left pixel. With
  * `L.CRS.Simple` one unit is one map pixel, `lng` is x and `lat` is -y. Angles are degrees clockwise.
@@ -7,17 +7,17 @@
 
 const EARTH_M = 6371008.8; // mean radius
 
-/** Leaflet's position of a map pixel. @param {number[]} pixel x, y */
+/** Leaflet position of a map pixel. @param {number[]} pixel x, y */
 export function latLngOf([x, y]) {
   return L.latLng(-y, x);
 }
 
-/** Map pixel of one of Leaflet's positions. @param {L.LatLng} latLng @returns {[number, number]} */
+/** Map pixel of a Leaflet position. @param {L.LatLng} latLng @returns {[number, number]} */
 export function pixelOf(latLng) {
   return [latLng.lng, -latLng.lat];
 }
 
-/** The whole image as Leaflet's bounds. */
+/** The whole image as Leaflet bounds. */
 export function imageBounds(satellite) {
   return L.latLngBounds(latLngOf([0, satellite.height]), latLngOf([satellite.width, 0]));
 }
@@ -68,7 +68,7 @@ function radians(degrees) {
   return (degrees * Math.PI) / 180;
 }
 
-/** Latitude and longitude on the Earth of a map's pixels, through the grid that the server samples. */
+/** Latitude and longitude of map pixels, interpolated in the grid that the server samples. */
 export class Georeference {
   /**
    * @param {?{metres_per_pixel: number, latlon_grid: {columns: number, rows: number, latlon: Array}}} state
@@ -84,7 +84,7 @@ export class Georeference {
   /**
    * Latitude and longitude of a map pixel on the image.
    * @param {number[]} pixel
-   * @returns {?[number, number]} null where there is none
+   * @returns {?[number, number]} null if unknown
    */
   latLon([x, y]) {
     if (!this.grid) return null;
@@ -106,7 +106,7 @@ export class Georeference {
    * Distance of two map pixels on the ground, by the haversine formula.
    * @param {number[]} from
    * @param {number[]} to
-   * @returns {?number} metres; null where a position is not known
+   * @returns {?number} metres; null if a position is unknown
    */
   metres(from, to) {
     const places = [this.latLon(from), this.latLon(to)];
@@ -126,21 +126,21 @@ export class Georeference {
   }
 }
 
-/** A latitude and longitude for people. @param {number[]} place */
+/** A latitude and longitude as text. @param {number[]} place */
 export function latLonText([lat, lon]) {
   const north = lat >= 0 ? "N" : "S";
   const east = lon >= 0 ? "E" : "W";
   return `${Math.abs(lat).toFixed(6)}° ${north}, ${Math.abs(lon).toFixed(6)}° ${east}`;
 }
 
-/** A latitude and longitude that somebody wrote, as `50.08, 14.42`; null when it is none. @returns {?[number, number]} */
+/** Parse a latitude and longitude such as `50.08, 14.42`; null if it is none. @returns {?[number, number]} */
 export function parseLatLon(text) {
   const numbers = text.match(/-?\d+(?:\.\d+)?/g)?.map(Number) || [];
   const [lat, lon] = numbers;
   return numbers.length === 2 && Math.abs(lat) <= 85 && Math.abs(lon) <= 180 ? [lat, lon] : null;
 }
 
-/** The longest 1, 2 or 5 times a power of ten that is not above. */
+/** The largest 1, 2 or 5 times a power of ten that is not above a length. */
 export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   return [5, 2, 1].find((n) => n * power <= length) * power;

@@ -1,9 +1,9 @@
-/** A cross on the image, for those who place by the keyboard. */
+/** A crosshair on the image, for placing by the keyboard. */
 
 import { h } from "../dom.js";
 import { clamped, latLngOf, pixelOf } from "./coords.js";
 
-/** A cross on the image that arrow keys move. */
+/** A crosshair that arrow keys move. */
 export class Crosshair {
   /**
    * @param {import("./map-view.js").MapView} view
@@ -24,7 +24,7 @@ export class Crosshair {
     return !this.element.hidden;
   }
 
-  /** Show it: where it was, or in the middle of the view. */
+  /** Show it at its last position, or in the middle of the view. */
   start() {
     if (!this.view.store.satellite) return;
     const { map } = this.view;
@@ -52,7 +52,7 @@ export class Crosshair {
     this._timer = setTimeout(() => this.say(this.view.positionText(this.pixel)), 700);
   }
 
-  /** Its place on the screen, in the container of the map. */
+  /** Its position in the container of the map. */
   get point() {
     return this.view.map.latLngToContainerPoint(latLngOf(this.pixel));
   }

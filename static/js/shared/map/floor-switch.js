@@ -1,4 +1,4 @@
-/** The switch of floors on the map: a button for each level, the highest on top; hidden where there is one image alone. */
+/** The switch of floors on the map: a button for each level, the highest on top; hidden if there is only one image. */
 
 import { h } from "../dom.js";
 import { locale, t } from "../i18n.js";
@@ -30,7 +30,7 @@ export class FloorSwitch {
   }
 
   _button({ id, name, level }) {
-    const label = `${levelText(level)}: ${name}`; // begins with what is seen, for those who say it to their device
+    const label = `${levelText(level)}: ${name}`; // begins with the visible text, for voice control
     return h("button", {
       class: "icon-button number", type: "button", title: name, "aria-label": label, "aria-pressed": String(id === this.store.floor),
       "data-floor": id, onclick: () => this.store.showFloor(id),
@@ -38,7 +38,7 @@ export class FloorSwitch {
   }
 }
 
-/** A level as buttons show it. @param {number} level */
+/** A level as shown on buttons. @param {number} level */
 export function levelText(level) {
   return level.toLocaleString(locale, { maximumFractionDigits: 1 });
 }
@@ -47,7 +47,7 @@ export function levelText(level) {
  * A field to choose a floor, the highest on top.
  * @param {import("./map-store.js").Floor[]} floors
  * @param {number} chosen id
- * @param {string[][]} [more] further choices, value and words, below
+ * @param {string[][]} [more] further options (value, label), below
  */
 export function floorSelect(floors, chosen, more = []) {
   const options = [...floors.toReversed().map(({ id, name }) => [String(id), name]), ...more];

@@ -29,7 +29,7 @@ export function imageMap(element, satellite, options = {}) {
   map.fitBounds(bounds);
   map.setMaxBounds(bounds.pad(1));
   satelliteLayer(satellite).addTo(map);
-  if (map.options.dragging) addZoomButtons(map, () => map.fitBounds(bounds)); // else it is a mere picture
+  if (map.options.dragging) addZoomButtons(map, () => map.fitBounds(bounds)); // else it is a static picture
   new ResizeObserver(() => map.invalidateSize({ pan: false })).observe(element);
   return map;
 }

@@ -1,6 +1,6 @@
-/** What somebody chose for a map, kept in this browser. */
+/** A choice for a map, kept in this browser. */
 
-/** Of a shared map nothing is kept: it has no slug, and its address is a secret. */
+/** A stored choice. Nothing is stored for a shared map: it has no slug, and its address is secret. */
 export class KeptChoice {
   /**
    * @param {string} name of what is chosen
@@ -11,7 +11,7 @@ export class KeptChoice {
     this._value = this._key && JSON.parse(localStorage.getItem(this._key) ?? "null");
   }
 
-  /** What was chosen last; null for nothing. */
+  /** The last choice; null if none. */
   get value() {
     return this._value;
   }

@@ -1,11 +1,11 @@
-/** Map pixels of latitudes and longitudes: the inverse of the grid that the server samples. */
+/** Converts latitude and longitude to map pixels: the inverse of the grid that the server samples. */
 
 const STEPS = 8;
 const NEAR_PX = 0.02;
-/** Farther outside than this share of the image, the plane that fits best is used alone. */
+/** Farther outside the image than this fraction of its size, the affine fit is used alone. */
 const OUTSIDE = 1;
 
-/** Finds map pixels: an affine guess, made exact by the grid where there is one. */
+/** Finds map pixels: an affine estimate, refined iteratively with the grid. */
 export class PixelFromLatLon {
   /** @param {import("./coords.js").Georeference} georeference */
   constructor(georeference) {
@@ -43,7 +43,7 @@ export class PixelFromLatLon {
   }
 }
 
-/** The affine function from degrees to pixels that fits the grid best (least squares around the mean). */
+/** Least-squares affine function from degrees to pixels for the grid, around its mean. */
 function fit({ grid, size }) {
   if (!grid) return null;
   const { columns, rows, latlon } = grid;

@@ -1,16 +1,16 @@
-/** The layers of a map: its image, more or less transparent, over the tiles of a service that somebody chooses. */
+/** The layers of a map: its image with adjustable opacity over the tiles of a chosen service. */
 
 import { byId } from "../dom.js";
 import { t } from "../i18n.js";
 import { KeptChoice } from "./kept-choice.js";
 
-/** Of the image in percent, where tiles are to be seen through it. */
+/** Initial opacity of the image over tiles, percent. */
 const OVER_TILES = 60;
 
-/** Who chooses by keys passes others, which are not asked for tiles. */
+/** Delay of a choice by keyboard, so that options passed on the way load no tiles. */
 const KEY_PAUSE_MS = 600;
 
-/** Connects the menu; nothing is fetched from a service before it is chosen. */
+/** Connects the menu; no tiles are fetched before a service is chosen. */
 export class MapLayers {
   /** @param {import("./map-view.js").MapView} view */
   constructor(view) {
@@ -45,7 +45,7 @@ export class MapLayers {
     this._show();
   }
 
-  /** The service below the image. */
+  /** The tile service below the image, or null. */
   get service() {
     const { url, attribution, maxZoom } = this.select.selectedOptions[0].dataset;
     return url ? { name: this.select.value, url, attribution, maxZoom: Number(maxZoom) } : null;
@@ -59,7 +59,7 @@ export class MapLayers {
     this._keep();
   }
 
-  /** Only an image that knows where it is can be laid over others. */
+  /** Show the chosen layers; only a georeferenced image can be laid over tiles. */
   _show() {
     this.menu.hidden = !this.store.georeference.grid || this.select.options.length < 2;
     const service = this.menu.hidden ? null : this.service;
@@ -85,7 +85,7 @@ export class MapLayers {
     this.kept.value = this.service && { name: this.select.value, opacity: this.opacity.valueAsNumber };
   }
 
-  /** Choose what was chosen on this map last; a service that is no longer offered is not. */
+  /** Restore the last choice on this map, unless its service is no longer offered. */
   _remember() {
     const kept = this.kept.value;
     if (!kept) return;

@@ -1,4 +1,4 @@
-/** Other people's changes and the jobs: asked for every second while somebody looks. */
+/** Polls the server for changes of other people and for jobs, every second while the page is visible. */
 
 const VISIBLE_MS = 1000;
 const HIDDEN_MS = 30000;
@@ -29,13 +29,13 @@ export class MapPolling extends EventTarget {
     this._timer = setTimeout(() => this._turn(), VISIBLE_MS);
   }
 
-  /** Ask without waiting for the next turn. */
+  /** Poll now instead of at the next interval. */
   soon() {
     clearTimeout(this._timer);
     this._turn();
   }
 
-  /** Take everything that changed until now; a question on its way may be too old, so it is asked again. */
+  /** Fetch all changes until now; the answer to a pending request may be too old, so another one follows. */
   async refresh() {
     if (this._asking) await this._asking.catch(() => {});
     await this._ask();

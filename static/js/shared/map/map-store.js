@@ -1,8 +1,8 @@
 /**
- * What the page knows: the map as the server last sent it, with edits on their way laid over it.
+ * State of the page: the map as the server last sent it, overlaid with unsaved edits.
  *
- * Three layers give a photo's place: `preview` (what a hand is dragging right now), `pending` (edits that wait
- * for the server), and what the server said. So an answer or somebody else's change never undoes what is shown.
+ * Three layers give a photo's position, in this order: `preview` (being dragged), `pending` (edits that the server
+ * has not confirmed), and the server's state. So no response and no change of others reverts what is shown.
  */
 
 import { Georeference } from "./coords.js";
@@ -11,12 +11,12 @@ import { Georeference } from "./coords.js";
 /** @typedef {{id: number, name: string, level: number, height_m: ?number, url: ?string, attribution: ?string}} Floor */
 
 const NAMES = new Intl.Collator(undefined, { numeric: true });
-/** Of the map's own image. */
+/** Id of the floor of the map's own image. */
 export const BASE_FLOOR = 0;
-/** Of a photo of which nothing is known but its dot. */
+/** Revision of a photo of which only the dot is loaded. */
 const DOT_REVISION = -1;
 
-/** The state of the page; fires an event named after what changed. */
+/** State of the page; fires an event named after what changed. */
 export class MapStore extends EventTarget {
   /** @param {Object} state answer of `GET /api/v1/maps/SLUG`; pages of large maps have `dots` for most of their photos */
   constructor(state) {
@@ -27,16 +27,16 @@ export class MapStore extends EventTarget {
     this.revision = state.revision;
     this.photos = new Map(photosOf(state).map((photo) => [photo.id, photo]));
     this.placements = placementsOf(state.placements);
-    /** @type {import("./note-layer.js").Note[]} on spots of the map */
+    /** @type {import("./note-layer.js").Note[]} notes at positions on the map */
     this.notes = state.notes ?? [];
-    /** @type {Floor[]} the lowest first; none where the map has one image alone */
+    /** @type {Floor[]} the lowest first; empty if the map has only one image */
     this.floors = state.floors ?? [];
     /** Id of the floor that is shown; 0 is that of the map's own image. */
     this.floor = BASE_FLOOR;
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
     this.preview = new Map();
-    /** @type {?{id: number, turn: number, fov: number}} where one looks in a panorama: from its middle, degrees */
+    /** @type {?{id: number, turn: number, fov: number}} viewing direction in a panorama, from its middle, and field of view; degrees */
     this.look = null;
     this.placement = null;
     this.currentId = null;
@@ -72,14 +72,14 @@ export class MapStore extends EventTarget {
     return this._named.filter((id) => this._stays(id));
   }
 
-  /** Whether a photo is not about to be removed. */
+  /** Whether no pending edit removes a photo. */
   _stays(id) {
     return !this.pending.get(pendingKey(null, id))?.removed;
   }
 
-  /** Photos came, went, or have another time or name. */
+  /** Clear the cached orders: photos were added or removed, or their time or name changed. */
   _reorder() {
-    /** Ids by time and by name; `_order` without those that are about to be removed. */
+    /** Ids by time and by name; `_order` without those that a pending edit removes. */
     this._sorted = this._named = this._order = null;
   }
 
@@ -88,8 +88,8 @@ export class MapStore extends EventTarget {
   }
 
   /**
-   * Where the photo is in the placement that is shown.
-   * @returns {?[number, number]} null for one that waits in the tray
+   * Position of a photo in the placement that is shown.
+   * @returns {?[number, number]} null for a photo in the tray
    */
   position(id) {
     const over = this._over(id, "x_px");
@@ -99,7 +99,7 @@ export class MapStore extends EventTarget {
     return !photo || photo.x_px === null ? null : [photo.x_px, photo.y_px];
   }
 
-  /** How far off the position that is shown may be, pixels; null for one that somebody has set, or GPS. */
+  /** Radius of uncertainty of a suggested position, pixels; null for one set by hand or from GPS. */
   radius(id) {
     if (this.placement !== null || this._over(id, "x_px")) return null;
     return this.photos.get(id)?.radius_px ?? null;
@@ -115,12 +115,12 @@ export class MapStore extends EventTarget {
     return !this.floors.length || this.floorOf(id) === this.floor;
   }
 
-  /** The floor with an id; null where the map has none. @returns {?Floor} */
+  /** The floor with an id; null if the map has none. @returns {?Floor} */
   floorNamed(id) {
     return this.floors.find((floor) => floor.id === id) ?? null;
   }
 
-  /** Where the photo looks, degrees clockwise from north; null where nobody knows. */
+  /** Heading of a photo, degrees clockwise from north; null if unknown. */
   heading(id) {
     const over = this._over(id, "heading_deg");
     return over ? over.heading_deg : (this.photos.get(id)?.heading_deg ?? null);
@@ -130,18 +130,18 @@ export class MapStore extends EventTarget {
     return this.position(id) !== null;
   }
 
-  /** Ids that wait in the tray, by time. */
+  /** Ids of the photos in the tray, by time. */
   unplaced() {
     this._unplaced ??= this.order.filter((id) => !this.isPlaced(id));
     return this._unplaced;
   }
 
-  /** Whether more is known of a photo than what is drawn of it. */
+  /** Whether the details of a photo are loaded, not only its dot. */
   isKnown(id) {
     return (this.photos.get(id)?.revision ?? 0) !== DOT_REVISION;
   }
 
-  /** Take what the page began without: details of photos that are still here, but for those that are newer. */
+  /** Add details that were not in the page; photos that were removed or updated meanwhile are skipped. */
   addDetails(photos) {
     for (const photo of photos) if (this.photos.has(photo.id) && !this.isKnown(photo.id)) this.photos.set(photo.id, photo);
     this._reorder();
@@ -156,27 +156,27 @@ export class MapStore extends EventTarget {
     return waiting && field in waiting ? waiting : null;
   }
 
-  /** Lay other edits over what the server said. @param {Map<string, Object>} pending by `pendingKey` */
+  /** Replace the edits that overlay the server's state. @param {Map<string, Object>} pending by `pendingKey` */
   setPending(pending) {
     this.pending = pending;
     this._order = null;
     this._photosChanged();
   }
 
-  /** Show what a hand is doing. @param {Map<number, Object>} preview by id */
+  /** Show changes while dragging. @param {Map<number, Object>} preview by id */
   setPreview(preview) {
     this.preview = preview;
     this._unplaced = null;
     this.emit("preview");
   }
 
-  /** Show where one looks in a panorama. @param {?{id: number, turn: number, fov: number}} look */
+  /** Show the viewing direction in a panorama. @param {?{id: number, turn: number, fov: number}} look */
   setLook(look) {
     this.look = look;
     this.emit("look");
   }
 
-  /** Take the answer to an edit, or other people's changes. */
+  /** Merge the response to an edit, or changes of other people. */
   merge(changes) {
     for (const photo of changes.photos || []) this._mergePhoto(photo);
     this._unplaced = null;
@@ -186,7 +186,7 @@ export class MapStore extends EventTarget {
       this.emit("notes");
     }
     if (changes.floors && JSON.stringify(changes.floors) !== JSON.stringify(this.floors)) this._setFloors(changes.floors);
-    if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it is gone
+    if (this.placement !== null && !this.placements.has(this.placement)) this.showPlacement(null); // it was deleted
     if ("undo" in changes) this.history = { undo: changes.undo, redo: changes.redo };
     if ("satellite" in changes) {
       this._setSatellite(changes.satellite, changes.georeference ?? null);
@@ -227,7 +227,7 @@ export class MapStore extends EventTarget {
     this.georeference = new Georeference(georeference, satellite);
   }
 
-  /** Make a photo the current one; an unplaced one is ready to be placed then. */
+  /** Make a photo the current one; an unplaced one can then be placed by a click. */
   setCurrent(id) {
     this.currentId = id;
     if (id !== null && this.isPlaced(id)) this.showFloor(this.floorOf(id));
@@ -236,7 +236,7 @@ export class MapStore extends EventTarget {
     this.emit("current");
   }
 
-  /** @param {"place"|"select"} tool what a click on the image does */
+  /** @param {"place"|"select"} tool meaning of a click on the image */
   setTool(tool) {
     this.tool = tool;
     this.emit("tool");
@@ -278,7 +278,7 @@ export class MapStore extends EventTarget {
   }
 }
 
-/** The photos that come with a page, then those of which only the dots do. */
+/** The photos with details in the page, then those with only a dot. */
 function photosOf({ photos, dots }) {
   const ids = dots?.id ?? [];
   const drawn = ids.map((id, n) => ({
@@ -295,7 +295,7 @@ function photosOf({ photos, dots }) {
   return [...photos, ...drawn];
 }
 
-/** Ids by time, then by name; mere dots, which have neither, at the end. */
+/** Ids by time, then by name; photos without details, which have neither, at the end. */
 function sorted(photos) {
   const time = (photo) => photo.taken_at || (photo.revision === DOT_REVISION ? "9999z" : "9999");
   return [...photos.values()]

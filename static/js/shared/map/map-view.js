@@ -1,4 +1,4 @@
-/** The satellite image: Leaflet without a geographic projection, image or tiles, perhaps turned, scale bar, cursor position. */
+/** The map image in Leaflet: no geographic projection; image or tiles, optional rotation, scale bar, cursor position. */
 
 import { h, preventTextDrag } from "../dom.js";
 import { locale, t } from "../i18n.js";
@@ -10,11 +10,11 @@ import { turnOf } from "./turned-crs.js";
 import { pictureLayer, satelliteLayer } from "./turned-layers.js";
 import { TurnedMap } from "./turned-map.js";
 
-/** Over the image of the map, under the dots. */
+/** Above the image of the map, below the dots. */
 const FLOOR_Z = 2;
-/** Opacity of the map's image where a floor is laid over it. */
+/** Opacity of the map's image below a floor. */
 const UNDER_FLOOR = 0.35;
-/** Opacity of a floor that is compared with the map. */
+/** Opacity of a floor while it is compared with the map. */
 const BLENDED = 0.55;
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -45,7 +45,7 @@ export class MapView {
     this._addControls();
     this._layer = null;
     this._shown = "";
-    /** @type {?{shown: string, layer: L.ImageOverlay}} the image of the floor, and the two images it is made of */
+    /** @type {?{shown: string, layer: L.ImageOverlay}} layer of the floor's image, and a key of the two images */
     this._floor = null;
     /** @type {?TileBackground} */
     this._background = null;
@@ -62,7 +62,7 @@ export class MapView {
     this._showFloor();
   }
 
-  /** Show the image that the map has now; the view stays when only its georeference changed. */
+  /** Show the map's present image; the view stays if only its georeference changed. */
   showSatellite() {
     const { satellite } = this.store;
     const shown = JSON.stringify(satellite);
@@ -82,7 +82,7 @@ export class MapView {
     this._limitZoom();
   }
 
-  /** Draw everything turned. @param {number} degrees clockwise on the screen */
+  /** Rotate the map. @param {number} degrees clockwise on the screen */
   turnTo(degrees) {
     if (turnOf(this.map).degrees === degrees) return;
     const whole = this._whole;
@@ -92,22 +92,22 @@ export class MapView {
     if (this.store.satellite) this._limitZoom();
   }
 
-  /** Lay the image of the floor over that of the map, which stays to be seen around it. */
+  /** Lay the image of the floor over that of the map, which stays visible around it. */
   _showFloor() {
     const { satellite, floor } = this.store;
     const url = (satellite && this.store.floorNamed(floor)?.url) || null;
-    const shown = url ? `${url} ${this._shown}` : null; // another image of the map has other bounds
+    const shown = url ? `${url} ${this._shown}` : null; // the bounds depend on the map's image
     if (shown === (this._floor ? this._floor.shown : null)) return;
     const before = this._floor?.layer;
     const layer = url && pictureLayer(url, satellite, { zIndex: FLOOR_Z });
     this._floor = layer && { shown, layer };
     this._setOpacities();
     if (!layer) before?.remove();
-    else layer.once("load error", () => before?.remove()).addTo(this.map); // until then the floor before is seen
+    else layer.once("load error", () => before?.remove()).addTo(this.map); // until then the previous floor stays visible
     this._credit();
   }
 
-  /** Let the image of the map be seen through that of the floor. @param {boolean} blend */
+  /** Make the map's image visible through that of the floor. @param {boolean} blend */
   blendFloor(blend) {
     this._blend = blend;
     this._setOpacities();
@@ -117,7 +117,7 @@ export class MapView {
    * Lay the tiles of a service below the image.
    * @param {?{url: string, attribution: string, maxZoom: number}} service null for none
    * @param {number} opacity of the image
-   * @param {function({shown: number, failed: number}): void} arrived when the tiles of a view have come or failed
+   * @param {function({shown: number, failed: number}): void} arrived called when all tiles of a view have loaded or failed
    */
   showBackground(service, opacity, arrived) {
     const { georeference } = this.store;
@@ -142,21 +142,21 @@ export class MapView {
     this._whole = true;
   }
 
-  /** The image cannot be lost out of sight. */
+  /** Keep the view near the image. */
   _limit() {
     this.map.setMaxBounds(imageBounds(this.store.satellite).pad(1));
   }
 
-  /** Nor can it become tiny. */
+  /** Limit how far one can zoom out. */
   _limitZoom() {
     this.map.setMinZoom(this.map.getBoundsZoom(imageBounds(this.store.satellite)) - 1.5);
   }
 
-  /** What showed the whole image still does; else the view stays where it is. */
+  /** Keep showing the whole image if the view did so, else keep the view. */
   _resize() {
     if (!this.element.clientWidth) return; // hidden
     const whole = this._whole && Boolean(this.store.satellite);
-    if (whole) this.map.setMaxBounds(null); // at the old zoom they would set the image moving
+    if (whole) this.map.setMaxBounds(null); // at the old zoom, the bounds would start a pan
     this.map.invalidateSize({ pan: !whole, animate: false });
     if (!whole) return;
     this.fit();
@@ -164,7 +164,7 @@ export class MapView {
     this._whole = true;
   }
 
-  /** Bring a map pixel into view, and change nothing where it is in view already. */
+  /** Pan to a map pixel unless it is in view. */
   reveal(pixel, { margin = 40 } = {}) {
     const at = latLngOf(pixel);
     const point = this.map.latLngToContainerPoint(at);
@@ -173,7 +173,7 @@ export class MapView {
     if (!inside) this.map.panTo(at, { animate: !calm.matches });
   }
 
-  /** Zoom in on some map pixels, for showing where they are. */
+  /** Zoom to some map pixels. */
   focus(pixels) {
     if (!pixels.length) return;
     const bounds = L.latLngBounds(pixels.map((pixel) => latLngOf(pixel)));
@@ -182,7 +182,7 @@ export class MapView {
 
   /**
    * A rectangle of the image that is in view with a margin.
-   * @param {number} margin share of the view on each side
+   * @param {number} margin fraction of the view on each side
    * @returns {[number, number, number, number]} left, top, right, bottom; map pixels, perhaps beyond the image
    */
   inView(margin) {
@@ -220,7 +220,7 @@ export class MapView {
     this._cursor.textContent = pixel && satellite && isInside(pixel, satellite) ? this.positionText(pixel) : "";
   }
 
-  /** A map pixel for people, with latitude and longitude where they are known. */
+  /** A map pixel as text, with latitude and longitude if known. */
   positionText(pixel) {
     const place = `x ${Math.round(pixel[0])}, y ${Math.round(pixel[1])}`;
     const latLon = this.store.georeference.latLon(pixel);

@@ -4,15 +4,15 @@ import { byId, takesText } from "../dom.js";
 import { singleKeys } from "../single-keys.js";
 import { KeptChoice } from "./kept-choice.js";
 
-/** An image that is turned by less has north up already. */
+/** North counts as up within this angle. */
 const LEAST_DEG = 1;
 const KEY = "u";
 
-/** Remembers for each map whether north is up; without a button that can be seen there is nothing to choose. */
+/** Remembers for each map whether north is up; the button is hidden if the image has north up or no georeference. */
 export class NorthUp {
   /**
    * @param {import("./map-view.js").MapView} view
-   * @param {{ownKey?: boolean}} [does] `ownKey`: listens to its key; the editor has a table of keys instead
+   * @param {{ownKey?: boolean}} [does] `ownKey`: listens for its key; the editor has its own key bindings
    */
   constructor(view, { ownKey = true } = {}) {
     this.store = view.store;
@@ -25,7 +25,7 @@ export class NorthUp {
     this.show();
   }
 
-  /** Whether north is wanted up. */
+  /** Whether north-up is chosen. */
   get on() {
     return this.kept.value !== null;
   }
@@ -36,14 +36,14 @@ export class NorthUp {
     this.show();
   }
 
-  /** North up, or the image again. */
+  /** Switch between north up and the image upright. */
   toggle() {
     if (this.button.hidden) return;
     this.kept.value = this.on ? null : 1;
     this.show();
   }
 
-  /** Turn the maps and the needle as it is wanted. */
+  /** Rotate the maps and the needle. */
   show() {
     const north = northOf(this.store);
     for (const view of this.views) view.turnTo(this.on ? -north : 0);
@@ -60,7 +60,7 @@ export class NorthUp {
   }
 }
 
-/** Where north is in the middle of an image, degrees clockwise from image-up; 0 where it is up, or not known. */
+/** Direction of north in the middle of an image, degrees clockwise from image-up; 0 if nearly up or unknown. */
 export function northOf({ satellite, georeference }) {
   if (!satellite) return 0;
   const north = georeference.north([satellite.width / 2, satellite.height / 2]);

@@ -1,4 +1,4 @@
-/** Notes on spots of the map: marks that open what is written. */
+/** Notes at positions on the map: markers that open their text. */
 
 import { openDialog } from "../dialogs.js";
 import { h, icon } from "../dom.js";
@@ -9,12 +9,12 @@ const SIDE = 30;
 
 /** @typedef {{id: number, title: string, text: string, x_px: ?number, y_px: ?number, photos: number[], floor: number}} Note */
 
-/** A layer of Leaflet with a mark for each note on the floor that is shown; follows the store. */
+/** A Leaflet layer with a marker for each note on the floor that is shown; follows the store. */
 export class NoteLayer {
   /**
    * @param {import("./map-store.js").MapStore} store
    * @param {L.Map} map
-   * @param {{open?: function(Note): void, moved?: function(Note, number[]): void}} [does] `moved`: marks can be dragged
+   * @param {{open?: function(Note): void, moved?: function(Note, number[]): void}} [does] with `moved`, markers can be dragged
    */
   constructor(store, map, { open = (note) => noteDialog(store, note), moved } = {}) {
     this.store = store;
@@ -28,7 +28,7 @@ export class NoteLayer {
     this.show();
   }
 
-  /** A mark stays the same element as long as its note is there: it keeps the focus, and may be under a finger. */
+  /** Update the markers. The element of a note is kept: it may have the focus or be under a finger. */
   show() {
     const { floors, floor } = this.store;
     const notes = this.store.notes.filter((note) => note.x_px !== null && (!floors.length || note.floor === floor));
@@ -63,13 +63,13 @@ export class NoteLayer {
     mark.on("dragstart", () => (this.dragged = mark));
     mark.on("dragend", () => {
       this.dragged = null;
-      if (note()) this.moved(note(), pixelOf(mark.getLatLng())); // else somebody has removed it meanwhile
+      if (note()) this.moved(note(), pixelOf(mark.getLatLng())); // unless it was deleted meanwhile
     });
     return mark;
   }
 }
 
-/** Show a note to somebody who reads. @param {import("./map-store.js").MapStore} store @param {Note} note */
+/** Show a note for reading. @param {import("./map-store.js").MapStore} store @param {Note} note */
 export function noteDialog(store, note) {
   openDialog(note.title, [note.text && h("p", { class: "note-text" }, note.text), notePhotos(store, note.photos)].filter(Boolean));
 }

@@ -1,12 +1,12 @@
-/** What a page of a large map begins without: the details of most photos, some thousand at a time. */
+/** Loads the details of photos that the page of a large map does not contain, in batches. */
 
 const PAGE = 5000;
 const RETRY_MS = 10000;
 
 /**
- * Ask for all details that are missing, and for those of the current photo before the others.
+ * Load all missing details, those of the current photo first.
  * @param {import("./map-store.js").MapStore} store
- * @param {function(number, number): Promise<{photos: Object[], next: ?number}>} photosAfter an id, at most so many
+ * @param {function(number, number): Promise<{photos: Object[], next: ?number}>} photosAfter returns photos after an id, at most a number
  */
 export async function loadDetails(store, photosAfter) {
   if ([...store.photos.keys()].every((id) => store.isKnown(id))) return;
@@ -15,7 +15,7 @@ export async function loadDetails(store, photosAfter) {
     if (currentId === null || store.isKnown(currentId)) return;
     store.addDetails((await photosAfter(currentId - 1, 1)).photos);
   };
-  const ask = () => current().catch(() => {}); // it comes with all others
+  const ask = () => current().catch(() => {}); // it is loaded with the others
   store.on("current", ask);
   ask();
   for (let after = -1; after !== null; ) {
@@ -25,7 +25,7 @@ export async function loadDetails(store, photosAfter) {
   }
 }
 
-/** Ask until there is an answer: the network may be away, or the server busy. */
+/** Repeat a request while the network or the server fails. */
 async function persistently(ask) {
   for (;;) {
     try {

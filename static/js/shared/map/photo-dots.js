@@ -1,6 +1,6 @@
 /**
- * All photos of the image on one canvas: dots, where they look, the selection, the GPS circle of the current photo.
- * Redrawn at every move. Where thousands are in sight, near ones share a dot, which opens by zooming in.
+ * All photos of the image on one canvas: dots, headings, the selection, the GPS circle of the current photo.
+ * Redrawn at every move. If thousands are in view, neighbouring photos share a dot, which splits on zooming in.
  */
 
 import { h } from "../dom.js";
@@ -11,16 +11,16 @@ const RADIUS = 6;
 const WEDGE = 26;
 const HANDLE = 46;
 const GUESSED_FOV = 60;
-/** So many photos in sight are merged by squares of `CELL` pixels of the screen, and drawn without where they look. */
+/** With more photos in view, they are merged in cells of `CELL` screen pixels and drawn without headings. */
 const CROWD = 2000;
 const CELL = 14;
 const MOST_NAMED = 99;
-/** Radius of a circle of spread dots, and the room of each on it; pixels of the screen. */
+/** Minimum radius of a circle of spread dots, and their spacing on it; screen pixels. */
 const FAN = 34;
 const FAN_STEP = 30;
 const NEAR = { mouse: 10, touch: 22 };
 
-/** A layer of Leaflet; `store` decides what it shows. */
+/** A Leaflet layer that shows the state of `store`. */
 export class PhotoDots extends CanvasLayer {
   constructor(store) {
     super();
@@ -30,7 +30,7 @@ export class PhotoDots extends CanvasLayer {
     this.suggestions = [];
     this._spots = [];
     this._stamps = new Map();
-    /** @type {Map<number, {x: number, y: number}>} where spread dots are, from their spot on the screen */
+    /** @type {Map<number, {x: number, y: number}>} offsets of spread dots from their positions, screen pixels */
     this._fan = new Map();
     store.on("photos preview look current selection placement satellite floor", this._draw);
   }
@@ -48,14 +48,14 @@ export class PhotoDots extends CanvasLayer {
   }
 
   /**
-   * Spread photos in a circle around where they are, until the next zoom; none: all are where they are.
+   * Spread photos in a circle around their position until the next zoom; an empty list ends it.
    * @param {number[]} ids
    */
   fan(ids) {
     const radius = Math.max(FAN, (ids.length * FAN_STEP) / (2 * Math.PI));
     const turn = (n) => (2 * Math.PI * n) / ids.length - Math.PI / 2;
     this._fan = new Map(ids.map((id, n) => [id, { x: radius * Math.cos(turn(n)), y: radius * Math.sin(turn(n)) }]));
-    this._spots = this._place(this._map.getSize()); // a click may come before the next frame
+    this._spots = this._place(this._map.getSize()); // for a click before the next frame
     this._draw();
   }
 
@@ -63,13 +63,13 @@ export class PhotoDots extends CanvasLayer {
     if (this.isFanned) this.fan([]);
   }
 
-  /** Colour photos by what is known of them. @param {?Map<number, string>} colours by id */
+  /** Set colours of photos. @param {?Map<number, string>} colours by id */
   setColours(colours) {
     this.colours = colours;
     this._draw();
   }
 
-  /** Point at some map pixels. @param {number[][]} pixels */
+  /** Mark some map pixels with rings. @param {number[][]} pixels */
   setMark(pixels) {
     this.mark = pixels;
     this._draw();
@@ -85,7 +85,7 @@ export class PhotoDots extends CanvasLayer {
   }
 
   /**
-   * Photos under a point of the screen, nearest first; the current and the selected ones before others.
+   * Photos under a point of the screen: the current and the selected ones first, then by distance.
    * @param {L.Point} point in the container
    * @param {"mouse"|"touch"} pointer
    * @returns {number[]} ids
@@ -101,7 +101,7 @@ export class PhotoDots extends CanvasLayer {
       .sort((a, b) => first(a) - first(b));
   }
 
-  /** Whether a point of the screen is on the handle that turns the current photo. */
+  /** Whether a point of the screen is on the rotation handle of the current photo. */
   onHandle(point, pointer = "mouse") {
     const at = this._handle;
     return Boolean(at) && Math.hypot(at.x - point.x, at.y - point.y) <= NEAR[pointer];
@@ -121,7 +121,7 @@ export class PhotoDots extends CanvasLayer {
     if (this.store.satellite) this._all();
   }
 
-  /** Where the photos are on the screen; those of one position, or of one square in a crowd, share a spot. */
+  /** Screen positions of the photos; those at one position, or in one cell of a crowd, share a spot. */
   _place(size) {
     const { store } = this;
     this._origin = this._map.latLngToContainerPoint(latLngOf([0, 0]));
@@ -149,7 +149,7 @@ export class PhotoDots extends CanvasLayer {
     return [...spots.values()];
   }
 
-  /** Where a photo is on the screen, by itself; null for one in the tray. */
+  /** Screen position of one photo; null for a photo in the tray. */
   _spotOf(id) {
     const position = this.store.position(id);
     if (!position) return null;
@@ -173,7 +173,7 @@ export class PhotoDots extends CanvasLayer {
     for (const pixel of this.mark || []) this._ring(this._map.latLngToContainerPoint(latLngOf(pixel)), 16, this._ink.mark);
   }
 
-  /** From where a spread dot is to where it is drawn. */
+  /** Line from the true position of a spread dot to where it is drawn. */
   _leg(from, to) {
     const pen = this._pen;
     for (const [width, ink] of [[4, this._ink.rim], [1.5, this._ink.dot]]) {
@@ -221,7 +221,7 @@ export class PhotoDots extends CanvasLayer {
     this._pen.drawImage(stamp, x - side / 2, y - side / 2, side, side);
   }
 
-  /** The picture of a dot, drawn once: thousands are put on the canvas at each move. */
+  /** The cached picture of a dot: thousands are drawn at each move. */
   _stamp(label, colour, chosen) {
     const ratio = devicePixelRatio || 1;
     const key = [label, colour, chosen, this._ink.rim, ratio].join();
@@ -303,7 +303,7 @@ export class PhotoDots extends CanvasLayer {
     pen.stroke();
   }
 
-  /** A hollow dot, the circle that it may be in, and a line where it looks. */
+  /** A hollow dot with its circle of uncertainty and its heading. */
   _suggestion({ x_px, y_px, radius_px: radius, heading_deg: heading }) {
     const position = [x_px, y_px];
     const { x, y } = this._map.latLngToContainerPoint(latLngOf(position));
@@ -324,7 +324,7 @@ export class PhotoDots extends CanvasLayer {
     this._ring({ x, y }, RADIUS, this._ink.mark);
   }
 
-  /** How far off the current photo may be, where it was placed as suggested. */
+  /** Circle of uncertainty of the current photo, if its position was suggested. */
   _radiusCircle() {
     const { currentId } = this.store;
     const radius = currentId === null ? null : this.store.radius(currentId);
@@ -337,7 +337,7 @@ export class PhotoDots extends CanvasLayer {
     this._pen.stroke();
   }
 
-  /** How far off the GPS of the current photo may be. */
+  /** Circle of uncertainty of the current photo's GPS position. */
   _gpsCircle() {
     const gps = this.store.current?.gps;
     if (!gps || gps.x_px === null || gps.x_px === undefined) return;
@@ -361,7 +361,7 @@ export class PhotoDots extends CanvasLayer {
 }
 
 /**
- * Colours of the style sheet, so that light, dark and contrast settings reach the canvas.
+ * Colours of the style sheet, so that the canvas follows light, dark and contrast settings.
  * @param {HTMLCanvasElement} canvas
  * @returns {Object<string, string>}
  */

@@ -2,7 +2,7 @@
 
 import { h } from "../dom.js";
 
-/** Leaflet's icon of one. @param {string|number} text @param {string} [kind] further class */
+/** A Leaflet icon. @param {string|number} text @param {string} [kind] further class */
 export function pin(text, kind = "") {
   const made = h("span", { class: `sat-pin ${kind}` }, String(text));
   return L.divIcon({ html: made, className: "sat-pin-frame", iconSize: [28, 28], iconAnchor: [14, 14] });

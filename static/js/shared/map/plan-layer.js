@@ -1,9 +1,9 @@
-/** How well the parts of a map are recognised, as coloured cells, and the spots of a plan as numbers with wedges. */
+/** Coloured cells show how well the parts of a map are recognised; numbers with wedges show the spots of a plan. */
 
 import { CanvasLayer } from "./canvas-layer.js";
 import { latLngOf } from "./coords.js";
 
-/** From poorly to well recognised: orange to blue, which can be distinguished with any colour vision. */
+/** From poorly to well recognised: orange to blue, a palette safe for colour blindness. */
 export const CLASSES = ["#b3430a", "#ef8a3c", "#f7dfae", "#8fc0de", "#1f5f9e"];
 const UNSURE = 0.2;
 const OPACITY = { sure: 0.72, unsure: 0.4 };
@@ -11,7 +11,7 @@ const RADIUS = 12;
 const WEDGE = 34;
 const HALF_WEDGE = Math.PI / 7;
 
-/** A layer of Leaflet. */
+/** A Leaflet layer. */
 export class PlanLayer extends CanvasLayer {
   /** @param {import("./map-store.js").MapStore} store */
   constructor(store) {
@@ -23,7 +23,7 @@ export class PlanLayer extends CanvasLayer {
     this.done = new Set();
   }
 
-  /** @param {?Object} plan as the API gives it @param {{cells?: boolean, current?: ?number, done?: Set<number>}} [look] */
+  /** @param {?Object} plan as returned by the API @param {{cells?: boolean, current?: ?number, done?: Set<number>}} [look] */
   show(plan, { cells = this.cells, current = this.current, done = this.done } = {}) {
     Object.assign(this, { plan, cells, current, done });
     this._draw();
@@ -74,7 +74,7 @@ export class PlanLayer extends CanvasLayer {
     }
   }
 
-  /** The number is dark on yellow, a tick when it is done; the next spot has a second ring. */
+  /** A dark number on yellow, or a tick on grey when done; the current spot has an additional ring. */
   _number(pen, { number }, { x, y }) {
     const done = this.done.has(number);
     if (number === this.current) this._disc(pen, { x, y, radius: RADIUS + 5, fill: "#ff6a00" });

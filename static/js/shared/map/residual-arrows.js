@@ -1,4 +1,4 @@
-/** Arrows from where a point was said to be to where the fit puts it. */
+/** Arrows from the given position of a point to the fitted one. */
 
 import { t } from "../i18n.js";
 
@@ -7,14 +7,14 @@ const FACTORS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 const INVISIBLE_PX = 0.02;
 const PANE = "arrows";
 
-/** Arrows on one map; small ones are drawn longer, all by the same factor, which is shown. */
+/** Arrows on one map; small residuals are enlarged by a common factor, which is shown. */
 export class Arrows {
   /** @param {L.Map} map */
   constructor(map) {
     this.map = map;
     this.pairs = [];
     this.group = L.layerGroup().addTo(map);
-    // above the markers, and not in the way of the mouse
+    // above the markers, but transparent to the mouse
     Object.assign(map.createPane(PANE).style, { zIndex: 620, pointerEvents: "none" });
     this.box = L.DomUtil.create("div", "sat-legend");
     this.box.hidden = true;
@@ -32,7 +32,7 @@ export class Arrows {
 
   _draw() {
     this.group.clearLayers();
-    // by projection: layer points are whole pixels, and lose small differences
+    // by projection: layer points are rounded to whole pixels
     const zoom = this.map.getZoom();
     const arrows = this.pairs.map(([from, to]) => ({
       start: this.map.latLngToLayerPoint(from),

@@ -1,8 +1,8 @@
 /**
- * The tiles of a map service below the image of a map: web Mercator, drawn on the pixels of the image.
+ * The tiles of a map service below the image of a map: web Mercator, transformed to map pixels.
  *
- * The tiles of a zoom are laid edge to edge in a level, and each level as a whole is transformed by the affine function
- * that fits the georeference in the view. So no seams show, and the middle of the view is exact.
+ * The tiles of one zoom level are laid edge to edge, and the level as a whole gets the affine transformation that fits
+ * the georeference in the view: no seams appear, and the middle of the view is exact.
  */
 
 import { latLngOf, pixelOf } from "./coords.js";
@@ -10,10 +10,10 @@ import { turnOf } from "./turned-crs.js";
 
 const TILE = 256;
 const LARGEST_LAT = 85.05;
-/** Service tiles are never asked for in larger numbers than a screen shows. */
+/** Most tiles that are requested for a view. */
 const MOST_TILES = 400;
 
-/** A tile that failed is asked for again when the view moves, but not sooner than this. */
+/** A failed tile is requested again when the view moves, but not sooner than this. */
 const AGAIN_MS = 10_000;
 
 /** A position in the grid of web Mercator: the world is the unit square, x to the east and y to the south. @param {[number, number]} place lat, lon */
@@ -51,11 +51,11 @@ export class Affine {
 }
 
 /**
- * The affine function from web Mercator to map pixels that fits around a map pixel.
+ * The affine function from web Mercator to map pixels around a map pixel.
  * @param {import("./coords.js").Georeference} georeference
  * @param {number[]} middle map pixel
  * @param {number} reach pixels to each side
- * @returns {?Affine} null where the georeference gives no positions
+ * @returns {?Affine} null if the georeference gives no positions
  */
 export function pixelsFromMercator(georeference, [x, y], reach) {
   const places = [[x, y], [x - reach, y], [x + reach, y], [x, y - reach], [x, y + reach]].map((pixel) => georeference.latLon(pixel));
@@ -70,13 +70,13 @@ export function pixelsFromMercator(georeference, [x, y], reach) {
   return toMercator.inverse();
 }
 
-/** A part of the world's width, across the meridian of 180 degrees if that is shorter. */
+/** A difference in units of the world's width, across the antimeridian if that is shorter. */
 function turned(x) {
   return x - Math.round(x);
 }
 
 /**
- * The tiles that a view shows: those that meet both its box and the box around it in the grid.
+ * The tiles that a view shows: those that overlap both the view and its bounding box in the grid.
  * @param {function(number[]): number[]} toView from the grid, in tiles, to pixels of the view
  * @param {number[][]} corners of the view, in tiles
  * @param {{x: number, y: number}} size of the view
@@ -85,7 +85,7 @@ function turned(x) {
 export function tilesInView(toView, corners, size) {
   const [xs, ys] = [0, 1].map((axis) => corners.map((corner) => corner[axis]));
   const [west, east, north, south] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)].map(Math.floor);
-  if ((east - west + 1) * (south - north + 1) > 8 * MOST_TILES) return []; // the box around a turned view is larger than that
+  if ((east - west + 1) * (south - north + 1) > 8 * MOST_TILES) return []; // too many; 8: the bounding box of a rotated view is larger
   const found = [];
   for (let column = west; column <= east; column += 1) {
     for (let row = north; row <= south; row += 1) {
@@ -98,12 +98,12 @@ export function tilesInView(toView, corners, size) {
   return found.sort((a, b) => a.far - b.far).map(({ tile }) => /** @type {[number, number]} */ (tile));
 }
 
-/** The layer. */
+/** The Leaflet layer. */
 export class TileBackground extends L.Layer {
   /**
    * @param {{url: string, attribution: string, maxZoom: number}} service
    * @param {import("./coords.js").Georeference} georeference
-   * @param {function({shown: number, failed: number}): void} arrived when all tiles of a view have come or failed
+   * @param {function({shown: number, failed: number}): void} arrived called when all tiles of a view have loaded or failed
    */
   constructor(service, georeference, arrived) {
     super();
@@ -147,13 +147,13 @@ export class TileBackground extends L.Layer {
     };
   }
 
-  /** Draw the levels where their pixels of the image are. */
+  /** Position the levels on the screen. */
   _place(layerPoint = (at) => this._map.latLngToLayerPoint(at), zoom = this._map.getZoom()) {
     const scale = this._map.getZoomScale(zoom, 0);
     for (const level of this.levels) level.place(layerPoint, scale, turnOf(this._map));
   }
 
-  /** Ask for the tiles of the view. */
+  /** Request the tiles of the view. */
   _update() {
     const map = this._map;
     const size = map.getSize();
@@ -174,7 +174,7 @@ export class TileBackground extends L.Layer {
     level.show(tilesInView(toView, view, size));
   }
 
-  /** Levels before this one stay below it until its tiles have come. */
+  /** Show a level on top; earlier levels stay below it until its tiles have loaded. */
   _keep(level) {
     if (level && !this.levels.includes(level)) {
       this.levels.push(level);
@@ -193,16 +193,16 @@ export class TileBackground extends L.Layer {
   }
 
   _arrived(level) {
-    if (level.element.style.zIndex !== "1") return; // another zoom is shown by now
+    if (level.element.style.zIndex !== "1") return; // another zoom level is shown by now
     const counts = level.counts();
     if (counts.shown) this._only(level);
     this.arrived(counts);
   }
 }
 
-/** The tiles of one zoom. */
+/** The tiles of one zoom level. */
 class Level {
-  /** @param {number} zoom @param {{url: string}} service @param {function(): void} arrived when no tile is on its way any more */
+  /** @param {number} zoom @param {{url: string}} service @param {function(): void} arrived called when no tile is loading */
   constructor(zoom, service, arrived) {
     this.zoom = zoom;
     this.service = service;
@@ -214,11 +214,11 @@ class Level {
     this.first = null;
   }
 
-  /** Take the affine function of the view. @param {Affine} toPixels from web Mercator @param {number[]} middle map pixel */
+  /** Set the affine function of the view. @param {Affine} toPixels from web Mercator @param {number[]} middle map pixel */
   lay(toPixels, middle) {
     this.toPixels = toPixels;
     this.fromPixels = toPixels.inverse();
-    this.first ??= this.tileOf(middle).map(Math.floor); // positions in the level count from there, so that they stay small
+    this.first ??= this.tileOf(middle).map(Math.floor); // origin of positions in the level, so that they stay small
   }
 
   /** Map pixel of a position in the grid. @param {number[]} tile */
@@ -239,7 +239,7 @@ class Level {
     this.element.style.transform = `matrix(${[a, b, c, d, x, y].join(", ")})`;
   }
 
-  /** Have these tiles and no others. @param {[number, number][]} wanted */
+  /** Show exactly these tiles. @param {[number, number][]} wanted */
   show(wanted) {
     const shown = wanted.slice(0, MOST_TILES).filter(([, row]) => row >= 0 && row < this.across);
     const keys = new Set(shown.map(String));
@@ -262,7 +262,7 @@ class Level {
     image.alt = "";
     image.onload = () => done("shown");
     image.onerror = () => done("failed");
-    image.referrerPolicy = "strict-origin-when-cross-origin"; // services want to know which site shows their tiles
+    image.referrerPolicy = "strict-origin-when-cross-origin"; // tile services require the referring site
     image.style.left = `${(column - this.first[0]) * TILE}px`;
     image.style.top = `${(row - this.first[1]) * TILE}px`;
     const east = ((column % this.across) + this.across) % this.across;
@@ -271,20 +271,20 @@ class Level {
     this.element.append(image);
   }
 
-  /** Ask for failed tiles again where they are wanted. @param {number} age milliseconds since they failed, at least */
+  /** Forget failed tiles, so that they are requested again. @param {number} age minimum milliseconds since they failed */
   forgetFailed(age) {
     const before = performance.now() - age;
     for (const [key, { image, state, at }] of this.tiles) if (state === "failed" && at <= before) this._forget(key, image);
   }
 
-  /** Fetch no more; what has come is still shown. */
+  /** Cancel loading; tiles that have loaded stay. */
   stop() {
     for (const [key, { image, state }] of this.tiles) if (state === "loading") this._forget(key, image);
   }
 
   _forget(key, image) {
     image.onload = image.onerror = null;
-    image.removeAttribute("src"); // so that what is no longer wanted is no longer fetched
+    image.removeAttribute("src"); // cancels the download
     image.remove();
     this.tiles.delete(key);
   }

@@ -1,11 +1,11 @@
 /**
- * An image that is drawn turned: Leaflet's positions stay pixels of the image, and the projection turns them. So the
- * map itself is never turned on the screen, and everything that goes through Leaflet (marks, clicks, moves) follows.
+ * An image drawn rotated: Leaflet's positions remain pixels of the image, and the projection rotates them. So the map
+ * element itself is not rotated, and everything that goes through Leaflet (markers, clicks, moves) follows.
  */
 
 import { latLngOf, pixelOf } from "./coords.js";
 
-/** A turn of the plane about the origin, clockwise on the screen; the plane has x to the right and y down. */
+/** A rotation of the plane about the origin, clockwise on the screen; x to the right, y down. */
 export class Turn {
   /** @param {number} degrees */
   constructor(degrees) {
@@ -14,18 +14,18 @@ export class Turn {
     this.sin = Math.sin((degrees * Math.PI) / 180);
   }
 
-  /** From the image to how it is drawn. @param {number[]} point @returns {[number, number]} */
+  /** From the image to the rotated image. @param {number[]} point @returns {[number, number]} */
   forth([x, y]) {
     return [x * this.cos - y * this.sin, x * this.sin + y * this.cos];
   }
 
-  /** From how the image is drawn to the image. @param {number[]} point @returns {[number, number]} */
+  /** From the rotated image to the image. @param {number[]} point @returns {[number, number]} */
   back([x, y]) {
     return [x * this.cos + y * this.sin, y * this.cos - x * this.sin];
   }
 
   /**
-   * The upright rectangle around a turned one.
+   * The bounding box of a rotated rectangle.
    * @param {number[]} corner left, top
    * @param {number[]} opposite right, bottom
    * @param {"forth"|"back"} [way]
@@ -40,7 +40,7 @@ export class Turn {
 
 export const UPRIGHT = new Turn(0);
 
-/** Leaflet's `CRS.Simple` with a turn, which may be changed: `crs.turn`. The map is to be drawn anew then. */
+/** Leaflet's `CRS.Simple` with a rotation `crs.turn`; after changing it, redraw the map. */
 export function turnableCrs() {
   const crs = {
     ...L.CRS.Simple,
@@ -57,7 +57,7 @@ export function turnableCrs() {
   return crs;
 }
 
-/** How a map draws its image turned. @param {L.Map} map @returns {Turn} */
+/** The rotation of a map. @param {L.Map} map @returns {Turn} */
 export function turnOf(map) {
   return /** @type {*} */ (map.options.crs).turn ?? UPRIGHT;
 }

@@ -1,19 +1,19 @@
-/** The image of a map, as one picture or in tiles, on a map that may draw it turned. */
+/** The image of a map, as one picture or in tiles, on a map that may be rotated. */
 
 import { imageBounds } from "./coords.js";
 import { turnOf, UPRIGHT } from "./turned-crs.js";
 
 const TILE = 256;
 
-/** Like `L.DomUtil.setTransform`, and turned. @param {HTMLElement} element @param {L.Point} at */
+/** Like `L.DomUtil.setTransform`, with rotation. @param {HTMLElement} element @param {L.Point} at */
 function place(element, { x, y }, scale, turn) {
-  element.style.transformOrigin = "0 0"; // Leaflet's own style sheet has it only for what is animated
+  element.style.transformOrigin = "0 0"; // Leaflet's style sheet sets it only for animated elements
   element.style.transform = `translate3d(${x}px, ${y}px, 0) rotate(${turn.degrees}deg) scale(${scale})`;
 }
 
-/** A picture between bounds. What begins with an underscore replaces methods of Leaflet here. */
+/** A picture between bounds. Methods with an underscore override private ones of Leaflet. */
 class TurnedImage extends L.ImageOverlay {
-  /** As in Leaflet, and turned. */
+  /** As in Leaflet, with rotation. */
   _reset() {
     const { _map: map, _image: image, _bounds: bounds } = /** @type {*} */ (this);
     const scale = map.getZoomScale(map.getZoom(), 0);
@@ -23,7 +23,7 @@ class TurnedImage extends L.ImageOverlay {
     place(image, at, 1, turnOf(map));
   }
 
-  /** As in Leaflet, and turned. */
+  /** As in Leaflet, with rotation. */
   _animateZoom(event) {
     const { _map: map, _image: image, _bounds: bounds } = /** @type {*} */ (this);
     const at = map._latLngToNewLayerPoint(bounds.getNorthWest(), event.zoom, event.center);
@@ -31,7 +31,7 @@ class TurnedImage extends L.ImageOverlay {
   }
 }
 
-/** Tiles of an image: their grid is that of the image, and each level of them is turned as a whole. */
+/** Tiles of an image: their grid is that of the image, and each level is rotated as a whole. */
 class TurnedTiles extends L.TileLayer {
   /** @override @param {L.Map} map */
   onAdd(map) {
@@ -39,25 +39,25 @@ class TurnedTiles extends L.TileLayer {
     return super.onAdd(map);
   }
 
-  /** Tiles of one level are to be turned as one picture: laid by transforms of their own, they would show seams. */
+  /** Position tiles without transforms of their own, which would show seams: the level is rotated as a whole. */
   _lay({ tile, coords }) {
     if (turnOf(this._map) === UPRIGHT) return;
     const { x, y } = this._getTilePos(coords);
     Object.assign(tile.style, { transform: "none", left: `${x}px`, top: `${y}px`, willChange: "auto" });
   }
 
-  /** Where a level is drawn. */
+  /** Set the transform of a level. */
   _setZoomTransform(level, centre, zoom) {
     const map = /** @type {*} */ (this._map);
     const turn = turnOf(map);
-    // where the tiles of the level count from; whole pixels of the tiles, so that these are drawn sharp
+    // origin of the level's tiles, in whole pixels of the tiles so that they are drawn sharply
     level.corner ??= L.point(turn.back([level.origin.x, level.origin.y])).round();
     const scale = map.getZoomScale(zoom, level.zoom);
     const at = L.point(turn.forth([level.corner.x, level.corner.y])).multiplyBy(scale).subtract(map._getNewPixelOrigin(centre, zoom));
     place(level.el, at.round(), scale, turn);
   }
 
-  /** Where a tile is in its level. */
+  /** Position of a tile in its level. */
   _getTilePos(coords) {
     return coords.scaleBy(this.getTileSize()).subtract(/** @type {*} */ (this)._levels[coords.z].corner);
   }
@@ -81,7 +81,7 @@ export function pictureLayer(url, satellite, options = {}) {
   return new TurnedImage(url, imageBounds(satellite), { alt: "", ...options });
 }
 
-/** The image of a map, in tiles where it has them. @param {{url: string, width: number, height: number, tiles: ?Object}} satellite */
+/** The image of a map, in tiles if it has any. @param {{url: string, width: number, height: number, tiles: ?Object}} satellite */
 export function satelliteLayer(satellite) {
   if (!satellite.tiles) return pictureLayer(satellite.url, satellite);
   const most = satellite.tiles.max_zoom;

@@ -1,12 +1,12 @@
-/** The product's zoom buttons on a Leaflet map, instead of Leaflet's own. */
+/** Zoom buttons on a Leaflet map, instead of Leaflet's own. */
 
 import { h, icon } from "../dom.js";
 import { t } from "../i18n.js";
 
 /**
- * Add them in the corner.
+ * Add the buttons in the corner.
  * @param {L.Map} map made with `zoomControl: false`
- * @param {?function(): void} [whole] shows everything, for a map that has an end
+ * @param {?function(): void} [whole] shows the whole image, for a map of limited extent
  */
 export function addZoomButtons(map, whole = null) {
   const button = (name, label, onclick) => h("button", { class: "icon-button", type: "button", "aria-label": label, onclick }, icon(name));
@@ -14,7 +14,7 @@ export function addZoomButtons(map, whole = null) {
     button("plus", t("Zoom in"), () => map.zoomIn()),
     button("minus", t("Zoom out"), () => map.zoomOut()),
     whole && button("fit", t("Show the whole image"), whole));
-  L.DomEvent.disableClickPropagation(buttons); // a press on them is no point on the map
+  L.DomEvent.disableClickPropagation(buttons); // a press on them is no click on the map
   const control = new L.Control({ position: "topright" });
   control.onAdd = () => buttons;
   control.addTo(map);

@@ -1,4 +1,4 @@
-"""Exact search: compare with everything, in blocks, straight from the memory-mapped descriptors."""
+"""Exact search: compare with all descriptors, in blocks, directly from the memory-mapped arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from webapp.core.retrieval.engines.types import Neighbours, nearest_of, nothing_found
 
 _BLOCK_ROWS = 65_536
-"""Descriptors compared at once: bounds the memory to a block's distances."""
+"""Descriptors compared at once: limits the memory to the distances of a block."""
 
 
 class BruteForce:

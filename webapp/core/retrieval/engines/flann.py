@@ -18,7 +18,7 @@ _CHECKS = {"checks": 32}
 
 
 class Flann:
-    """Approximate k nearest neighbours; the trees are built in memory when it is made.
+    """Approximate k nearest neighbours; the index is built in memory by the constructor.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Flann:
 
     def __init__(self, segments: Sequence[NDArray[np.uint8]], kind: Kind) -> None:
         self._dtype = np.float32 if kind == "float" else np.uint8
-        # FLANN keeps a pointer to this array, not a copy: it has to live as long as the index.
+        # FLANN keeps a pointer to this array, not a copy: it has to exist as long as the index.
         width = segments[0].shape[1] if segments else 1
         self._rows = np.empty((sum(map(len, segments)), width), self._dtype)
         first = 0
@@ -41,14 +41,14 @@ class Flann:
             self._index = cv2.flann_Index(self._rows, _KD_TREES if kind == "float" else _LSH)
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
-        """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""
+        """Find approximately the k nearest map descriptors of each of (n, d) uint8 descriptors."""
         found = nothing_found(len(descriptors), k)
         if self._index is None or not len(descriptors):
             return found
         wanted = min(k, len(self._rows))
         query = np.ascontiguousarray(descriptors, self._dtype)
         row, distance = self._nearest(query, wanted)
-        # LSH leaves places it found nothing for untouched: no row, or one out of range.
+        # LSH does not write entries for which it found nothing: their rows are negative or out of range.
         valid = (row >= 0) & (row < len(self._rows))
         plain = distance.astype(np.float32)
         if self._dtype is np.float32:
@@ -58,7 +58,7 @@ class Flann:
         return found
 
     def _nearest(self, query: NDArray[np.generic], k: int) -> tuple[NDArray[np.int32], NDArray[np.generic]]:
-        """Search parts of the query at once: each descriptor's search is one of its own."""
+        """Search parts of the query in parallel: the searches of descriptors are independent."""
         index = self._index
         assert index is not None
         parts = np.array_split(query, min(cores(), len(query)))

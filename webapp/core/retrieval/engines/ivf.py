@@ -1,8 +1,8 @@
 """Inverted file with compressed descriptors: the engine for maps of any size.
 
 A codebook (k-means cells, and a product quantizer for float descriptors) is trained once on a sample;
-immutable segments hold the codes of the photos added since. All segments share the codebook, so that a
-query is assigned to cells once. Jégou et al. 2011; the 4-bit codes are André et al. 2017, in Faiss.
+immutable segments contain the codes of photos added since. All segments share the codebook, so that a query
+is assigned to cells only once. Jégou et al. 2011; 4-bit codes: André et al. 2017, by Faiss.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from webapp.core.retrieval.engines.tiers import keeps_whole
 from webapp.core.retrieval.engines.types import Neighbours, nearest_of, nothing_found
 
 SAMPLE_PER_CELL = 40
-"""Descriptors that k-means wants for each cell."""
+"""Descriptors per cell for k-means."""
 
 _CELLS_OVER_ROOT = 4.0
 _MOST_CELLS = 65_536
 _PROBES = 4
 _PROBES_WHEN_SMALL = 16
 _FEW_CELLS = 256
-"""Cells searched for each descriptor, and how many cells make a map small."""
+"""Cells searched per descriptor, on large and on small maps, and maximum number of cells of small maps."""
 
 _MANY_CELLS = 1000
 _CODES, _LOOKED_AT_FOR_EACH = 32, 8
-"""With so many cells those for a descriptor are first looked for by codes of 4 bits, and so many of them for
-each that is wanted are compared exactly: .997 of the nearest four of SIFT and of XFeat in .6 of the time."""
+"""From this many cells on, the nearest ones are searched by 4-bit codes, and a multiple of the number wanted
+is compared exactly: this finds .997 of the nearest four for SIFT and XFeat in .6 of the time."""
 
 _PROBES_BINARY = 48
-"""Cells of bit strings are ragged: few cells miss half of the nearest neighbours."""
+"""Cells of bit strings have irregular borders: searching few cells misses half of the nearest neighbours."""
 
 
 def cells_for(descriptors: int) -> int:
-    """Choose the number of cells of an index from its number of descriptors."""
+    """Compute the number of cells of an index from its number of descriptors."""
     cells = int(_CELLS_OVER_ROOT * descriptors**0.5)
     return max(1, min(cells, descriptors // SAMPLE_PER_CELL, _MOST_CELLS))
 
@@ -49,9 +49,9 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     Parameters
     ----------
     sample : (n, d) uint8
-        Of the map's descriptors; `SAMPLE_PER_CELL * cells_for(descriptors)` are enough.
+        Sample of the map's descriptors; `SAMPLE_PER_CELL * cells_for(descriptors)` are enough.
     descriptors : int
-        How many the map has.
+        Number of descriptors of the map.
     kind : {"float", "binary"}
     """
     cells, width = cells_for(descriptors), sample.shape[1]
@@ -63,7 +63,7 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     codes = "SQ8_direct" if whole else f"PQ{width // 2}x4fs"
     index: Any = faiss.index_factory(width, f"IVF{cells},{codes}")
     if whole:
-        index.by_residual = False  # a byte holds a descriptor, but not its difference to a cell's centre
+        index.by_residual = False  # a byte can store a component, but not its difference to a cell's centre
     index.cp.seed = 1
     index.cp.min_points_per_centroid = 1
     index.cp.max_points_per_centroid = SAMPLE_PER_CELL
@@ -72,7 +72,7 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
 
 
 def encode(codebook: Any, descriptors: NDArray[np.uint8]) -> None:
-    """Add (n, d) uint8 descriptors to a copy of the codebook, in place, in their order."""
+    """Add (n, d) uint8 descriptors, in their order, to a copy of the codebook, which is changed in place."""
     if isinstance(codebook, faiss.IndexBinary):
         codebook.add(np.ascontiguousarray(descriptors))
     else:
@@ -80,12 +80,12 @@ def encode(codebook: Any, descriptors: NDArray[np.uint8]) -> None:
 
 
 def _cell_search(index: Any) -> Any:
-    """Make a search over the centres of an index's cells, with no second copy of them."""
+    """Build a search over the centres of an index's cells, without a second copy of these."""
     if isinstance(index, faiss.IndexBinary) or index.nlist < _MANY_CELLS:
         return index.quantizer
     centres = index.quantizer.reconstruct_n(0, index.nlist)
     codes: Any = faiss.index_factory(index.d, f"PQ{_CODES}x4fs")
-    codes.pq.cp.niter = 3  # it is rebuilt each time a map is opened, and more are hardly better
+    codes.pq.cp.niter = 3  # few: rebuilt each time a map is opened, and more are hardly better
     codes.train(centres)
     codes.add(centres)
     search = faiss.IndexRefine(codes, index.quantizer)
@@ -112,7 +112,7 @@ class InvertedFile:
         self._cells: Any = _cell_search(self._segments[0]) if self._segments else None
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
-        """Find about the k nearest map descriptors of each of (n, d) uint8 descriptors."""
+        """Find approximately the k nearest map descriptors of each of (n, d) uint8 descriptors."""
         if not self._segments or not len(descriptors):
             return nothing_found(len(descriptors), k)
         if isinstance(self._segments[0], faiss.IndexBinary):

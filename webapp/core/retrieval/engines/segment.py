@@ -12,14 +12,14 @@ from webapp.core.features.types import Features
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoEntry:
-    """One photo's features with what else is known from its file.
+    """One photo's features, with hash and field of view of its file.
 
     Attributes
     ----------
     content : str
         SHA-256 of the file, hexadecimal.
     fov_deg : float
-        Horizontal field of view of the upright photo from EXIF; NaN when unknown.
+        Horizontal field of view of the upright photo from EXIF; NaN if unknown.
     """
 
     content: str
@@ -42,7 +42,7 @@ class Segment:
     photo_size : (p, 2) int32
         Width and height of the upright photos.
     fov_deg : (p,) float64
-        From EXIF; NaN when unknown.
+        From EXIF; NaN if unknown.
     """
 
     content: list[str]
@@ -55,7 +55,7 @@ class Segment:
     fov_deg: NDArray[np.float64]
 
     def entry(self, photo: int) -> PhotoEntry:
-        """Take out one photo, by its number in the segment."""
+        """Return one photo, by its number in the segment."""
         rows = slice(int(self.first[photo]), int(self.first[photo + 1]))
         width, height = self.photo_size[photo]
         features = Features(

@@ -1,18 +1,18 @@
-"""Which way of searching fits into the memory that an index may take."""
+"""Choice of the search engine by the memory limit of an index."""
 
 from __future__ import annotations
 
 from webapp.core.features.types import Engine, Kind
 
 _BYTES_A_ROW = 20
-"""Of each keypoint: its number in the inverted lists (8), where it is and how it is turned (12)."""
+"""Bytes per keypoint: its number in the inverted lists (8), position and orientation (12)."""
 
 _WHOLE_BELOW = 20_000
-"""Below this many descriptors they are kept whole: a product quantizer would not pay."""
+"""Below this number of descriptors they are stored uncompressed: a product quantizer would not pay."""
 
 
 def keeps_whole(descriptors: int, *, kind: Kind) -> bool:
-    """Decide whether an index of this many descriptors keeps them as they are: binary ones always."""
+    """Decide whether an index of this many descriptors stores them uncompressed; always for binary ones."""
     return kind == "binary" or descriptors < _WHOLE_BELOW
 
 
@@ -22,7 +22,7 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
     Parameters
     ----------
     width : int
-        Bytes of a descriptor, of which a product quantizer leaves a quarter.
+        Bytes of a descriptor, which a product quantizer reduces to a quarter.
     kind : {"float", "binary"}
     """
     kept = width if keeps_whole(descriptors, kind=kind) else width // 4
@@ -30,7 +30,7 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
 
 
 def tier_for(descriptors: int, *, width: int, kind: Kind, memory_mb: float) -> Engine:
-    """Choose the inverted file where it fits into a memory limit, megabytes (10^6 bytes), else signatures.
+    """Choose the inverted file if it fits into a memory limit, megabytes (10^6 bytes), else signatures.
 
     Binary descriptors have no signatures: for them it is always the inverted file.
     """

@@ -1,7 +1,7 @@
-"""Search in two stages: signatures name some photos, whose descriptors are then compared exactly.
+"""Search in two stages: signatures select some photos, whose descriptors are then compared exactly.
 
-For maps whose descriptors do not fit into memory: only the signatures stay there. The descriptors of the
-photos named are read when they are needed.
+For maps whose descriptors do not fit into memory: only the signatures are kept there. The descriptors of
+selected photos are read when needed.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.threads import in_threads
 
 _NAMED = 48
-"""Photos whose descriptors are looked at."""
+"""Number of photos selected by signatures."""
 
 _STRONGEST = 500
-"""Number of the strongest keypoints of each that select which photos are worth a full comparison."""
+"""Number of the strongest keypoints by which photos are selected for a full comparison."""
 
 _COMPARED = 24
-"""Photos that are compared with all their descriptors."""
+"""Number of photos that are compared with all their descriptors."""
 
 _NEAREST = 6
-"""Nearest neighbours kept of the photos compared: the last shows how near an average one is."""
+"""Nearest neighbours kept over all compared photos: the last one shows the distance of an average one."""
 
 _BLOCK = 128
-"""Descriptors of the query compared at once: bounds the memory of each thread."""
+"""Descriptors of the query compared at once: limits the memory of each thread."""
 
 
 class TwoStage:
-    """Nearest neighbours among the photos that are most like the query.
+    """Nearest neighbours in the photos that are most similar to the query.
 
-    At most one in each, but where fewer photos than neighbours may be named: then as many in each as make up
-    the number, because how near a neighbour is can only be judged by another one.
+    There is at most one per photo, unless there are fewer photos than neighbours: then photos contribute
+    several each, because a neighbour's distance can only be judged relative to another's.
 
     Parameters
     ----------
     signatures : sequence of (p, b) uint8
-        Of each segment's photos.
+        Signatures of each segment's photos.
     segments : sequence of Segment
-        Their descriptors may be in files.
+        Their descriptors may be memory-mapped.
     """
 
     def __init__(
@@ -61,15 +61,15 @@ class TwoStage:
     ) -> Neighbours:
         """Find up to k near descriptors for each of (n, d) uint8 descriptors.
 
-        Neighbours that are nearer to another descriptor of the query have no row. Their distance stays: it
-        shows how much nearer others are.
+        Neighbours that are nearer to another descriptor of the query have row -1. Their distance is kept, as
+        a reference for that of others.
 
         Parameters
         ----------
         descriptors : (n, d) uint8
-            The strongest keypoint's first.
+            Those of the strongest keypoints first.
         visible : (e,) bool
-            Which photos of all segments, in order, may be named.
+            Which photos of all segments, in order, are searched.
         """
         if not len(descriptors) or not visible.any():
             return nothing_found(len(descriptors), k)
@@ -91,7 +91,7 @@ class TwoStage:
         each: int = 1,
         strongest: int | None = None,
     ) -> Neighbours:
-        """Find the nearest descriptors of each photo, or of its strongest; `each` columns a photo."""
+        """Find the `each` nearest descriptors in each photo, or among its `strongest`, as columns."""
         values = query.astype(np.float32)
         squared = (values**2).sum(axis=1)
 
@@ -121,7 +121,7 @@ class TwoStage:
         return Neighbours(np.column_stack(distances), np.column_stack(rows))
 
     def _descriptors(self, entry: int, strongest: int | None) -> tuple[int, NDArray[np.uint8]]:
-        """Read a photo's descriptors, and the number of the first over all segments."""
+        """Read a photo's descriptors; returns the row of the first, counted over all segments, and them."""
         number = int(np.searchsorted(self._first_entry, entry, side="right")) - 1
         segment, photo = self._segments[number], entry - int(self._first_entry[number])
         first, stop = int(segment.first[photo]), int(segment.first[photo + 1])
@@ -130,7 +130,7 @@ class TwoStage:
 
 
 def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sum up how much nearer each photo's (n, m) neighbours are than the usual one; (m,)."""
+    """Sum by how much each photo's (n, m) neighbours are nearer than the median over photos; (m,)."""
     usual = np.median(distance, axis=1, keepdims=True)
     nearer = np.zeros_like(distance)
     np.subtract(usual, distance, where=np.isfinite(usual), out=nearer)
@@ -139,7 +139,7 @@ def _votes(distance: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
-    """Find where the least `count` numbers of each row are, in any order."""
+    """Find the columns of the `count` least values of each row, in any order."""
     if count == 1:
         return np.asarray(values.argmin(axis=1, keepdims=True), np.int64)
     return np.argpartition(values, count - 1, axis=1)[:, :count]

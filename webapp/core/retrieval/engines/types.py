@@ -1,4 +1,4 @@
-"""What every engine answers."""
+"""Interface and results of search engines."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Neighbours:
     Attributes
     ----------
     distance : (n, k) float32
-        In the engine's norm (Euclidean, not squared, for L2); infinite where there is no k-th neighbour.
+        In the engine's norm (Euclidean, not squared, for L2); infinite if there is no k-th neighbour.
     row : (n, k) int64
-        Number of the map descriptor, counted over the whole index; -1 where there is none.
+        Number of the map descriptor, counted over the whole index; -1 if there is none.
     """
 
     distance: NDArray[np.float32]
@@ -33,17 +33,17 @@ class DescriptorSearch(Protocol):
 
 
 def nothing_found(n: int, k: int) -> Neighbours:
-    """Make the answer of an empty index for `n` descriptors."""
+    """Return the result of an empty index for `n` descriptors."""
     return Neighbours(np.full((n, k), np.inf, np.float32), np.full((n, k), -1, np.int64))
 
 
 def nearest_of(parts: list[Neighbours], k: int) -> Neighbours:
-    """Merge the answers of several parts of an index into the k nearest over all.
+    """Merge the results of several parts of an index into the k nearest over all.
 
     Parameters
     ----------
     parts : list of Neighbours
-        At least one; rows already counted over the whole index.
+        At least one; rows are already counted over the whole index.
     """
     distance = np.concatenate([p.distance for p in parts], axis=1)
     row = np.concatenate([p.row for p in parts], axis=1)

@@ -1,9 +1,9 @@
-"""One short signature a photo: its descriptors, aggregated and cut down to signs (VLAD, binarised).
+"""One short signature per photo: its descriptors, aggregated and binarised (VLAD).
 
-Each descriptor's difference to the nearest of a few centres is added up there, and each sum is brought to
-length 1, so that a pattern that a photo repeats counts once (VLAD with intra-normalisation: Jégou et al.
-2010; Arandjelović and Zisserman 2013). What photos have on average says nothing and is taken off. Only the
-signs are kept, 1 KB for SIFT and 0.5 KB for XFeat: they name as many right photos as the numbers do.
+For each of a few centres the differences of the nearest descriptors to it are summed, and each sum is scaled
+to length 1, so that a repeated pattern counts once (VLAD with intra-normalisation: Jégou et al. 2010;
+Arandjelović and Zisserman 2013). The mean over photos carries no information and is subtracted. Only signs
+are kept, 1 KB for SIFT and 0.5 KB for XFeat: they find as many right photos as the real values.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 CENTRES = 64
-"""A multiple of 8, so that signatures fill bytes, and 64-bit words where descriptors have 8 bytes or more."""
+"""Number of centres: a multiple of 64, so that signatures fill 64-bit words."""
 
 SAMPLE_PHOTOS = 500
-"""Number of photos that are enough to train on."""
+"""Number of photos that are enough for training."""
 
 _SAMPLE_PER_CENTRE = 300
 _ROUNDS = 10
 _AGAIN = 8
-"""Factor of the photos wanted that are compared a second time, by the query's real values."""
+"""Photos that are compared a second time, by the query's real values, over the number wanted."""
 
 _BLOCK = 256
 """Signatures compared at once: together they fit into a processor's cache."""
@@ -32,13 +32,13 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Codebook:
-    """What signatures are made with.
+    """Parameters of signatures.
 
     Attributes
     ----------
     centres : (c, d) float32
     mean : (c, d) float32
-        Of the aggregated vectors of some photos.
+        Mean of the aggregated vectors of some photos.
     """
 
     centres: NDArray[np.float32]
@@ -68,7 +68,7 @@ def train(photos: Sequence[NDArray[np.uint8]]) -> Codebook:
 
 
 def _clustered(sample: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Find (CENTRES, d) centres by k-means; with fewer descriptors than that each is one, repeated."""
+    """Find (CENTRES, d) centres by k-means; fewer descriptors than that are repeated as centres."""
     if len(sample) < CENTRES:
         return np.ascontiguousarray(np.resize(sample, (CENTRES, sample.shape[1])))
     means = faiss.Kmeans(sample.shape[1], CENTRES, niter=_ROUNDS, seed=1, min_points_per_centroid=1)
@@ -77,7 +77,7 @@ def _clustered(sample: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Add up each descriptor's difference to its nearest centre.
+    """Sum the differences of descriptors to their nearest centre.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> N
     Returns
     -------
     (c, d) float32
-        Rows of length 1, or 0 where no descriptor is nearest.
+        Rows of length 1, or 0 for centres to which no descriptor is nearest.
     """
     values = descriptors.astype(np.float32)
     nearest = (values @ centres.T - 0.5 * (centres**2).sum(1)).argmax(1)
@@ -99,7 +99,7 @@ def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> N
 
 
 def signature(codebook: Codebook, descriptors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Make the signature of a photo with (n, d) descriptors: (`signature_bytes`,) uint8."""
+    """Compute the signature of a photo with (n, d) descriptors: (`signature_bytes`,) uint8."""
     return np.packbits(aggregate(codebook.centres, descriptors) > codebook.mean)
 
 
@@ -111,7 +111,7 @@ def most_alike(
     visible: NDArray[np.bool_],
     most: int,
 ) -> NDArray[np.int64]:
-    """Name the photos that are most like a query.
+    """Find the photos that are most similar to a query.
 
     Parameters
     ----------
@@ -120,15 +120,15 @@ def most_alike(
     descriptors : (n, d) uint8
         Of the query.
     visible : (e,) bool
-        Which photos may be named.
+        Which photos are searched.
 
     Returns
     -------
     (m,) int64
-        The most alike first; at most `most`.
+        The most similar first; at most `most`.
     """
     vector = aggregate(codebook.centres, descriptors)
-    # Where the query has nothing, neither sign is right.
+    # The signs of centres without a descriptor of the query mean nothing.
     filled = np.repeat(vector.any(axis=1), vector.shape[1])
     vector = np.where(filled, (vector - codebook.mean).ravel(), np.float32(0.0))
     different = np.concatenate(
@@ -148,7 +148,7 @@ def most_alike(
 def _different(
     signatures: NDArray[np.uint8], query: NDArray[np.uint8], filled: NDArray[np.uint8]
 ) -> NDArray[np.int32]:
-    """Count the bits in which (p, b) signatures differ from the query's, where that has any; (p,)."""
+    """Count the bits in which (p, b) signatures differ from the query's, among its `filled` ones; (p,)."""
     ours, mask = query.view(np.uint64), filled.view(np.uint64)
     counts = np.empty(len(signatures), np.int32)
     for start in range(0, len(signatures), _BLOCK):
@@ -160,7 +160,7 @@ def _different(
 def _likeness(
     signatures: Sequence[NDArray[np.uint8]], photos: NDArray[np.int64], vector: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Compare the signs of some photos with the query's numbers; (len(photos),) float32."""
+    """Compute scalar products of some photos' signatures with the query's values; (len(photos),) float32."""
     likeness = np.empty(len(photos), np.float32)
     first = 0
     for part in signatures:

@@ -1,4 +1,4 @@
-"""The tables of version 0.7.0: from here on, libraries are brought up to date."""
+"""The tables of version 0.7.0: the oldest schema that is migrated."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -12,7 +12,7 @@ INT = sa.Integer()
 
 
 def upgrade() -> None:
-    """Make all tables; constraints get their names by the convention of `webapp.store.schema`."""
+    """Create all tables; constraints are named by the convention of `webapp.store.schema`."""
     op.create_table(
         "account",
         sa.Column("id", INT, primary_key=True),

@@ -1,4 +1,4 @@
-"""Sessions that were signed out of, for as long as their cookies would be valid."""
+"""Sessions that were signed out, kept for as long as their cookies would be valid."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""The photo id that is reserved for an upload."""
+"""The photo id reserved for an upload."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""The service that a photo is from, with its author and licence."""
+"""The source of a photo: service, author and licence."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""How accurate and how large detections are, and whether an object is one that the server associated."""
+"""Accuracy and size of detections, and whether the server associated them to an object."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,7 +10,7 @@ _MEASURES = ("var_e", "var_n", "cov_en", "size_x_m", "size_y_m", "size_z_m")
 
 
 def upgrade() -> None:
-    """Add the columns, and the index that finds what was seen at a time."""
+    """Add the columns, and an index of sightings by time."""
     for table in ("mission_object", "sighting"):
         for name in _MEASURES:
             op.add_column(table, sa.Column(name, sa.Double(), nullable=True))

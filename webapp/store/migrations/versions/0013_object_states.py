@@ -1,4 +1,4 @@
-"""The list of tasks: how far people are with each object, and who said so when."""
+"""The task list: the state of each object, and who set it when."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""Thinned tracks: what was removed of them, with which error, and missions that are kept as they are."""
+"""Thinned tracks: number of removed poses and error, and missions that are exempt."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,7 +8,7 @@ down_revision = "0013"
 
 
 def upgrade() -> None:
-    """Add what is known of thinning; so far nothing was thinned."""
+    """Add the columns; nothing has been thinned yet."""
     op.add_column("mission", sa.Column("keep", sa.Boolean(), nullable=False, server_default=sa.false()))
     op.add_column("track", sa.Column("removed", sa.Integer(), nullable=False, server_default="0"))
     op.add_column("track", sa.Column("thinned_m", sa.Double(), nullable=True))

@@ -1,4 +1,4 @@
-"""Which photos show the whole sphere, and what is masked in them."""
+"""Panoramas: photos that show the whole sphere, and their masks."""
 
 import sqlalchemy as sa
 from alembic import op

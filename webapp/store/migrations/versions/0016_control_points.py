@@ -1,4 +1,4 @@
-"""Control points of maps: where they are, and in which photos they are clicked."""
+"""Control points of maps: their positions, and their clicks in photos."""
 
 import sqlalchemy as sa
 from alembic import op

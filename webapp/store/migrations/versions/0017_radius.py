@@ -1,4 +1,4 @@
-"""How far off photos may be that were placed where they were suggested."""
+"""The uncertainty radius of photos that were placed at a suggested position."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""Vectors of photos, for a search on all maps."""
+"""Vectors of photos, for a search in all maps."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,7 +8,7 @@ down_revision = "0018"
 
 
 def upgrade() -> None:
-    """Make the tables."""
+    """Create the tables."""
     op.create_table(
         "vector_basis",
         sa.Column("id", sa.Integer(), primary_key=True),

@@ -1,4 +1,4 @@
-"""Floors of maps, and on which one a photo is."""
+"""Floors of maps, and the floor of each photo."""
 
 import sqlalchemy as sa
 from alembic import op

@@ -1,4 +1,4 @@
-"""Which camera a photo was taken with."""
+"""The camera with which a photo was taken."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,5 +8,5 @@ down_revision = "0021"
 
 
 def upgrade() -> None:
-    """Add the column; it is not known of photos that are there already."""
+    """Add the column; it is unknown for existing photos."""
     op.add_column("photo", sa.Column("camera", sa.String(), nullable=True))

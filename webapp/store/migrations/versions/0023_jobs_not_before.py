@@ -1,4 +1,4 @@
-"""Jobs that wait for what is away: not before when, and how often in a row."""
+"""Jobs that wait for something unavailable: the earliest time of the next try, and the number of waits."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,6 +8,6 @@ down_revision = "0022"
 
 
 def upgrade() -> None:
-    """Add the columns; a process of the version before, which is still at work, leaves them alone."""
+    """Add the columns; running processes of the previous version ignore them."""
     op.add_column("job", sa.Column("not_before", sa.DateTime(), nullable=True))
     op.add_column("job", sa.Column("waits", sa.Integer(), nullable=False, server_default="0"))

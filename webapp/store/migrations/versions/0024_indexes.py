@@ -1,4 +1,4 @@
-"""Indexes for the next step of an undo, and for jobs that have ended lately."""
+"""Indexes for the next edit to undo, and for jobs that have ended recently."""
 
 from alembic import op
 
@@ -7,7 +7,7 @@ down_revision = "0023"
 
 
 def upgrade() -> None:
-    """Make the new ones first: to drop one, PostgreSQL locks the table until the end."""
+    """Create the new ones first: dropping one locks the table in PostgreSQL until the transaction ends."""
     op.create_index(
         "ix_edit_map_id_edit_account_id_edit_state_edit_id", "edit", ["map_id", "account_id", "state", "id"]
     )

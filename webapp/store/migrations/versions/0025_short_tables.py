@@ -1,4 +1,4 @@
-"""Tables of short rows are their own index on SQLite; uploads are too few for an index of their times."""
+"""Tables of short rows become WITHOUT ROWID in SQLite; uploads are too few for an index of their times."""
 
 from alembic import op
 
@@ -9,12 +9,12 @@ _TABLES = ("sign_in_link", "ended_session", "member", "placed_elsewhere")
 
 
 def upgrade() -> None:
-    """Make the tables anew with the rows that they have; PostgreSQL knows no such tables."""
+    """Recreate the tables with their rows; PostgreSQL has no such tables."""
     op.drop_index("ix_upload_created_at", "upload")
     connection = op.get_bind()
     if connection.dialect.name == "sqlite":
         for name in _TABLES:
-            # whose map or account another program has deleted without them: they could not be inserted anew
+            # rows whose map or account another program has deleted without them could not be inserted again
             orphans = f"SELECT rowid FROM pragma_foreign_key_check('{name}')"
             connection.exec_driver_sql(f"DELETE FROM {name} WHERE rowid IN ({orphans})")
             without_rowid = {"sqlite_with_rowid": False}
