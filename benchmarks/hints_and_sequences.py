@@ -48,7 +48,7 @@ OF_ONE_SPOT = 3
 REACH = 3
 """Number of frames before and after from which the direction of the walk is computed."""
 
-SURE = 0.9
+CERTAIN = 0.9
 """A wrong answer with at least this probability counts as confidently wrong."""
 
 COLUMNS = (
@@ -235,7 +235,7 @@ def _surely_wrong(result: QueryResult, radius: float) -> bool:
     answer, error = result.answer, result.error_px
     if answer is None or error is None:
         return False
-    return answer.hypotheses[0].probability >= SURE and error > radius
+    return answer.hypotheses[0].probability >= CERTAIN and error > radius
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from webapp.core.features.types import Features
 from webapp.core.geometry import so3
 from webapp.core.geometry.estimate import NoPose
 from webapp.core.landmarks.absolute_pose import Lens, project, solve_camera
-from webapp.core.landmarks.cloud import LaidCloud, LandmarkCloud
+from webapp.core.landmarks.cloud import AlignedCloud, LandmarkCloud
 from webapp.core.landmarks.submodels import Submodel
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ _RETRIEVED = 20
 class Scene:
     """A cloud, the cameras that saw it, and the descriptor of each point (k, 128)."""
 
-    laid: LaidCloud
+    aligned: AlignedCloud
     centre: Array
     rotation: Array
     look: NDArray[np.uint8]
@@ -86,8 +86,8 @@ def make_scene(points: int, *, photos: int, rng: np.random.Generator) -> Scene:
         np.full(photos, LENS.focal_px),
         np.full(photos, LENS.distortion),
     )
-    laid = LaidCloud(cloud, "", np.arange(photos), (Submodel(np.arange(photos), centre, rotation),), ())
-    return Scene(laid, centre, rotation, look)
+    aligned = AlignedCloud(cloud, "", np.arange(photos), (Submodel(np.arange(photos), centre, rotation),), ())
+    return Scene(aligned, centre, rotation, look)
 
 
 def visible(at: Array, *, rotation: Array, centre: Array) -> tuple[NDArray[np.int64], Array]:
@@ -109,7 +109,7 @@ def make_query(scene: Scene, rng: np.random.Generator) -> tuple[Features, Array,
     beside = rng.integers(len(scene.centre))
     centre = scene.centre[beside] + rng.normal(0.0, 1.0, 3) * [1.0, 1.0, 0.2]
     rotation = so3.exp(rng.normal(0.0, 0.1, 3)) @ scene.rotation[beside]
-    seen, xy = visible(scene.laid.cloud.point, rotation=rotation, centre=centre)
+    seen, xy = visible(scene.aligned.cloud.point, rotation=rotation, centre=centre)
     some = rng.permutation(len(seen))[: int(_KEYPOINTS * (1.0 - _WRONG))]
     wrong = _KEYPOINTS - len(some)
     where = np.concatenate(
@@ -130,8 +130,10 @@ def localize(scene: Scene, query: Features, near: Array) -> tuple[float, Array |
     """Solve a query's camera, with the photos nearest to a point as retrieved; return seconds and pose."""
     apart = np.linalg.norm(scene.centre - near, axis=1)
     started = time.perf_counter()
-    groups = scene.laid.groups(np.argsort(apart)[:_RETRIEVED], visible=np.ones(len(apart), np.bool_), most=4)
-    solved = [solve_camera(query, scene.laid.cloud, rows=g.rows, lenses=[LENS]).pose for g in groups]
+    groups = scene.aligned.groups(
+        np.argsort(apart)[:_RETRIEVED], visible=np.ones(len(apart), np.bool_), most=4
+    )
+    solved = [solve_camera(query, scene.aligned.cloud, rows=g.rows, lenses=[LENS]).pose for g in groups]
     seconds = time.perf_counter() - started
     poses = [pose for pose in solved if not isinstance(pose, NoPose)]
     if not poses:
@@ -169,7 +171,7 @@ def measure(points: int, *, photos: int, queries: int, seed: int = 1) -> dict[st
             degrees.append(float(np.degrees(np.linalg.norm(so3.log(turn @ rotation.T)))))
     return {
         "points": points,
-        "observations": len(scene.laid.cloud.seen_point),
+        "observations": len(scene.aligned.cloud.seen_point),
         "queries": queries,
         "solved": len(metres),
         "median_m": round(float(np.median(metres)), 4),

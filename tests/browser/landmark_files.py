@@ -14,7 +14,7 @@ from webapp.files.landmarks.points import COLOURS_FILE, write_colours
 from webapp.files.part_file import sha256_of
 from webapp.store.library import open_library
 from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
 
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -61,12 +61,12 @@ def write_landmarks(
         )
 
 
-def lay_landmarks(library_folder: Path, slug: str) -> None:
+def align_landmarks(library_folder: Path, slug: str) -> None:
     """Lay the landmarks on the map, for which the worker may have no time yet."""
     library = open_library(library_folder)
     try:
         with library.database.read() as session:
             record = session.query(MapRecord).filter_by(slug=slug).one()
-        lay_in_library(library, record)
+        align_in_library(library, record)
     finally:
         library.database.close()

@@ -5,7 +5,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.edit_page import spots
-from tests.browser.landmark_files import lay_landmarks, write_landmarks
+from tests.browser.landmark_files import align_landmarks, write_landmarks
 
 PHOTOS = 8
 WRONG = 4
@@ -43,7 +43,7 @@ def test_a_point_is_clicked_in_two_photos_and_on_the_image(page, api, app, joine
     page.get_by_label("Point gate: height").fill("212.5")
     with page.expect_response(lambda answer: answer.request.method == "PUT"):
         page.get_by_label("Point gate: height").press("Enter")
-    lay_landmarks(app.library, slug)
+    align_landmarks(app.library, slug)
     rows = page.locator("[data-testid=residuals] tr")
     expect(rows).to_have_count(PHOTOS + 1)
     expect(rows.first).to_contain_text(photos[WRONG]["name"])

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 from tests.browser.edit_page import spots
-from tests.browser.landmark_files import lay_landmarks, write_landmarks
+from tests.browser.landmark_files import align_landmarks, write_landmarks
 
 PHOTOS = 6
 POINTS = 400
@@ -41,7 +41,7 @@ def joined(make_page, api, app):
     data = {"seen": api.state(slug)["revision"], "kind": "unplace", "changes": changes}
     api.ask("PATCH", f"/maps/{slug}/experiences", data=data)
     api.cancel_jobs(slug)
-    lay_landmarks(app.library, slug)
+    align_landmarks(app.library, slug)
     return slug, photos
 
 

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 
 PARTS, SECONDS = 200, 0.5
 
@@ -27,6 +27,6 @@ def compute(context):
     """Do all parts."""
     context.progress.size(PARTS)
     folder = context.library.inner
-    at = Workplace(context.settings, folder)
+    at = ExecutionTarget(context.settings, folder)
     for _ in in_order(part, range(PARTS), shared=folder, at=at, progress=context.progress):
         context.progress.advance()

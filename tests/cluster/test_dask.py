@@ -22,7 +22,7 @@ from webapp.logs import carried
 from webapp.progress import Progress
 from webapp.tasks.computing import cluster as cluster_module
 from webapp.tasks.computing import on_worker
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
@@ -131,7 +131,7 @@ def test_the_same_pairs_for_landmarks_as_here(tmp_path, sample_folder, on_dask):
 
 
 def test_a_part_alone_uses_all_cores_and_parts_together_one_each(tmp_path, on_dask):
-    at = Workplace(on_dask, tmp_path)
+    at = ExecutionTarget(on_dask, tmp_path)
     assert [*in_order(native_threads, [0.0], shared=0, at=at, progress=Progress())] == [min(2, cores())]
     many = [0.05] * 12
     assert [*in_order(native_threads, many, shared=0, at=at, progress=Progress())] == [1] * 12
@@ -185,27 +185,27 @@ def test_a_scheduler_that_is_lost(tmp_path, make_map, quick):
 
 
 def test_workers_that_differ_are_refused(tmp_path, on_dask, monkeypatch):
-    at = Workplace(on_dask, tmp_path)
+    at = ExecutionTarget(on_dask, tmp_path)
     monkeypatch.setattr(on_worker, "versions", lambda: {"numpy": "1.0"})
     with pytest.raises(UsageError, match=r"the Dask worker tcp://.* has numpy .*, this process 1\.0"):
         [*in_order(max, [1], shared=0, at=at, progress=Progress())]
 
 
 def test_workers_that_do_not_see_the_folder_are_refused():
-    terms = on_worker.Terms(on_worker.versions(), Path("/nowhere/.computing-1"), None, carried())
+    terms = on_worker.WorkerRequirements(on_worker.versions(), Path("/nowhere/.computing-1"), None, carried())
     with pytest.raises(UsageError, match="cannot see the folder /nowhere"):
         terms.check("tcp://127.0.0.1:1")
 
 
 def test_errors_of_a_part_are_raised_as_they_are(tmp_path, on_dask):
     with pytest.raises(TypeError):
-        [*in_order(max, ["x"], shared=0, at=Workplace(on_dask, tmp_path), progress=Progress())]
+        [*in_order(max, ["x"], shared=0, at=ExecutionTarget(on_dask, tmp_path), progress=Progress())]
 
 
 def test_without_the_extra(tmp_path, on_dask, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingPart, match="distributed is not installed") as caught:
-        [*in_order(max, [1], shared=0, at=Workplace(on_dask, tmp_path), progress=Progress())]
+        [*in_order(max, [1], shared=0, at=ExecutionTarget(on_dask, tmp_path), progress=Progress())]
     assert "experience-map[cluster]" in caught.value.hint
     assert "distributed" in EXTRAS["cluster"]
 

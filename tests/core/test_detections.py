@@ -6,13 +6,13 @@ import pytest
 from webapp.core.blur import BlurBox
 from webapp.core.detections import (
     Detection,
-    Spotted,
-    best_apart,
+    WindowDetections,
+    boxes_to_blur,
     detect_in_windows,
     is_hidden,
-    join_same,
+    merge_duplicates,
+    non_maximum_suppression,
     spans,
-    to_blur,
     windows,
 )
 from webapp.errors import Cancelled
@@ -46,7 +46,7 @@ def test_boxes_of_windows_become_shares_of_the_photo():
         boxes = (
             np.array([[x.min(), y.min(), x.max() + 1, y.max() + 1]], float) if len(x) else np.zeros((0, 4))
         )
-        return Spotted(boxes, np.full(len(boxes), 0.8))
+        return WindowDetections(boxes, np.full(len(boxes), 0.8))
 
     (found,) = detect_in_windows(photo, look, kind="plate", size=(320, 240), overlap=96)
     assert found.box == pytest.approx((0.6, 200 / 300, 0.08, 20 / 300))
@@ -58,7 +58,7 @@ def test_a_search_is_stopped_between_windows():
 
     def look(part):
         seen.append(1)
-        return Spotted(np.zeros((0, 4)), np.zeros(0))
+        return WindowDetections(np.zeros((0, 4)), np.zeros(0))
 
     def check():
         if len(seen) == 2:
@@ -82,9 +82,9 @@ def test_hidden_is_what_is_mostly_covered_by_one_box_or_by_several():
 
 def test_the_best_of_overlapping_boxes_are_chosen():
     boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [5, 0, 15, 10], [30, 0, 40, 10]], float)
-    assert best_apart(boxes, np.array([0.5, 0.9, 0.7, 0.6]), overlap=0.5) == [1, 2, 3]
-    assert best_apart(boxes, np.array([0.5, 0.9, 0.7, 0.6]), overlap=0.3) == [1, 3]
-    assert best_apart(np.zeros((0, 4)), np.zeros(0), overlap=0.3) == []
+    assert non_maximum_suppression(boxes, np.array([0.5, 0.9, 0.7, 0.6]), overlap=0.5) == [1, 2, 3]
+    assert non_maximum_suppression(boxes, np.array([0.5, 0.9, 0.7, 0.6]), overlap=0.3) == [1, 3]
+    assert non_maximum_suppression(np.zeros((0, 4)), np.zeros(0), overlap=0.3) == []
 
 
 def test_parts_of_one_thing_are_joined_and_neighbours_are_not():
@@ -92,7 +92,7 @@ def test_parts_of_one_thing_are_joined_and_neighbours_are_not():
     whole = Detection("face", BlurBox(0.1, 0.1, 0.2, 0.2), 0.7)
     neighbour = Detection("face", BlurBox(0.29, 0.1, 0.2, 0.2), 0.8)
     plate = Detection("plate", BlurBox(0.1, 0.1, 0.1, 0.2), 0.6)
-    joined = join_same([whole, part, neighbour, plate])
+    joined = merge_duplicates([whole, part, neighbour, plate])
     assert [(one.kind, one.score) for one in joined] == [("face", 0.9), ("face", 0.8), ("plate", 0.6)]
     assert joined[0].box == pytest.approx(whole.box)
 
@@ -100,11 +100,11 @@ def test_parts_of_one_thing_are_joined_and_neighbours_are_not():
 def test_what_is_to_be_blurred_is_larger_and_inside_and_not_there_yet():
     boxes = [BlurBox(0.4, 0.4, 0.2, 0.1), BlurBox(0.9, -0.02, 0.2, 0.1), BlurBox(0.1, 0.1, 0.1, 0.1)]
     faces = [Detection("face", box, 0.9) for box in boxes]
-    middle, corner = (one.box for one in to_blur(faces, blurred=[BlurBox(0.05, 0.05, 0.2, 0.2)]))
+    middle, corner = (one.box for one in boxes_to_blur(faces, blurred=[BlurBox(0.05, 0.05, 0.2, 0.2)]))
     assert middle == pytest.approx((0.36, 0.38, 0.28, 0.14))
     assert corner.inside
     assert corner.x + corner.width == pytest.approx(1)
     assert corner.y == 0
-    assert to_blur([Detection("face", BlurBox(1.3, 0.1, 0.1, 0.1), 0.9)], blurred=[]) == []
-    (plate,) = to_blur([Detection("plate", boxes[0], 0.9)], blurred=[])
+    assert boxes_to_blur([Detection("face", BlurBox(1.3, 0.1, 0.1, 0.1), 0.9)], blurred=[]) == []
+    (plate,) = boxes_to_blur([Detection("plate", boxes[0], 0.9)], blurred=[])
     assert plate.box == pytest.approx((0.38, 0.39, 0.24, 0.12))

@@ -75,9 +75,9 @@ def test_a_change_is_refused_and_not_kept(library, far, park, network):
     network.mend()
     with far.changing(park) as change:
         assert change.record.name == "Park"
-        change.record.name = "Kept"
+        change.record.name = "StoredEvaluation"
     with library.database.read() as session:
-        assert session.get_one(MapRecord, park).name == "Kept"
+        assert session.get_one(MapRecord, park).name == "StoredEvaluation"
 
 
 def test_a_change_whose_answer_is_lost_is_refused_though_it_is_kept(library, far, park, network):

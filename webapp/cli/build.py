@@ -38,7 +38,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
         )
     index = report.index
     second = report.second
-    tell_failed(index, *([second.index] if second else []))
+    report_failed(index, *([second.index] if second else []))
     if as_json:
         raw = asdict(index) | {"folder": str(index.folder), "features": report.features}
         seconds = {
@@ -60,7 +60,7 @@ def build(map_file: Path, as_json: bool, **chosen: Any) -> None:
     sys.exit(exitcodes.SOME_FAILED if failed else exitcodes.DONE)
 
 
-def tell_failed(*reports: BuildReport | None) -> None:
+def report_failed(*reports: BuildReport | None) -> None:
     """Print each map photo that could not be used once, and a count of the reasons, to standard error."""
     failed = dict.fromkeys(photo for report in reports if report for photo in report.failed)
     for number, photo, reason in failed:

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from webapp.cli import exitcodes
-from webapp.cli.build import tell_failed
+from webapp.cli.build import report_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -131,7 +131,7 @@ def evaluate(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
         for opened in pipeline.all_opened:
-            tell_failed(opened.built)
+            report_failed(opened.built)
         progress.note("queries")
         localize = pipeline.localize
         if smooth and queries is not None:

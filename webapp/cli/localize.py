@@ -13,7 +13,7 @@ import click
 from PIL import Image
 
 from webapp.cli import exitcodes
-from webapp.cli.build import tell_failed
+from webapp.cli.build import report_failed
 from webapp.cli.options import (
     MAP_FILE,
     check_sequence,
@@ -183,7 +183,7 @@ def localize(
         elif sequence:
             localize_photo = SequenceFilter(pipeline, speed_px=speed, steps=steps).localize
     for opened in pipeline.all_opened:
-        tell_failed(opened.built)
+        report_failed(opened.built)
     output = _Output(
         pipeline, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
     )

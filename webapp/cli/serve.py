@@ -17,7 +17,7 @@ from webapp.logs import FORMS, Form, log_to_stderr
 from webapp.store.library import open_library
 from webapp.tasks.operate.open_storage import open_storage
 
-_POLITENESS = 5
+_NICENESS = 5
 """Niceness of a background worker: the pages have priority."""
 
 
@@ -85,7 +85,7 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     settings = library_settings(library)
     telemetry.start(settings.traces)
     if parent is not None and hasattr(os, "nice"):
-        os.nice(_POLITENESS)
+        os.nice(_NICENESS)
     opened = open_library(settings.library, url=settings.database)
     open_storage(opened, settings)
     working = Worker(opened, settings, registry=composition.registry(), parent=parent)

@@ -69,7 +69,7 @@ class Window(NamedTuple):
     top: int
 
 
-class Spotted(NamedTuple):
+class WindowDetections(NamedTuple):
     """Boxes in a window: (n, 4) left, top, right, bottom in its pixels, and (n,) scores."""
 
     boxes: NDArray[np.float64]
@@ -106,7 +106,7 @@ def windows(
 
 def detect_in_windows(
     pixels: NDArray[np.uint8],
-    look: Callable[[NDArray[np.uint8]], Spotted],
+    look: Callable[[NDArray[np.uint8]], WindowDetections],
     *,
     kind: Kind,
     size: tuple[int, int],
@@ -141,10 +141,10 @@ def detect_in_windows(
         for (left, top, right, bottom), score in zip(shares.tolist(), scores.tolist(), strict=True):
             if right > left and bottom > top:
                 found.append(Detection(kind, BlurBox(left, top, right - left, bottom - top), score))
-    return join_same(found)
+    return merge_duplicates(found)
 
 
-def join_same(found: Iterable[Detection]) -> list[Detection]:
+def merge_duplicates(found: Iterable[Detection]) -> list[Detection]:
     """Join detections of the same object by several windows: a box around all, with the highest score."""
     joined: list[Detection] = []
     for one in sorted(found, key=lambda one: -one.score):
@@ -156,7 +156,9 @@ def join_same(found: Iterable[Detection]) -> list[Detection]:
     return joined
 
 
-def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overlap: float) -> list[int]:
+def non_maximum_suppression(
+    boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overlap: float
+) -> list[int]:
     """Select boxes by non-maximum suppression, so that no two overlap by more than `overlap`.
 
     Parameters
@@ -185,7 +187,7 @@ def best_apart(boxes: NDArray[np.float64], scores: NDArray[np.float64], *, overl
     return chosen
 
 
-def to_blur(found: Iterable[Detection], *, blurred: Iterable[BlurBox]) -> list[Detection]:
+def boxes_to_blur(found: Iterable[Detection], *, blurred: Iterable[BlurBox]) -> list[Detection]:
     """Add a margin to the boxes of detections, and leave out what is already blurred."""
     there = list(blurred)
     wide = ((one, one._replace(box=_with_margin(one))) for one in found)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.detections import Detection, Spotted, detect_in_windows, never
+from webapp.core.detections import Detection, WindowDetections, detect_in_windows, never
 
 _SIZE = (640, 640)
 """Input size of the published model; it finds faces of about 10 to 300 pixels."""
@@ -43,9 +43,9 @@ class YuNet:
             "onnx", self._model, np.zeros(0, np.uint8), _SIZE, _LEAST_SCORE, _OVERLAP, _MOST
         )
 
-        def look(part: NDArray[np.uint8]) -> Spotted:
+        def look(part: NDArray[np.uint8]) -> WindowDetections:
             found = network.detect(part)[1]
             rows = np.zeros((0, 15)) if found is None else np.asarray(found, np.float64)
-            return Spotted(np.hstack([rows[:, :2], rows[:, :2] + rows[:, 2:4]]), rows[:, 14])
+            return WindowDetections(np.hstack([rows[:, :2], rows[:, :2] + rows[:, 2:4]]), rows[:, 14])
 
         return detect_in_windows(pixels, look, kind="face", size=_SIZE, overlap=_OVERLAP_PX, check=check)

@@ -12,7 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.detections import Detection, Spotted, best_apart, detect_in_windows, never
+from webapp.core.detections import (
+    Detection,
+    WindowDetections,
+    detect_in_windows,
+    never,
+    non_maximum_suppression,
+)
 
 SIZE = (320, 240)
 """Width and height of the images that the published file takes."""
@@ -52,7 +58,7 @@ def priors(width: int, height: int) -> NDArray[np.float64]:
     return np.concatenate(found).astype(np.float64)
 
 
-def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> Spotted:
+def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> WindowDetections:
     """Convert the network's outputs to boxes around the corners of plates.
 
     Parameters
@@ -64,7 +70,7 @@ def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> S
 
     Returns
     -------
-    Spotted
+    WindowDetections
         Those above the minimum score, each plate once, the best first.
     """
     loc, conf, iou = outputs
@@ -75,8 +81,8 @@ def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> S
         for axis in (0, 1)
     )
     boxes = np.stack([x.min(1), y.min(1), x.max(1), y.max(1)], axis=1).astype(np.float64)
-    best = best_apart(boxes, scores[sure], overlap=_OVERLAP)
-    return Spotted(boxes[best], scores[sure][best])
+    best = non_maximum_suppression(boxes, scores[sure], overlap=_OVERLAP)
+    return WindowDetections(boxes[best], scores[sure][best])
 
 
 class LpdYuNet:
@@ -96,7 +102,7 @@ class LpdYuNet:
         """Find number plates."""
         network = cv2.dnn.readNetFromONNX(self._model)  # not shared between threads, as for faces
 
-        def look(part: NDArray[np.uint8]) -> Spotted:
+        def look(part: NDArray[np.uint8]) -> WindowDetections:
             network.setInput(cv2.dnn.blobFromImage(part))
             outputs = [np.asarray(array, np.float32) for array in network.forward(_OUTPUTS)]
             return decode(outputs, self._priors)

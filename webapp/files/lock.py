@@ -106,7 +106,7 @@ def exclusive(path: Path, *, doing: str) -> Iterator[None]:
 
 
 @contextmanager
-def paced(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
+def rate_limited(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
     """Run the block in one process at a time, with a minimum gap between runs.
 
     Parameters

@@ -29,7 +29,7 @@ from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.colours import colour_cloud
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
-from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
 from webapp.tasks.localize.cascade import look_options
@@ -229,7 +229,7 @@ def build_landmarks(context: Context) -> dict[str, Any]:
         joined = sum(len(submodel) for submodel in found.submodels)
         result = {"photos": len(found.photos), "joined": joined, "pieces": len(found.submodels)}
     context.progress.note("aligning them with the map")
-    lay_in_library(library, record)
+    align_in_library(library, record)
     return result
 
 

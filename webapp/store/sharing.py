@@ -22,7 +22,7 @@ Kind = TypeVar("Kind", bound=ShareColumns)
 
 
 @dataclass(frozen=True, slots=True)
-class Allows:
+class SharePermissions:
     """What a share allows, besides the image, the dots, and the answer that it is about.
 
     Attributes
@@ -65,7 +65,7 @@ def create(
     session: Session,
     record: MapRecord,
     *,
-    allows: Allows,
+    allows: SharePermissions,
     account_id: int,
     query_id: int | None = None,
     public: bool = False,
@@ -89,7 +89,7 @@ def create(
     return share, open_link(session, share, public=public)
 
 
-def change(share: Share, allows: Allows) -> None:
+def change(share: Share, allows: SharePermissions) -> None:
     """Change what a share allows."""
     share.photos = allows.photos
     share.localize = allows.localize and share.query_id is None
@@ -169,7 +169,7 @@ def shares_of(session: Session, kind: type[Kind], *, where: ColumnElement[bool])
     return list(session.scalars(select(kind).where(where).order_by(kind.id.desc())))
 
 
-def maker_of(session: Session, share: ShareColumns) -> str | None:
+def creator_of(session: Session, share: ShareColumns) -> str | None:
     """Return the name of the account that made a share; None if it was removed."""
     account = None if share.account_id is None else session.get(Account, share.account_id)
     return None if account is None else account.name

@@ -59,7 +59,7 @@ def given_offset() -> int:
     return int(given)
 
 
-def tell_offset(error: WrongOffset) -> Response:
+def offset_response(error: WrongOffset) -> Response:
     """Make the response with the offset at which to resume; for `errorhandler`."""
     response = jsonify(error=as_json(error), offset=error.offset)
     response.status_code = 409

@@ -40,7 +40,7 @@ from webapp.errors import (
 )
 from webapp.files.atomic import is_full, storage_error
 from webapp.web import language
-from webapp.web.accounts.sessions import answer_to_nobody, is_api
+from webapp.web.accounts.sessions import assume_no_caller, is_api
 
 _TABLE: tuple[tuple[type[ExpMapError], HTTPStatus], ...] = (
     (UsageError, HTTPStatus.BAD_REQUEST),
@@ -101,7 +101,7 @@ def _own(error: ExpMapError) -> BaseResponse:
         there = request.full_path.rstrip("?") if request.method == "GET" else None
         return redirect(url_for("sign_in.form", next=there))
     if isinstance(error, StorageError):
-        answer_to_nobody()
+        assume_no_caller()
     response = _answer(as_json(error), status_of(error))
     response.headers.update(extra_headers(error))
     return response

@@ -6,7 +6,7 @@ import pytest
 
 from tests.core.hypotheses.test_joint import answer, place
 from webapp.core.hypotheses.calibration import Calibration
-from webapp.core.hypotheses.looks import combine_looks, evidence_of_looks, is_sure
+from webapp.core.hypotheses.looks import combine_looks, evidence_of_looks, is_certain
 
 EQUAL = Calibration(slope=(1.0, 1.0), offset=-2.0, radius_scale=1.0)
 
@@ -68,9 +68,9 @@ def test_certainty_and_impossibility_stay_finite():
 
 
 def test_a_sure_answer_needs_no_further_look():
-    assert is_sure(answer(place(0, 0.95), off=0.05))
-    assert not is_sure(answer(place(0, 0.6), place(100, 0.4)))
-    assert not is_sure(answer(off=1.0))
+    assert is_certain(answer(place(0, 0.95), off=0.05))
+    assert not is_certain(answer(place(0, 0.6), place(100, 0.4)))
+    assert not is_certain(answer(off=1.0))
 
 
 def test_a_look_that_hardly_believes_in_its_position_does_not_move_the_answer():

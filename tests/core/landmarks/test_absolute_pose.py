@@ -9,7 +9,7 @@ from webapp.core.landmarks.absolute_pose import (
     Lens,
     absolute_pose,
     angle_jacobian,
-    angles_of,
+    euler_angles,
     match_points,
     project,
 )
@@ -92,7 +92,7 @@ def test_angles_are_those_of_the_camera(heading, pitch, roll):
     rotation = np.array(
         [np.cos(roll) * right + np.sin(roll) * down, np.cos(roll) * down - np.sin(roll) * right, forward]
     )
-    np.testing.assert_allclose(angles_of(rotation), [heading, pitch, roll], atol=1e-12)
+    np.testing.assert_allclose(euler_angles(rotation), [heading, pitch, roll], atol=1e-12)
     small = np.array([1e-5, -2e-5, 3e-5])
-    after = angles_of(so3.exp(small) @ rotation)
-    np.testing.assert_allclose(after - angles_of(rotation), angle_jacobian(rotation) @ small, atol=1e-9)
+    after = euler_angles(so3.exp(small) @ rotation)
+    np.testing.assert_allclose(after - euler_angles(rotation), angle_jacobian(rotation) @ small, atol=1e-9)

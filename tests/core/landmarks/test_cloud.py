@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from webapp.core.landmarks.cloud import LaidCloud, LandmarkCloud, observed_twice
+from webapp.core.landmarks.cloud import AlignedCloud, LandmarkCloud, observed_twice
 
 
 def cloud_of(seen):
@@ -20,30 +20,30 @@ def cloud_of(seen):
         np.ones(len(seen)),
         np.zeros(len(seen)),
     )
-    return LaidCloud(cloud, "", np.arange(len(seen)) + 10, (), ())
+    return AlignedCloud(cloud, "", np.arange(len(seen)) + 10, (), ())
 
 
-def groups(laid, photos, *, hidden=(), most=9):
-    visible = ~np.isin(np.arange(len(laid.map_photo)), hidden)
-    return laid.groups(np.array(photos), visible=visible, most=most)
+def groups(aligned, photos, *, hidden=(), most=9):
+    visible = ~np.isin(np.arange(len(aligned.map_photo)), hidden)
+    return aligned.groups(np.array(photos), visible=visible, most=most)
 
 
 def test_photos_that_see_the_same_are_a_group():
-    laid = cloud_of([range(20), range(5, 30), range(40, 60), range(40, 62), range(20, 45)])
-    found = groups(laid, [12, 10, 13, 11])
+    aligned = cloud_of([range(20), range(5, 30), range(40, 60), range(40, 62), range(20, 45)])
+    found = groups(aligned, [12, 10, 13, 11])
     assert [group.photos for group in found] == [[2, 3], [0, 1]]
-    assert [group.photos for group in groups(laid, [12, 10, 13, 11], most=1)] == [[2, 3]]
+    assert [group.photos for group in groups(aligned, [12, 10, 13, 11], most=1)] == [[2, 3]]
     first = found[0]
-    assert set(laid.cloud.seen_point[first.rows]) == set(range(40, 60))
+    assert set(aligned.cloud.seen_point[first.rows]) == set(range(40, 60))
     assert first.photo_of_row.tolist() == [2] * 20 + [3] * 20
 
 
 def test_a_point_that_one_visible_photo_sees_does_not_count():
-    laid = cloud_of([range(20), range(20), range(15)])
-    (group,) = groups(laid, [10, 11], hidden=[1])
+    aligned = cloud_of([range(20), range(20), range(15)])
+    (group,) = groups(aligned, [10, 11], hidden=[1])
     assert group.photos == [0]
-    assert set(laid.cloud.seen_point[group.rows]) == set(range(15))
-    assert groups(laid, [11], hidden=[1]) == []
+    assert set(aligned.cloud.seen_point[group.rows]) == set(range(15))
+    assert groups(aligned, [11], hidden=[1]) == []
 
 
 def test_photos_of_the_map_that_are_in_no_cloud_are_passed_over():

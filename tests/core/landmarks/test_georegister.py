@@ -8,7 +8,7 @@ from webapp.core.geometry import so3
 from webapp.core.landmarks import control_points
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, triangulate
 from webapp.core.landmarks.georegister import georegister, outlying_positions
-from webapp.core.landmarks.placing import LaidSubmodel, lay_submodel
+from webapp.core.landmarks.placing import AlignedSubmodel, align_submodel
 from webapp.core.landmarks.similarity import fit_similarity
 from webapp.core.landmarks.submodels import Submodel
 
@@ -53,8 +53,8 @@ def test_three_control_points_lay_a_submodel_without_any_placed_photo(court, rng
         clicked(submodel, at, name, [1, 7, 20], rng=rng, height=height) for name in ("gate", "well", "oak")
     ]
     found = georegister(submodel, nothing(40), points=points)
-    assert isinstance(found.laid, LaidSubmodel)
-    assert np.abs(found.laid.at - at).max() < 1e-6
+    assert isinstance(found.aligned, AlignedSubmodel)
+    assert np.abs(found.aligned.at - at).max() < 1e-6
     assert not found.problems
     assert max(abs(fit.others_have - fit.at) for fit in found.points) < 1e-6
     assert not any(fit.contradicts for fit in found.points)
@@ -64,11 +64,11 @@ def test_heights_say_what_is_up_where_the_cameras_do_not(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng, tilt=3.0)
     points = [clicked(submodel, at, name, [1, 7, 20], rng=rng) for name in ("gate", "well", "oak")]
-    assert np.abs(georegister(submodel, nothing(40), points=points).laid.at - at).max() < 1e-6
+    assert np.abs(georegister(submodel, nothing(40), points=points).aligned.at - at).max() < 1e-6
     points = [
         clicked(submodel, at, name, [1, 7, 20], rng=rng, height=False) for name in ("gate", "well", "oak")
     ]
-    refused = georegister(submodel, nothing(40), points=points).laid
+    refused = georegister(submodel, nothing(40), points=points).aligned
     assert "no common up" in refused.reason
 
 
@@ -77,16 +77,16 @@ def test_clicks_that_are_a_little_off_do_little_harm(court, rng):
     submodel = submodel_of(at, headings, rng=rng)
     sigma = np.radians(0.05)
     points = [clicked(submodel, at, name, [1, 7, 20, 33], rng=rng, sigma_rad=sigma) for name in SPOTS]
-    assert np.abs(georegister(submodel, nothing(40), points=points).laid.at - at).max() < 2.0
+    assert np.abs(georegister(submodel, nothing(40), points=points).aligned.at - at).max() < 2.0
 
 
 def test_a_control_point_helps_a_single_placed_photo(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng)
     found = georegister(submodel, known_at(at, [5]), points=[clicked(submodel, at, "oak", [1, 7], rng=rng)])
-    assert np.abs(found.laid.at - at).max() < 1e-6
-    assert found.laid.transform.row.tolist() == [5, -1]
-    assert found.laid.transform.without(np.arange(40) == 5) is None
+    assert np.abs(found.aligned.at - at).max() < 1e-6
+    assert found.aligned.transform.row.tolist() == [5, -1]
+    assert found.aligned.transform.without(np.arange(40) == 5) is None
 
 
 def test_a_click_that_disagrees_with_the_others_is_named(court, rng):
@@ -145,7 +145,7 @@ def test_a_control_point_at_a_wrong_place_of_the_map_is_named(court, rng):
     assert [fit.name for fit in found.points if fit.contradicts] == ["stone"]
     stone = found.points[3]
     assert abs(stone.others_have - wrong.at) < 2.0
-    assert np.abs(found.laid.at - at).max() < 2.0
+    assert np.abs(found.aligned.at - at).max() < 2.0
 
 
 def test_a_placed_photo_that_contradicts_control_points_is_found(court, rng):
@@ -155,15 +155,15 @@ def test_a_placed_photo_that_contradicts_control_points_is_found(court, rng):
     known.at[6] += 40j
     points = [clicked(submodel, at, name, [1, 7, 20], rng=rng) for name in SPOTS]
     found = georegister(submodel, known, points=points)
-    assert np.flatnonzero(found.laid.contradicting).tolist() == [6]
-    assert found.laid.residual_px[6] == pytest.approx(40.0, abs=0.5)
+    assert np.flatnonzero(found.aligned.contradicting).tolist() == [6]
+    assert found.aligned.residual_px[6] == pytest.approx(40.0, abs=0.5)
 
 
 def test_one_point_alone_is_too_little(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng)
     found = georegister(submodel, nothing(40), points=[clicked(submodel, at, "oak", [1, 7], rng=rng)])
-    assert found.laid.reason == "only one position is known, that of the control point oak"
+    assert found.aligned.reason == "only one position is known, that of the control point oak"
 
 
 def test_three_points_that_fit_nothing_are_named(court, rng):
@@ -178,7 +178,7 @@ def test_three_points_that_fit_nothing_are_named(court, rng):
         for p, spot in zip(points, moved, strict=True)
     ]
     found = georegister(submodel, nothing(40), points=points)
-    assert "gate, well, oak" in found.laid.reason
+    assert "gate, well, oak" in found.aligned.reason
 
 
 def test_radii_of_an_adjusted_submodel_stay_those_of_its_covariances(rng):
@@ -191,8 +191,8 @@ def test_radii_of_an_adjusted_submodel_stay_those_of_its_covariances(rng):
     to = np.array([500.0, 500.0, -10.0]) - centre[:3]
     ray = np.einsum("rij,rj->ri", level[:3], to / np.linalg.norm(to, axis=1, keepdims=True))
     point = KnownPoint("oak", 500.0 + 500j, 1.0, np.nan, np.arange(3), ("0", "1", "2"), ray)
-    laid = georegister(submodel, known, points=[point]).laid
-    assert laid.radius_px == pytest.approx(lay_submodel(submodel, known).radius_px, rel=0.2)
+    aligned = georegister(submodel, known, points=[point]).aligned
+    assert aligned.radius_px == pytest.approx(align_submodel(submodel, known).radius_px, rel=0.2)
 
 
 def test_a_position_far_from_all_others_is_not_wrong_for_the_uncertainty_of_the_extrapolation(rng):

@@ -8,8 +8,8 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.map_cloud import CloudFrame, lay_cloud
-from webapp.core.landmarks.placing import NotLaid, lay_submodel
+from webapp.core.landmarks.map_cloud import CloudFrame, align_cloud
+from webapp.core.landmarks.placing import NotAligned, align_submodel
 from webapp.core.landmarks.submodels import Submodel
 
 SIZE = (1000, 800)
@@ -47,13 +47,15 @@ def scene(rng):
     return cloud, submodel, truth
 
 
-def laid(submodel, which=(0, 1, 2, 3, 4, 5)):
-    return lay_submodel(submodel, known_at(AT, list(which)))
+def aligned(submodel, which=(0, 1, 2, 3, 4, 5)):
+    return align_submodel(submodel, known_at(AT, list(which)))
 
 
 def test_points_and_cameras_come_where_they_are(scene):
     cloud, submodel, truth = scene
-    found = lay_cloud(cloud, [submodel], laid=[laid(submodel, (0, 2, 4))], frame=CloudFrame(None, SIZE))
+    found = align_cloud(
+        cloud, [submodel], aligned=[aligned(submodel, (0, 2, 4))], frame=CloudFrame(None, SIZE)
+    )
     assert found.point.tolist() == list(range(40))
     assert found.xyz == pytest.approx(truth * (1, -1, 1) + (-500, 400, 0), abs=1e-6)
     assert found.centre == pytest.approx(
@@ -73,7 +75,7 @@ def test_a_georeference_makes_them_metres_east_north_and_up(scene):
         LocalFrame(PARK).plane, (0.3, 0.4, 7.0, 0.4, -0.3, 5.0, 0.0, 0.0, 1.0), "similarity"
     )
     shown = CloudFrame(turned, SIZE)
-    found = lay_cloud(cloud, [submodel], laid=[laid(submodel)], frame=shown)
+    found = align_cloud(cloud, [submodel], aligned=[aligned(submodel)], frame=shown)
     assert shown.unit == "m"
     plane = turned.enu_from_pixel(truth[:, :2], LocalFrame(shown.origin))
     assert found.xyz[:, :2] == pytest.approx(plane, abs=1e-4)
@@ -88,12 +90,12 @@ def test_a_georeference_makes_them_metres_east_north_and_up(scene):
 def test_a_point_that_is_far_off_is_left_out(scene):
     cloud, submodel, _ = scene
     cloud.point[5] += 1e4
-    found = lay_cloud(cloud, [submodel], laid=[laid(submodel)], frame=CloudFrame(None, SIZE))
+    found = align_cloud(cloud, [submodel], aligned=[aligned(submodel)], frame=CloudFrame(None, SIZE))
     assert found.point.tolist() == [n for n in range(40) if n != 5]
 
 
 def test_a_submodel_that_cannot_be_laid_is_left_out(scene):
     cloud, submodel, _ = scene
-    reason = NotLaid("none of them is placed")
-    found = lay_cloud(cloud, [submodel], laid=[reason], frame=CloudFrame(None, SIZE))
+    reason = NotAligned("none of them is placed")
+    found = align_cloud(cloud, [submodel], aligned=[reason], frame=CloudFrame(None, SIZE))
     assert (len(found.point), len(found.photo), found.ground) == (0, 0, 0.0)

@@ -1,10 +1,10 @@
-"""Submodels are laid on the map by some of their photos, and what cannot be is refused with the reason."""
+"""Alignment of submodels with the map by some of their photos, and the reasons why one cannot be aligned."""
 
 import numpy as np
 import pytest
 
 from tests.core.landmarks.scene import known_at, submodel_of
-from webapp.core.landmarks.placing import lay_submodel
+from webapp.core.landmarks.placing import align_submodel
 from webapp.core.landmarks.proposals import propose_next
 
 
@@ -27,7 +27,7 @@ def angles(result, headings):
 
 def test_two_photos_place_all_others_of_a_path_exactly(walk, rng):
     at, headings = walk
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known_at(at, [0, 39]))
+    result = align_submodel(submodel_of(at, headings, rng=rng), known_at(at, [0, 39]))
     assert np.abs(result.at - at).max() < 1e-9 * 1000
     assert angles(result, headings).max() < 1e-6
 
@@ -35,7 +35,7 @@ def test_two_photos_place_all_others_of_a_path_exactly(walk, rng):
 def test_cameras_that_are_tilted_and_not_equally_high_do_little_harm(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng, tilt=0.05, heights=10.0)
-    result = lay_submodel(submodel, known_at(at, [0, 1, 2, 3]))
+    result = align_submodel(submodel, known_at(at, [0, 1, 2, 3]))
     assert np.abs(result.at - at).max() < 20.0
     assert np.median(angles(result, headings)) < 5.0
 
@@ -44,7 +44,7 @@ def test_a_submodel_that_bends_follows_the_placed_photos(rng):
     at = 100.0 + 10.0 * np.arange(80) + 300j
     step = np.cumsum(np.exp(0.8j * np.sin(np.arange(80) / 25.0)) * (1.0 + 0.3 * np.sin(np.arange(80) / 9.0)))
     submodel = submodel_of(10.0 * step, np.full(80, np.pi / 2), rng=rng)
-    result = lay_submodel(submodel, known_at(at, np.arange(0, 80, 8)))
+    result = align_submodel(submodel, known_at(at, np.arange(0, 80, 8)))
     error = np.abs(result.at - at)
     assert np.median(error) < 10.0
     assert np.mean(error <= result.radius_px) > 0.5
@@ -52,7 +52,7 @@ def test_a_submodel_that_bends_follows_the_placed_photos(rng):
 
 def test_the_radius_grows_with_the_distance_from_placed_photos(walk, rng):
     at, headings = walk
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known_at(at, [0, 1, 2]))
+    result = align_submodel(submodel_of(at, headings, rng=rng), known_at(at, [0, 1, 2]))
     assert (np.diff(result.radius_px[2:]) > 0.0).all()
 
 
@@ -60,7 +60,7 @@ def test_a_wrong_position_is_found_and_does_not_count(court, rng):
     at, headings = court
     known = known_at(at, np.arange(10))
     known.at[4] += 400.0
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known)
+    result = align_submodel(submodel_of(at, headings, rng=rng), known)
     assert np.flatnonzero(result.contradicting).tolist() == [4]
     assert result.residual_px[4] == pytest.approx(400.0, abs=1.0)
     assert np.abs(result.at - at).max() < 1.0
@@ -70,9 +70,9 @@ def test_less_exact_positions_count_less(court, rng):
     at, headings = court
     known = known_at(at, np.arange(8))
     known.at[:4] += rng.normal(0.0, 30.0, 4) + 1j * rng.normal(0.0, 30.0, 4)
-    exact = lay_submodel(submodel_of(at, headings, rng=rng), known)
+    exact = align_submodel(submodel_of(at, headings, rng=rng), known)
     known.sigma_px[:4] = 30.0
-    weighted = lay_submodel(submodel_of(at, headings, rng=rng), known)
+    weighted = align_submodel(submodel_of(at, headings, rng=rng), known)
     assert np.median(np.abs(weighted.at - at)) < 0.5 * np.median(np.abs(exact.at - at))
 
 
@@ -84,11 +84,11 @@ def test_accepted_suggestions_prove_nothing(rng):
     )
     known = known_at(at, np.arange(12))
     known.at[5] += 400.0
-    before = lay_submodel(submodel, known)
+    before = align_submodel(submodel, known)
     accepted = np.arange(12, 36)
     known.at[accepted], known.derived[accepted] = before.at[accepted], True
     known.sigma_px[accepted] = before.radius_px[accepted] / 1.515
-    after = lay_submodel(submodel, known)
+    after = align_submodel(submodel, known)
     assert before.contradicting[5]
     assert after.contradicting.tolist() == before.contradicting.tolist()
     used = np.flatnonzero(~before.contradicting[:12])
@@ -105,7 +105,7 @@ def test_accepted_suggestions_prove_nothing(rng):
 )
 def test_too_few_positions_are_said(walk, rng, placed, reason):
     at, headings = walk
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known_at(at, placed))
+    result = align_submodel(submodel_of(at, headings, rng=rng), known_at(at, placed))
     assert not result
     assert result.reason == reason
 
@@ -114,7 +114,7 @@ def test_positions_at_one_spot_are_said(walk, rng):
     at, headings = walk
     known = known_at(at, [1, 2])
     known.at[2] = known.at[1]
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known)
+    result = align_submodel(submodel_of(at, headings, rng=rng), known)
     assert result.reason == "those that are placed are all at one spot"
 
 
@@ -122,7 +122,7 @@ def test_mirrored_positions_are_refused(court, rng):
     at, headings = court
     known = known_at(at, np.arange(6))
     known.at[:6] = np.conj(known.at[:6]) + 1000j
-    result = lay_submodel(submodel_of(at, headings, rng=rng), known)
+    result = align_submodel(submodel_of(at, headings, rng=rng), known)
     assert result.reason == "the placed ones are a mirror image of what the photos show"
     assert result.photos == (0, 1, 2, 3, 4, 5)
 
@@ -132,7 +132,7 @@ def test_three_positions_that_fit_nothing_are_named(court, rng):
     known = known_at(at, [0, 1, 2])
     known.at[:3] = [100 + 100j, 500 + 110j, 105 + 500j]
     submodel = submodel_of(np.array([100 + 100j, 110 + 100j, 500 + 100j, *at[3:]]), headings, rng=rng)
-    result = lay_submodel(submodel, known)
+    result = align_submodel(submodel, known)
     assert result.reason == "the positions of the placed ones contradict each other"
     assert result.photos == (0, 1, 2)
 
@@ -140,9 +140,9 @@ def test_three_positions_that_fit_nothing_are_named(court, rng):
 def test_cameras_without_a_common_up_need_three_positions_that_are_not_in_a_line(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng, tilt=3.0)
-    result = lay_submodel(submodel, known_at(at, [0, 1, 2]))
+    result = align_submodel(submodel, known_at(at, [0, 1, 2]))
     assert np.abs(result.at - at).max() < 1e-6
-    result = lay_submodel(submodel, known_at(at, [0, 1]))
+    result = align_submodel(submodel, known_at(at, [0, 1]))
     assert "no common up" in result.reason
 
 
@@ -150,25 +150,25 @@ def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):
     at, headings = walk
     submodel = submodel_of(at, headings, rng=rng)
     nothing = known_at(at, [])
-    proposed = propose_next([submodel], [lay_submodel(submodel, nothing)], known=nothing, most=6)
+    proposed = propose_next([submodel], [align_submodel(submodel, nothing)], known=nothing, most=6)
     assert sorted(proposed) == [0, 39]
     one = known_at(at, [10])
-    assert propose_next([submodel], [lay_submodel(submodel, one)], known=one, most=6) == [39]
+    assert propose_next([submodel], [align_submodel(submodel, one)], known=one, most=6) == [39]
     two = known_at(at, [0, 10])
-    assert propose_next([submodel], [lay_submodel(submodel, two)], known=two, most=6) == [39]
+    assert propose_next([submodel], [align_submodel(submodel, two)], known=two, most=6) == [39]
 
 
 def test_what_else_is_known_in_a_submodel_is_laid_as_its_photos_are(court, rng):
     at, headings = court
     submodel = submodel_of(at, headings, rng=rng)
-    result = lay_submodel(submodel, known_at(at, range(0, 40, 2)))
+    result = align_submodel(submodel, known_at(at, range(0, 40, 2)))
     for row in (3, 4):
-        point = result.transform.lay(submodel.centre[row])
+        point = result.transform.map_point(submodel.centre[row])
         assert abs(point.at - at[row]) < 1e-6
         assert abs(point.height_px) < 1e-6
         assert point.radius_px == pytest.approx(result.radius_px[row])
     frame = result.transform.frame
-    above = result.transform.lay(submodel.centre[3] - 0.037 * 12.0 * frame[2])
+    above = result.transform.map_point(submodel.centre[3] - 0.037 * 12.0 * frame[2])
     assert above.height_px == pytest.approx(12.0)
 
 
@@ -176,8 +176,8 @@ def test_hidden_photos_do_not_lay_what_else_is_known(court, rng):
     at, headings = court
     moved = np.where(np.arange(40) == 4, at + 9.0, at)
     submodel = submodel_of(at, headings, rng=rng)
-    transform = lay_submodel(submodel, known_at(moved, range(0, 40, 2))).transform
+    transform = align_submodel(submodel, known_at(moved, range(0, 40, 2))).transform
     hidden = np.arange(40) == 4
-    assert abs(transform.lay(submodel.centre[4]).at - at[4]) > 0.1
-    assert abs(transform.without(hidden).lay(submodel.centre[4]).at - at[4]) < 1e-6
+    assert abs(transform.map_point(submodel.centre[4]).at - at[4]) > 0.1
+    assert abs(transform.without(hidden).map_point(submodel.centre[4]).at - at[4]) < 1e-6
     assert transform.without(np.arange(40) != 4) is None

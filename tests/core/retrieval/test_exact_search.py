@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from webapp.core.retrieval.engines import bruteforce
 from webapp.core.retrieval.engines.bruteforce import BruteForce
-from webapp.core.retrieval.engines.types import Neighbours, nearest_of
+from webapp.core.retrieval.engines.types import Neighbours, merge_nearest
 
 NORMS = ("l1", "l2", "hamming", "hamming2")
 
@@ -86,9 +86,9 @@ def test_memory_mapped_segments_are_searched_as_they_are(tmp_path):
 def test_merging_keeps_the_nearest_and_fills_up_with_nothing():
     a = Neighbours(np.array([[1.0, 4.0]], np.float32), np.array([[10, 11]]))
     b = Neighbours(np.array([[0.5, 4.0]], np.float32), np.array([[20, 21]]))
-    merged = nearest_of([a, b], 3)
+    merged = merge_nearest([a, b], 3)
     assert merged.distance.tolist() == [[0.5, 1.0, 4.0]]
     assert merged.row.tolist() == [[20, 10, 11]]  # of equally near ones the first part's
-    longer = nearest_of([a], 3)
+    longer = merge_nearest([a], 3)
     assert longer.distance.tolist() == [[1.0, 4.0, np.inf]]
     assert longer.row.tolist() == [[10, 11, -1]]

@@ -57,7 +57,7 @@ def test_the_photo_that_is_seen_again_is_named_first():
     signatures = [np.array([vlad.signature(codebook, p) for p in photos])]
     assert signatures[0].shape == (400, codebook.signature_bytes)
     named = [
-        vlad.most_alike(
+        vlad.most_similar(
             codebook,
             signatures,
             descriptors=seen_again(photos[i], seed=i),

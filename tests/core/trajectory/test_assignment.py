@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from webapp.core.trajectory import assignment
-from webapp.core.trajectory.assignment import MOST_TOGETHER, assign, least_sum
+from webapp.core.trajectory.assignment import MOST_TOGETHER, assign, linear_assignment
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -14,7 +14,7 @@ def test_the_assignment_has_the_least_sum(seed):
     rng = np.random.default_rng(seed)
     n, m = sorted(rng.integers(1, 6, 2).tolist())
     costs = rng.normal(0, 5, (n, m)).round(1)
-    chosen = least_sum(costs)
+    chosen = linear_assignment(costs)
     assert len(set(chosen)) == n
     least = min(sum(costs[range(n), list(p)]) for p in itertools.permutations(range(m), n))
     assert costs[range(n), chosen].sum() == pytest.approx(least)
@@ -33,9 +33,9 @@ def sizes(monkeypatch):
 
     def counted(costs):
         found.append(len(costs))
-        return least_sum(costs)
+        return linear_assignment(costs)
 
-    monkeypatch.setattr(assignment, "least_sum", counted)
+    monkeypatch.setattr(assignment, "linear_assignment", counted)
     return found
 
 

@@ -45,15 +45,15 @@ def make_job(scene, submodels, *, at, placed, points=()):
     rigid = [
         Submodel(np.array(numbers), centre[numbers], rotation[numbers]) for numbers in map(list, submodels)
     ]
-    laid = [(submodel, georegister(submodel, known, points=points).laid) for submodel in rigid]
-    for submodel, result in laid:
+    aligned = [(submodel, georegister(submodel, known, points=points).aligned) for submodel in rigid]
+    for submodel, result in aligned:
         known.at[submodel.photo[result.contradicting]] = complex(np.nan, np.nan)
     stored = StoredSubmodels(tuple(rigid), CONTENTS, "key")
     positions = positions_of(
         CONTENTS, known, photo=np.arange(PHOTOS), turn_deg=np.zeros(PHOTOS, np.int64), points=points
     )
     matches, out = folder / "matches.db", folder / "adjusted"
-    return adjust_job(stored, positions, laid=laid, matches=matches, folder=folder, out=out)
+    return adjust_job(stored, positions, aligned=aligned, matches=matches, folder=folder, out=out)
 
 
 def joined(scene, submodels, *, at, placed, points=()):

@@ -18,7 +18,7 @@ from webapp.settings import Settings
 from webapp.tasks.blur import find
 from webapp.tasks.blur.accept import accept_in_folder
 from webapp.tasks.blur.find import photos_of, search_photos
-from webapp.tasks.blur.kept import KeptFindings
+from webapp.tasks.blur.kept import DetectionCache
 
 LIMITS = Settings().photo
 ROOT = Path(__file__).resolve().parents[3]
@@ -142,7 +142,7 @@ search_photos(cfg, photos_of(cfg), networks=networks, limits=Settings().photo, p
         [sys.executable, "-c", program], cwd=ROOT, env={"PYTHONPATH": str(ROOT)}, check=False
     )
     assert ended.returncode == -9
-    kept = KeptFindings(cfg.parent, networks.key)
+    kept = DetectionCache(cfg.parent, networks.key)
     before = kept.read()
     assert len(before) == 2
     assert len(search(cfg, networks).suggested) == 3
@@ -150,7 +150,7 @@ search_photos(cfg, photos_of(cfg), networks=networks, limits=Settings().photo, p
 
 
 def test_a_line_that_was_cut_off_is_searched_again_and_harms_no_other(tmp_path):
-    kept = KeptFindings(tmp_path, "key")
+    kept = DetectionCache(tmp_path, "key")
     face = Detection("face", BlurBox(0.1, 0.2, 0.3, 0.4), 0.9)
     kept.add("a", [face])
     (file,) = (tmp_path / "derived" / "blur").glob("*.jsonl")

@@ -11,7 +11,7 @@ from webapp.errors import Cancelled, ProcessLost
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.computing import local
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 
 
 def twice(factor, number):
@@ -31,7 +31,7 @@ class Stopped(Progress):
 
 @pytest.mark.parametrize("here", ["inline", "threads", "processes"])
 def test_results_are_in_order(tmp_path, here):
-    at = Workplace(Settings(), tmp_path, here, 2)
+    at = ExecutionTarget(Settings(), tmp_path, here, 2)
     assert [*in_order(twice, range(13), shared=2, at=at, progress=Progress())] == [*range(0, 26, 2)]
     assert [*in_order(twice, [], shared=2, at=at, progress=Progress())] == []
     assert not any(thread.name.startswith("ThreadPool") for thread in threading.enumerate())
@@ -41,7 +41,7 @@ def test_few_items_are_taken_ahead(tmp_path):
     taken = []
     items = (taken.append(n) or n for n in range(100))
     found = in_order(
-        twice, items, shared=1, at=Workplace(Settings(), tmp_path, "threads", 2), progress=Progress()
+        twice, items, shared=1, at=ExecutionTarget(Settings(), tmp_path, "threads", 2), progress=Progress()
     )
     assert next(found) == 0
     assert len(taken) <= 9
@@ -56,7 +56,7 @@ def test_fewer_at_once_than_are_waiting(tmp_path, monkeypatch):
 
     sizes = iter([8, 2, 2, 8, 1])
     monkeypatch.setattr(local, "Inline", Shrinking)
-    at = Workplace(Settings(), tmp_path)
+    at = ExecutionTarget(Settings(), tmp_path)
     assert [*in_order(twice, range(12), shared=1, at=at, progress=Progress())] == [*range(12)]
 
 
@@ -66,7 +66,7 @@ def test_it_stops(tmp_path, here):
     done = []
     with pytest.raises(Cancelled):
         for result in in_order(
-            twice, [1] * 100, shared=1, at=Workplace(Settings(), tmp_path, here, 2), progress=progress
+            twice, [1] * 100, shared=1, at=ExecutionTarget(Settings(), tmp_path, here, 2), progress=progress
         ):
             done.append(result)
             progress.wanted = len(done) >= 5
@@ -75,6 +75,6 @@ def test_it_stops(tmp_path, here):
 
 @pytest.mark.skipif(os.name == "nt", reason="processes are killed otherwise there")
 def test_a_killed_process_is_reported(tmp_path):
-    at = Workplace(Settings(), tmp_path, "processes", 2)
+    at = ExecutionTarget(Settings(), tmp_path, "processes", 2)
     with pytest.raises(ProcessLost, match="a worker process was killed"):
         [*in_order(twice, [1, 13, 2], shared=1, at=at, progress=Progress())]

@@ -126,7 +126,7 @@ def test_a_map_that_comes_later_is_described_with_the_same_basis(add_map, descri
     assert describe(hill) == 0
     with library.database.read() as session:
         assert [basis.id for basis in stored.bases(session)] == [before.id]
-        assert stored.described_photos(session, basis_id=before.id) == 3 * PHOTOS
+        assert stored.count_described(session, basis_id=before.id) == 3 * PHOTOS
     assert ranked(1)[0] == "hill"
 
 
@@ -168,7 +168,7 @@ def test_a_map_that_comes_while_a_basis_is_trained_is_described(
     assert describe(fen, hill) == 1
     with library.database.read() as session:
         (basis,) = stored.bases(session)
-        assert stored.described_photos(session, basis_id=basis.id) == 3 * PHOTOS
+        assert stored.count_described(session, basis_id=basis.id) == 3 * PHOTOS
     assert ranked(2)[0] == "park"
 
 

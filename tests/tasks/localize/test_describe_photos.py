@@ -159,7 +159,7 @@ def test_both_looks_share_one_description(cfg, with_model, looked_at, monkeypatc
     pipeline = opened(cfg, both, method="auto")
     one, other = (o.indexed.global_descriptors for o in pipeline.all_opened)
     assert one.vectors is other.vectors and one.network is other.network
-    monkeypatch.setattr(looks, "SURE", 1.1)
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
     assert pipeline.localize(cfg.parent / "photos" / "3.jpg", top=3).looks == ("sift", "aliked")
     assert len(looked_at) == 7, "a query is described once for both"
 

@@ -45,13 +45,13 @@ def test_without_models_it_is_the_first_look(cfg, quick, tmp_path):
 
 def test_an_unsure_answer_gets_a_second_look_and_a_sure_one_does_not(cfg, with_models, monkeypatch):
     pipeline = open_auto(cfg, with_models)
-    monkeypatch.setattr(looks, "SURE", 1.1)
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
     both = ask(pipeline, cfg)
     assert both.looks == ("sift", "aliked")
     assert both.hypotheses[0].experiences[0] == pipeline.map.experiences[3].id
     total = sum(h.probability for h in both.hypotheses) + both.other_probability + both.off_map_probability
     assert total == pytest.approx(1.0)
-    monkeypatch.setattr(looks, "SURE", 0.0)
+    monkeypatch.setattr(looks, "CERTAIN", 0.0)
     assert ask(pipeline, cfg).looks == ("sift",)
 
 
@@ -104,7 +104,7 @@ def test_the_newest_index_is_the_first_look_unless_it_is_that_of_the_second(cfg,
 
 
 def test_photos_are_hidden_from_both_looks(cfg, with_models, monkeypatch):
-    monkeypatch.setattr(looks, "SURE", 1.1)
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
     pipeline = with_hidden_photos(open_auto(cfg, with_models))
     own = pipeline.map.experiences[2]
     answer = pipeline.localize(cfg.parent / own.photo, top=5, hide=frozenset({own.id}))
@@ -152,7 +152,7 @@ def test_a_photo_on_its_side_is_turned_upright_for_the_second_look(
     cfg, with_models, tmp_path, monkeypatch, quarters
 ):
     """The first look sees it by its keypoints; matches are drawn on the photo as it came."""
-    monkeypatch.setattr(looks, "SURE", 1.1)
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
     pipeline = open_auto(cfg, with_models)
     looked_at, looking = [], LocalizationPipeline._look
 

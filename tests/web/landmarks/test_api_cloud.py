@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.web.landmarks.conftest import AT, UP, place
-from webapp.core.landmarks.submodels import Submodel, turn_of_view
+from webapp.core.landmarks.submodels import Submodel, view_rotation
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.extras import install_line
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
@@ -22,7 +22,7 @@ from webapp.store.operate.jobs import Lease
 from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.landmarks import show_cloud
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS
-from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.web.localize import pages as localize_pages
 
@@ -31,7 +31,7 @@ from webapp.web.localize import pages as localize_pages
 def laid(joined, library):
     """The same, laid on the map; the address, and what the page gets."""
     url, record = joined
-    lay_in_library(library, record)
+    align_in_library(library, record)
     return url
 
 
@@ -83,13 +83,13 @@ def test_a_panorama_is_one_camera_that_looks_as_its_middle_does(client, joined, 
         photos[0].panorama = {}
         views = Panorama().views()[1:3]
         contents = (*(view.content(photos[0].sha256) for view in views), photos[1].sha256)
-    rotation = np.array([*(turn_of_view(view.turn_deg) @ UP for view in views), UP])
+    rotation = np.array([*(view_rotation(view.turn_deg) @ UP for view in views), UP])
     centre = np.array([(x, -y, 0.0) for x, y in (AT[0], AT[0], AT[1])], float)
     submodel = Submodel(np.arange(3), centre, rotation)
     write_submodels(folder / SUBMODELS_FILE, StoredSubmodels((submodel,), contents, "key"))
     cloud = read_cloud(folder / CLOUD_FILE).cloud
     write_cloud(folder / CLOUD_FILE, StoredCloud(replace(cloud, contents=contents), "key"))
-    lay_in_library(library, record)
+    align_in_library(library, record)
     cameras = client.get(url).json["cameras"]
     assert [(c["id"], c["panorama"]) for c in cameras] == [(0, True), (1, False)]
     assert cameras[0]["at"] == pytest.approx([-190, 140, 0], abs=0.01)
@@ -118,7 +118,7 @@ def test_they_are_laid_anew_by_a_job_when_a_photo_has_moved(client, laid, joined
     assert job.kind in KINDS
     with library.database.read() as session:
         record = session.get(MapRecord, joined[1].id)
-    lay_in_library(library, record)
+    align_in_library(library, record)
     assert client.get(laid).json["key"] != before["key"]
 
 
@@ -127,7 +127,7 @@ def test_what_cannot_be_laid_and_what_is_new_is_named(client, laid, joined, yard
     client.patch(f"{yard[0]}/experiences", json={"kind": "unplace", "changes": changes})
     with library.database.read() as session:
         record = session.get(MapRecord, joined[1].id)
-    lay_in_library(library, record)
+    align_in_library(library, record)
     answer = client.get(laid).json
     assert answer["left_out"] == [{"photos": [0, 1, 2], "reason": "only one of them is placed"}]
     assert (answer["points"], answer["blocks"], answer["cameras"]) == (0, 0, [])

@@ -7,7 +7,7 @@ from webapp.core.landmarks.absolute_pose import Lens
 from webapp.store.accounts import accounts
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.tasks.landmarks import control_points
-from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.show_cloud import align_in_library
 
 WIDTH, HEIGHT, FOCAL = 40, 30, 30.0
 
@@ -125,7 +125,7 @@ def test_they_are_judged_when_the_landmarks_are_laid(client, points, library):
     client.put(f"{url}/lonely", json={"x_px": 10.0, "y_px": 10.0, "photos": clicks(spot, [2])})
     with library.database.read() as session:
         record = session.get_one(MapRecord, record.id)
-    lay_in_library(library, record)
+    align_in_library(library, record)
     found = client.get(url).json
     assert (found["laid"], found["current"]) == (True, True)
     judged = {one["name"]: one for one in found["residuals"]}

@@ -15,7 +15,7 @@ from webapp.errors import Busy
 from webapp.files.landmarks.cloud import CLOUD_FILE, StoredCloud, read_cloud, write_cloud
 from webapp.files.landmarks.points import POINTS_FILE
 from webapp.store.schema import Job, MapRecord, Photo
-from webapp.tasks.landmarks.show_cloud import lay_in_library
+from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.web.landmarks.cloud_answers import names_of
 from webapp.web.sharing.api_shared import visitors_limit
@@ -31,7 +31,7 @@ def seen(joined, yard, client, library):
     assert client.patch(f"{url}/experiences", json={"kind": "unplace", "changes": changes}).status_code == 200
     with library.database.read() as session:
         record = session.get(MapRecord, joined[1].id)
-    lay_in_library(library, record)
+    align_in_library(library, record)
     return record
 
 
@@ -221,7 +221,7 @@ def test_points_that_only_photos_in_the_tray_see_are_not_given_out(client, stran
     )
     write_cloud(folder / CLOUD_FILE, StoredCloud(alone, stored.key))
     (folder / POINTS_FILE).unlink()
-    lay_in_library(library, seen)
+    align_in_library(library, seen)
     _page, api, _share = share(originals=True)
     own, theirs = client.get(f"/api/v1/maps/{seen.slug}/landmarks").json, stranger.get(api).json
     assert (own["points"], theirs["points"]) == (4, 3)
@@ -258,7 +258,7 @@ def test_points_are_hidden_until_it_is_known_which_ones_the_others_see(
     assert client.get(f"/api/v1/maps/{seen.slug}/landmarks").json["points"] == 4
     with library.database.read() as session:
         record = session.get(MapRecord, seen.id)
-    lay_in_library(library, record)
+    align_in_library(library, record)
     assert stranger.get(api).json["key"] not in (None, key)
 
 

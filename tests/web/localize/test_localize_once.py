@@ -9,7 +9,7 @@ from webapp.store import queries, sharing
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import QueryRecord
-from webapp.store.sharing import Allows
+from webapp.store.sharing import SharePermissions
 from webapp.tasks.localize import upload
 from webapp.tasks.localize.upload import LocalizeResult
 
@@ -105,7 +105,7 @@ def test_shared_answers_are_not_forgotten(library, park, owner, send, asked):
     shared = send("one").json["id"]
     with library.database.write() as session:
         record = maps.find(session, park, account=owner)
-        sharing.create(session, record, allows=Allows(), account_id=owner.id, query_id=shared)
+        sharing.create(session, record, allows=SharePermissions(), account_id=owner.id, query_id=shared)
         unshared = row()
         queries.add(session, record, row=unshared, most=9)
         assert queries.add(session, record, row=row(), most=1) == [unshared]

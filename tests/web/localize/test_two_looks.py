@@ -44,7 +44,7 @@ def test_one_look_answers_until_the_other_is_built(library, small, with_models, 
     ready = maps.get(map_id, MethodChoice())
     assert ready.pipeline.second is not None
     assert (ready.to_calibrate, ready.calibrated, ready.not_indexed) == (False, True, 0)
-    monkeypatch.setattr(looks, "SURE", 1.1)
+    monkeypatch.setattr(looks, "CERTAIN", 1.1)
     answer = ready.pipeline.localize(cfg.parent / "photos" / "3.jpg", top=3)
     assert answer.looks == ("sift", "aliked")
     assert ready.pipeline.method == "auto"

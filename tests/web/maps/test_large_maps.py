@@ -93,7 +93,7 @@ def test_a_stranger_and_somebody_else_get_no_details(stranger, sign_in, new_acco
 @pytest.mark.parametrize("originals", [False, True])
 def test_visitors_get_the_same_and_nothing_of_the_tray(library, owner, stranger, record, originals):
     with library.database.write() as session:
-        allows = sharing.Allows(photos=True, originals=originals)
+        allows = sharing.SharePermissions(photos=True, originals=originals)
         row = session.get(MapRecord, record.id)
         _share, token = sharing.create(
             session, row, allows=allows, account_id=owner.id, query_id=None, public=False

@@ -8,7 +8,7 @@ import pytest
 from tests.geocoder_server import LUND, geocoding
 from webapp import __version__
 from webapp.errors import Busy, InputError, NotFound
-from webapp.files.lock import paced
+from webapp.files.lock import rate_limited
 from webapp.settings import GeocoderSettings, Settings
 from webapp.tasks.satellite.find_place import find_place
 
@@ -79,7 +79,11 @@ def test_there_is_a_pause_between_two_requests(find, geocoder):
 
 def test_who_waits_too_long_is_told(tmp_path):
     turn = tmp_path / "turn"
-    with paced(turn, gap_s=0.01, wait_s=1), pytest.raises(Busy), paced(turn, gap_s=0.01, wait_s=0.01):
+    with (
+        rate_limited(turn, gap_s=0.01, wait_s=1),
+        pytest.raises(Busy),
+        rate_limited(turn, gap_s=0.01, wait_s=0.01),
+    ):
         pass
 
 

@@ -347,7 +347,7 @@ def test_a_shared_answer_answers_nothing_else(stranger, share, answer, asked):
 def test_shares_are_found_by_their_token_alone(library, full, owner):
     with library.database.write() as session:
         record = maps.find(session, full, account=owner)
-        made, token = sharing.create(session, record, allows=sharing.Allows(), account_id=owner.id)
+        made, token = sharing.create(session, record, allows=sharing.SharePermissions(), account_id=owner.id)
         assert sharing.open_share(session, token).map.id == record.id
         with pytest.raises(NotFound):
             sharing.open_share(session, made.token_hash)

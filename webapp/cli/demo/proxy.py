@@ -32,7 +32,7 @@ _REPEATABLE = ("GET", "HEAD", "OPTIONS")
 _BLOCK, _LONGEST_HEAD = 1 << 16, 1 << 16
 _CONNECT_S, _LOOK_S = 2.0, 0.5
 
-_NOBODY = (
+_UNAVAILABLE = (
     b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain\r\nContent-Length: 24\r\n"
     b"Retry-After: 1\r\nConnection: close\r\n\r\nno server has answered.\n"
 )
@@ -101,7 +101,7 @@ class Proxy:
                 if await _pass_on(head, reader, writer, to=one):
                     break
             else:
-                writer.write(_NOBODY)
+                writer.write(_UNAVAILABLE)
                 await writer.drain()
         writer.close()
 
@@ -136,18 +136,18 @@ async def _pass_on(
     try:
         begin = await there.readline()
         if not begin:
-            return _may_repeat(head, to)
+            return _must_not_repeat(head, to)
         writer.write(begin + f"X-Answered-By: {to.name}\r\n".encode())
         await _copy(there, writer)
     except ConnectionResetError:
-        return _may_repeat(head, to)
+        return _must_not_repeat(head, to)
     finally:
         sending.cancel()
         out.close()
     return True
 
 
-def _may_repeat(head: _Head, to: Upstream) -> bool:
+def _must_not_repeat(head: _Head, to: Upstream) -> bool:
     """Mark a server that died as not ready; return True if the request must not be sent to another one."""
     to.ready = False
     return head.has_body or head.method not in _REPEATABLE

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 _EDGE = 0.5
 """Standard deviation of the truth beyond the rim of the circle, radii: the rim is only approximate."""
 
-_ASTRAY = 0.1
+_OUTLIER_SHARE = 0.1
 """Share of circles without information: of another day or place, or of a receiver between buildings."""
 
 
@@ -56,9 +56,9 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
     inside = near.density(np.array([h.position for h in answer.hypotheses]))
     # A circle contains at least one place, even if no photo of the map is in it.
     usual = max(float(near.density(paths.photos).mean()), 1.0 / paths.places)
-    return reweight(answer, [_ASTRAY + (1.0 - _ASTRAY) * i / usual for i in inside.tolist()])
+    return reweight(answer, [_OUTLIER_SHARE + (1.0 - _OUTLIER_SHARE) * i / usual for i in inside.tolist()])
 
 
 def photo_weights(near: CirclePrior, paths: PathPrior) -> Array:
     """Compute the prior weight of the surroundings of each photo of `paths`; (n,)."""
-    return _ASTRAY / paths.places + (1.0 - _ASTRAY) * near.density(paths.photos)
+    return _OUTLIER_SHARE / paths.places + (1.0 - _OUTLIER_SHARE) * near.density(paths.photos)

@@ -17,7 +17,7 @@ _SPREAD_DEG = 25.0
 _OF_PHOTO_DEG = 40.0
 """Standard deviation of a query's heading about that of a matched photo, which sees the same scene."""
 
-_ASTRAY = 0.1
+_OUTLIER_SHARE = 0.1
 """Share of compass readings without information: disturbed, or of the phone and not of its camera."""
 
 
@@ -71,4 +71,4 @@ def _likelihood(hypothesis: Hypothesis, compass_deg: float, looked_deg: Mapping[
         return 1.0
     off = math.remainder(heading - compass_deg, 360.0)
     density = math.exp(-0.5 * (off / spread) ** 2) / (math.sqrt(2.0 * math.pi) * spread)
-    return _ASTRAY + (1.0 - _ASTRAY) * 360.0 * density
+    return _OUTLIER_SHARE + (1.0 - _OUTLIER_SHARE) * 360.0 * density

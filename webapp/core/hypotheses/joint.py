@@ -19,7 +19,7 @@ from webapp.core.hypotheses.bayes import rerank, split_missed, truncate
 from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.path_prior import PathPrior
 
-_FURTHER = 0.5
+_FURTHER_WEIGHT = 0.5
 """Weight of each photo other than the one with the strongest support."""
 
 _NOT_NAMED = -0.5
@@ -137,7 +137,7 @@ def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: floa
         named = sum(h.probability for n, h in spot.members if n == number)
         says.append(math.log(named / miss) - expected if named else _NOT_NAMED)
     first, *further = sorted(says, reverse=True)
-    return expected + first + _FURTHER * sum(max(s, _NOT_NAMED) for s in further)
+    return expected + first + _FURTHER_WEIGHT * sum(max(s, _NOT_NAMED) for s in further)
 
 
 def fuse(members: Sequence[Hypothesis], *, probability: float, place_radius_px: float) -> Hypothesis:

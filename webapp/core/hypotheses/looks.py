@@ -25,7 +25,7 @@ LOOKS = 2
 DEFAULT = Calibration(slope=(0.8, 1.0), offset=-2.4, radius_scale=1.0)
 """Fitted on the queries of maps of several kinds, each left out in turn: the values differ little."""
 
-SURE = 0.9
+CERTAIN = 0.9
 """Probability of the first hypothesis from which on no further look is needed."""
 
 _MUCH_LESS = 0.1
@@ -35,9 +35,9 @@ _LARGEST = 1e12
 """Upper limit of the odds; hypotheses less probable than its reciprocal are ignored."""
 
 
-def is_sure(answer: Answer) -> bool:
+def is_certain(answer: Answer) -> bool:
     """Check whether an answer needs no further look."""
-    return bool(answer.hypotheses) and answer.hypotheses[0].probability >= SURE
+    return bool(answer.hypotheses) and answer.hypotheses[0].probability >= CERTAIN
 
 
 def evidence_of_looks(

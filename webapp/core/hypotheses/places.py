@@ -118,9 +118,9 @@ def describe_places(
     own, on = groups.experience, groups.floor
     width, height = size
     if kind in (None, "mixed"):
-        area = _areas(_stands(position, on), trust, partner, experience=own)
+        area = _areas(_number_positions(position, on), trust, partner, experience=own)
     else:
-        area = _all_areas(_stands(position, on), kind == "areas")
+        area = _all_areas(_number_positions(position, on), kind == "areas")
     share = float((area >= 0).mean()) if len(area) else 0.0
     if share <= _FEW:
         area = np.full(len(position), -1, np.int64)
@@ -138,7 +138,7 @@ def describe_places(
     return MapPlaces("mixed", area, share * radius + (1.0 - share) * metric)
 
 
-def _stands(position: NDArray[np.float64], floor: NDArray[np.int64]) -> NDArray[np.int64]:
+def _number_positions(position: NDArray[np.float64], floor: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number the distinct positions on each floor; (p,)."""
     if not len(position):
         return np.zeros(0, np.int64)

@@ -52,13 +52,13 @@ _KIDNAPPED = 0.01
 _TEMPER = 0.5
 """Exponent of a frame's likelihood after the first frame: neighbouring frames have correlated errors."""
 
-_DOOR = 2.0
+_NEARBY_SPREAD = 2.0
 """Standard deviation of wrong answers that name a place near the right one, place radii."""
 
-_ERR_TOGETHER = 0.5
+_COMMON_ERROR = 0.5
 """Minimum 68 % radius, place radii: the error that neighbouring frames have in common."""
 
-_FADES = 0.8
+_FORGETTING = 0.8
 """Exponent of the odds `named` and `off` from frame to frame: exponential forgetting."""
 
 _LEAST = 0.001
@@ -225,7 +225,7 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
     # The prior probability of being on the map is one half, as for the photos used for calibration.
     density = 0.5 / motion.paths.area_px2
     missed = miss**temper
-    wide = (_DOOR * motion.place_radius_px) ** 2
+    wide = (_NEARBY_SPREAD * motion.place_radius_px) ** 2
     astray = (miss * (1.0 - NEARBY_SHARE)) ** temper
     components = [replace(component, weight=component.weight * astray) for component in belief.components]
     for hypothesis in hypotheses:
@@ -247,8 +247,8 @@ def _update(belief: Belief, answer: Answer, *, motion: MotionModel, temper: floa
         whole,
         belief.lost * missed / total,
         belief.frames + 1,
-        belief.named**_FADES * named**temper,
-        belief.off**_FADES * off**temper,
+        belief.named**_FORGETTING * named**temper,
+        belief.off**_FORGETTING * off**temper,
     )
 
 
@@ -272,7 +272,7 @@ def _mass(probability: float, variance: float, *, density: float, temper: float)
 
 def _variance(hypothesis: Hypothesis, motion: MotionModel) -> float:
     radius = motion.place_radius_px if hypothesis.radius_px is None else hypothesis.radius_px
-    return (max(radius, _ERR_TOGETHER * motion.place_radius_px) / INSIDE_68) ** 2
+    return (max(radius, _COMMON_ERROR * motion.place_radius_px) / INSIDE_68) ** 2
 
 
 def _reduce(belief: Belief) -> Belief:
@@ -321,7 +321,7 @@ def _is_near(one: Component, other: Component, radius_px: float) -> bool:
 def _place(near: Sequence[Component], motion: MotionModel) -> Hypothesis:
     """Convert the components within one place, the heaviest first, to one hypothesis."""
     whole = merge(near)
-    spread = (_ERR_TOGETHER * motion.place_radius_px / INSIDE_68) ** 2
+    spread = (_COMMON_ERROR * motion.place_radius_px / INSIDE_68) ** 2
     position, by_axis = apply_path_prior(
         whole.position,
         whole.covariance[0] + spread,

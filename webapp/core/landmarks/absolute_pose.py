@@ -244,7 +244,7 @@ def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Arra
     return jacobian
 
 
-def angles_of(rotation: Array) -> Array:
+def euler_angles(rotation: Array) -> Array:
     """Return heading (clockwise from image-up), pitch and roll, radians, as in `CameraPose`.
 
     The rotation is camera from world, with world axes x right and y down on the map, and z down.
@@ -258,11 +258,11 @@ def angles_of(rotation: Array) -> Array:
 
 
 def angle_jacobian(rotation: Array) -> Array:
-    """Return the derivatives (3, 3) of `angles_of` by a small rotation in the camera's own frame."""
+    """Return the derivatives (3, 3) of `euler_angles` by a small rotation in the camera's own frame."""
     step = 1e-6
-    base = angles_of(rotation)
+    base = euler_angles(rotation)
     columns = []
     for axis in np.eye(3):
         turned = so3.exp(step * axis) @ rotation
-        columns.append(so3.wrap(angles_of(turned) - base) / step)
+        columns.append(so3.wrap(euler_angles(turned) - base) / step)
     return np.stack(columns, 1)

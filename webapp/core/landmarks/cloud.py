@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
+from webapp.core.landmarks.placing import AlignedSubmodel, NotAligned
 from webapp.core.landmarks.submodels import Submodel
 
 _LEAST_SEEN = 2
@@ -65,7 +65,7 @@ class PhotoGroup(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaidCloud:
+class AlignedCloud:
     """A cloud on a map; p photos.
 
     Attributes
@@ -76,7 +76,7 @@ class LaidCloud:
         Number of each photo on the map; -1 if it is no longer placed there.
     submodels : tuple of Submodel
         With the photo numbers of the cloud.
-    laid : tuple of LaidSubmodel or NotLaid
+    aligned : tuple of AlignedSubmodel or NotAligned
         One for each submodel.
     times_seen : (k,) int64
         Number of photos that see each point; computed from the cloud.
@@ -86,7 +86,7 @@ class LaidCloud:
     key: str
     map_photo: NDArray[np.int64]
     submodels: tuple[Submodel, ...]
-    laid: tuple[LaidSubmodel | NotLaid, ...]
+    aligned: tuple[AlignedSubmodel | NotAligned, ...]
     times_seen: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Control points: spots in the world that are clicked in photos and whose positions on the map are known.
 
 A control point is triangulated in the world of a submodel from the rays of its clicks; a click that disagrees
-with the others is left out. It then lays the submodel on the map as a placed photo does.
+with the others is left out. It then aligns the submodel with the map as a placed photo does.
 """
 
 from __future__ import annotations

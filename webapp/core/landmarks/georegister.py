@@ -1,4 +1,4 @@
-"""Lays a submodel on the map by placed photos and control points."""
+"""Aligns a submodel with the map by placed photos and control points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint, NotTriangulated, Triangulated, triangulate
-from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid, lay_submodel
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned, align_submodel
 from webapp.core.landmarks.radii import PlacedPhotos, radius_by_covariance
 from webapp.core.landmarks.submodels import (
     PlanView,
@@ -55,7 +55,7 @@ class PointFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georegistration:
-    """A submodel on the map, or why it could not be laid there.
+    """A submodel on the map, or why it could not be aligned.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Georegistration:
         Control points that could not be triangulated, and why.
     """
 
-    laid: LaidSubmodel | NotLaid
+    aligned: AlignedSubmodel | NotAligned
     points: tuple[PointFit, ...]
     problems: tuple[NotTriangulated, ...]
 
@@ -73,7 +73,7 @@ class Georegistration:
 def georegister(
     submodel: Submodel, known: KnownPositions, *, points: Sequence[KnownPoint]
 ) -> Georegistration:
-    """Lay a submodel on the map.
+    """Align a submodel with the map.
 
     The vertical is estimated from the heights of three or more control points, else from the cameras.
     """
@@ -81,25 +81,27 @@ def georegister(
     found = [one for one in tried if isinstance(one, Triangulated)]
     problems = tuple(one for one in tried if isinstance(one, NotTriangulated))
     if not found:
-        return Georegistration(lay_submodel(submodel, known), (), problems)
+        return Georegistration(align_submodel(submodel, known), (), problems)
     placed = np.isfinite(known.at[submodel.photo])
     names = ", ".join(one.point.name for one in found)
     view = _view(submodel, known, found)
     if view is None:
         reason = "their cameras have no common up: give three control points a height, or place three photos"
         return Georegistration(
-            NotLaid(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems
+            NotAligned(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems
         )
     if placed.sum() + len(found) < 2:
         reason = f"only one position is known, that of the control point {names}"
-        return Georegistration(NotLaid(reason), _unjudged(found), problems)
+        return Georegistration(NotAligned(reason), _unjudged(found), problems)
     both = _Extended.of(submodel, known, found=found, view=view)
-    laid = both.lay()
-    if isinstance(laid, NotLaid):
-        photos = tuple(number for number in laid.photos if number < len(known.at))
-        reason = f"{laid.reason} (control points: {names})"
-        return Georegistration(NotLaid(reason, photos), _unjudged(found), problems)
-    return Georegistration(_of_photos(laid, submodel), _fits(laid, found, first=len(submodel)), problems)
+    aligned = both.align()
+    if isinstance(aligned, NotAligned):
+        photos = tuple(number for number in aligned.photos if number < len(known.at))
+        reason = f"{aligned.reason} (control points: {names})"
+        return Georegistration(NotAligned(reason, photos), _unjudged(found), problems)
+    return Georegistration(
+        _of_photos(aligned, submodel), _fits(aligned, found, first=len(submodel)), problems
+    )
 
 
 def _view(submodel: Submodel, known: KnownPositions, found: Sequence[Triangulated]) -> PlanView | None:
@@ -157,20 +159,20 @@ class _Extended:
             ),
         )
 
-    def lay(self) -> LaidSubmodel | NotLaid:
-        """Lay it without the positions that contradict all others."""
+    def align(self) -> AlignedSubmodel | NotAligned:
+        """Align it without the positions that contradict all others."""
         at, sigma = self.known.at[self.submodel.photo], self.known.sigma_px[self.submodel.photo]
         wrong = outlying_positions(self.view.position, at, sigma=sigma)
         kept = self.known.at.copy()
         kept[self.submodel.photo[wrong]] = complex(np.nan, np.nan)
-        laid = lay_submodel(self.submodel, replace(self.known, at=kept), view=self.view)
-        if isinstance(laid, NotLaid) or not len(wrong):
-            return laid
-        residual, others = laid.residual_px.copy(), laid.others_have.copy()
-        contradicting = laid.contradicting.copy()
-        residual[wrong], others[wrong] = np.abs(at - laid.at)[wrong], laid.at[wrong]
+        aligned = align_submodel(self.submodel, replace(self.known, at=kept), view=self.view)
+        if isinstance(aligned, NotAligned) or not len(wrong):
+            return aligned
+        residual, others = aligned.residual_px.copy(), aligned.others_have.copy()
+        contradicting = aligned.contradicting.copy()
+        residual[wrong], others[wrong] = np.abs(at - aligned.at)[wrong], aligned.at[wrong]
         contradicting[wrong] = True
-        return replace(laid, residual_px=residual, others_have=others, contradicting=contradicting)
+        return replace(aligned, residual_px=residual, others_have=others, contradicting=contradicting)
 
 
 def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
@@ -220,22 +222,22 @@ def _spread(points: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(known - known.mean()) ** 2)))
 
 
-def _of_photos(laid: LaidSubmodel, submodel: Submodel) -> LaidSubmodel:
+def _of_photos(aligned: AlignedSubmodel, submodel: Submodel) -> AlignedSubmodel:
     """Drop the control points from the results; the transform keeps using them."""
-    photos, used = len(submodel), laid.transform
+    photos, used = len(submodel), aligned.transform
     placed = used.row < photos
     transform = replace(used, row=np.where(placed, used.row, -1))
     radius = None
     if placed.any():
         photos_used = PlacedPhotos(used.row, used.at, used.sigma_px, used.derived)
         radius = radius_by_covariance(submodel, photos_used.subset(placed))
-    return LaidSubmodel(
-        laid.at[:photos],
-        laid.radius_px[:photos] if radius is None else radius,
-        laid.angle_deg[:photos],
-        laid.residual_px[:photos],
-        laid.others_have[:photos],
-        laid.contradicting[:photos],
+    return AlignedSubmodel(
+        aligned.at[:photos],
+        aligned.radius_px[:photos] if radius is None else radius,
+        aligned.angle_deg[:photos],
+        aligned.residual_px[:photos],
+        aligned.others_have[:photos],
+        aligned.contradicting[:photos],
         transform,
     )
 
@@ -245,13 +247,13 @@ def _unjudged(found: Sequence[Triangulated]) -> tuple[PointFit, ...]:
     return tuple(PointFit(one.point.name, one.point.at, nowhere, False, one.wrong) for one in found)
 
 
-def _fits(laid: LaidSubmodel, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
+def _fits(aligned: AlignedSubmodel, found: Sequence[Triangulated], *, first: int) -> tuple[PointFit, ...]:
     return tuple(
         PointFit(
             one.point.name,
             one.point.at,
-            complex(laid.others_have[row]),
-            bool(laid.contradicting[row]),
+            complex(aligned.others_have[row]),
+            bool(aligned.contradicting[row]),
             one.wrong,
         )
         for row, one in enumerate(found, first)

@@ -14,7 +14,7 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon, MapPixel
 from webapp.core.landmarks.cloud import LandmarkCloud
-from webapp.core.landmarks.placing import LaidCameras, LaidSubmodel, NotLaid
+from webapp.core.landmarks.placing import AlignedSubmodel, MapCameras, NotAligned
 from webapp.core.landmarks.submodels import Submodel
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class CloudFrame:
         """Unit of all three axes."""
         return "px" if self.origin is None else "m"
 
-    def lay(self, pixels: Array) -> Array:
+    def from_map(self, pixels: Array) -> Array:
         """Convert map pixels (n, 2) to the plane of the frame; NaN if they have no position on the Earth."""
         origin = self.origin
         if origin is None or self.georeference is None:
@@ -101,14 +101,14 @@ class MapCloud(NamedTuple):
     ground: float
 
 
-def lay_cloud(
+def align_cloud(
     cloud: LandmarkCloud,
     submodels: Sequence[Submodel],
     *,
-    laid: Sequence[LaidSubmodel | NotLaid],
+    aligned: Sequence[AlignedSubmodel | NotAligned],
     frame: CloudFrame,
 ) -> MapCloud:
-    """Lay a cloud on a map; submodels that cannot be laid are left out.
+    """Align a cloud with a map; submodels that cannot be aligned are left out.
 
     Each photo has its own similarity, as a long submodel bends. A point is mapped by the similarities of the
     photos that see it, and the results are averaged.
@@ -119,10 +119,10 @@ def lay_cloud(
     rotation = np.full((photos, 3, 3), np.nan)
     level = np.zeros((len(submodels), 3, 3))
     local = np.zeros((photos, 3))
-    for number, (submodel, result) in enumerate(zip(submodels, laid, strict=True)):
-        if not isinstance(result, LaidSubmodel):
+    for number, (submodel, result) in enumerate(zip(submodels, aligned, strict=True)):
+        if not isinstance(result, AlignedSubmodel):
             continue
-        cameras = result.transform.lay_cameras(submodel.centre)
+        cameras = result.transform.map_cameras(submodel.centre)
         level[number] = result.transform.frame
         local[submodel.photo] = submodel.centre @ result.transform.frame.T
         centre[submodel.photo] = np.column_stack([cameras.at.real, cameras.at.imag, cameras.height_px])
@@ -133,7 +133,7 @@ def lay_cloud(
     return _in_frame(laid_points, centre, rotation, frame=frame)
 
 
-def _turned(axes: Array, cameras: LaidCameras) -> Array:
+def _turned(axes: Array, cameras: MapCameras) -> Array:
     """Rotate camera axes (n, 3, 3) from the submodel's frame (x, y, down) to the map's (x, y, up)."""
     turn = cameras.factor / np.abs(cameras.factor)
     plane = (axes[..., 0] + 1j * axes[..., 1]) * turn[:, None]
@@ -141,7 +141,7 @@ def _turned(axes: Array, cameras: LaidCameras) -> Array:
 
 
 def _mean_of_views(cloud: LandmarkCloud, own: Array, *, local: Array, centre: Array, factor: Array) -> Array:
-    """Map points (k, 3), each by all photos that see it; NaN if its submodel is not laid."""
+    """Map points (k, 3), each by all photos that see it; NaN if its submodel is not aligned."""
     photo = np.repeat(np.arange(len(cloud.contents)), np.diff(cloud.first))
     point = np.asarray(cloud.seen_point)
     off = own[point] - local[photo]
@@ -162,17 +162,17 @@ def _mean_of_views(cloud: LandmarkCloud, own: Array, *, local: Array, centre: Ar
 def _in_frame(points: Array, centre: Array, rotation: Array, *, frame: CloudFrame) -> MapCloud:
     unit = frame.unit_per_pixel
 
-    def lay(laid: Array) -> Array:
-        return np.column_stack([frame.lay(laid[:, :2]), laid[:, 2] * unit])
+    def to_frame(aligned: Array) -> Array:
+        return np.column_stack([frame.from_map(aligned[:, :2]), aligned[:, 2] * unit])
 
     photo = np.flatnonzero(np.isfinite(centre).all(1))
-    at = lay(centre[photo])
+    at = to_frame(centre[photo])
     # directions by the displacement of a point one pixel away along each axis
-    aside = [lay(centre[photo] + rotation[photo, axis]) - at for axis in range(3)]
+    aside = [to_frame(centre[photo] + rotation[photo, axis]) - at for axis in range(3)]
     turned = np.stack(aside, 1)
     turned /= np.linalg.norm(turned, axis=2, keepdims=True)
     point = np.flatnonzero(np.isfinite(points).all(1))
-    xyz = lay(points[point])
+    xyz = to_frame(points[point])
     kept = _near(xyz)
     up = xyz[kept, 2]
     lowest = [float(np.percentile(up, _GROUND_PERCENT))] if len(up) else []

@@ -1,4 +1,4 @@
-"""Lays a submodel on the map by its placed photos, which places the others.
+"""Aligns a submodel with the map by its placed photos, which places the others.
 
 A long submodel drifts, and a plan may not be to scale, so each photo has a similarity of its own, in which
 near placed photos weigh more (moving least squares: S. Schaefer, T. McPhail, J. Warren, "Image deformation
@@ -72,7 +72,7 @@ class KnownPositions:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaidSubmodel:
+class AlignedSubmodel:
     """A submodel on the map; n photos.
 
     Attributes
@@ -155,16 +155,16 @@ class PlanTransform:
         known = (self.row[kept], self.centre[kept], self.at[kept], self.sigma_px[kept], self.derived[kept])
         return PlanTransform(self.frame, *known, self.exponent, relative, self.least_rate)
 
-    def lay_cameras(self, centre: Array) -> LaidCameras:
+    def map_cameras(self, centre: Array) -> MapCameras:
         """Map the centres (n, 3) of cameras of the submodel, placed or not."""
         seen, own = centre @ self.frame.T, self.centre @ self.frame.T
         plan, targets = (c[:, 0] + 1j * c[:, 1] for c in (own, seen))
         known = self._known()
         at, factor = _moved(targets, known, exponent=self.exponent, plan=plan)
         weight = _weights(targets, known, exponent=self.exponent, plan=plan)
-        return LaidCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
+        return MapCameras(at, factor, np.abs(factor) * (weight @ own[:, 2] - seen[:, 2]))
 
-    def lay(self, centre: Array) -> LaidPoint:
+    def map_point(self, centre: Array) -> MapPoint:
         """Map a point (3,) of the submodel's world."""
         seen, own = (self.frame @ centre), self.centre @ self.frame.T
         plan = own[:, 0] + 1j * own[:, 1]
@@ -176,14 +176,14 @@ class PlanTransform:
         )
         nearest = np.abs(plan - target).argmin()
         height = float(abs(factor[0]) * (own[nearest, 2] - seen[2]))
-        return LaidPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
+        return MapPoint(complex(at[0]), complex(factor[0]), height, float(radius[-1]))
 
     def _known(self) -> PlacedPhotos:
         """Return the placed photos, numbered from 0."""
         return PlacedPhotos(np.arange(len(self.at)), self.at, self.sigma_px, self.derived)
 
 
-class LaidCameras(NamedTuple):
+class MapCameras(NamedTuple):
     """Cameras on the map, (n,) each: position (pixels), local rotation and scale, and height (map pixels)
     above the mean of the placed cameras with the weights of the position."""
 
@@ -192,7 +192,7 @@ class LaidCameras(NamedTuple):
     height_px: Array
 
 
-class LaidPoint(NamedTuple):
+class MapPoint(NamedTuple):
     """A point on the map: position (pixels), local rotation and scale, height above the nearest placed camera
     and 68 % radius of the position (map pixels)."""
 
@@ -203,8 +203,8 @@ class LaidPoint(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class NotLaid:
-    """A submodel cannot be laid on the map, and the reason. Falsy.
+class NotAligned:
+    """A submodel cannot be aligned with the map, and the reason. Falsy.
 
     Attributes
     ----------
@@ -220,25 +220,25 @@ class NotLaid:
         return False
 
 
-def lay_submodel(
+def align_submodel(
     submodel: Submodel, known: KnownPositions, *, view: PlanView | None = None
-) -> LaidSubmodel | NotLaid:
-    """Lay a submodel on the map, by a given plan view or one that is estimated here."""
+) -> AlignedSubmodel | NotAligned:
+    """Align a submodel with the map, by a given plan view or one that is estimated here."""
     at = known.at[submodel.photo]
     placed = np.isfinite(at)
     spots = len(np.unique(at[placed]))
     if spots < 2:
         which = "none of them is placed" if not placed.any() else "only one of them is placed"
-        return NotLaid(which if spots == placed.sum() else "those that are placed are all at one spot")
+        return NotAligned(which if spots == placed.sum() else "those that are placed are all at one spot")
     view = view or view_by_level_cameras(submodel) or view_by_positions(submodel, known=placed, position=at)
     if view is None:
-        return NotLaid(
+        return NotAligned(
             "their cameras have no common up, and the placed ones are fewer than three or in a line",
             tuple(submodel.photo[placed].tolist()),
         )
     problem = _misfit(view.position[placed], at[placed])
     if problem:
-        return NotLaid(problem, tuple(submodel.photo[placed].tolist()))
+        return NotAligned(problem, tuple(submodel.photo[placed].tolist()))
     own = submodel.photo[placed]
     fields = (np.flatnonzero(placed), at[placed], known.sigma_px[own], known.derived[own])
     return _lay(submodel, view, PlacedPhotos(*fields))
@@ -263,7 +263,7 @@ def _global_rms(plan: Points, at: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
 
 
-def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> LaidSubmodel:
+def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubmodel:
     judges, kept = known.judges, np.ones(len(known.row), np.bool_)
     exponent, moved, error, relative = _leave_one_out(view.position, known.subset(judges))
     while len(error) >= _FEW:
@@ -292,7 +292,7 @@ def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> LaidSubmode
     if radius is None:
         rate = max(submodel.error_rate, error_rate_of(relative))
         radius = radius_by_distance(view.position, used, factor=factor, rate=rate)
-    return LaidSubmodel(
+    return AlignedSubmodel(
         at,
         radius,
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,

@@ -6,12 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
 from webapp.core.landmarks.submodels import Submodel
 
 
 def propose_next(
-    submodels: Sequence[Submodel], laid: Sequence[LaidSubmodel | NotLaid], *, known: KnownPositions, most: int
+    submodels: Sequence[Submodel],
+    aligned: Sequence[AlignedSubmodel | NotAligned],
+    *,
+    known: KnownPositions,
+    most: int,
 ) -> list[int]:
     """Propose photos to place, the most useful first.
 
@@ -25,13 +29,13 @@ def propose_next(
     """
     placed = np.isfinite(known.at)
     missing: list[int] = []
-    for submodel, result in zip(submodels, laid, strict=True):
-        if isinstance(result, NotLaid):
+    for submodel, result in zip(submodels, aligned, strict=True):
+        if isinstance(result, NotAligned):
             missing += _far_apart(submodel, placed[submodel.photo])
     unsure = [
         (float(radius), int(photo))
-        for submodel, result in zip(submodels, laid, strict=True)
-        if isinstance(result, LaidSubmodel)
+        for submodel, result in zip(submodels, aligned, strict=True)
+        if isinstance(result, AlignedSubmodel)
         for photo, radius in [_least_certain(submodel, result, placed[submodel.photo])]
         if photo >= 0
     ]
@@ -48,8 +52,8 @@ def _far_apart(submodel: Submodel, placed: np.ndarray[tuple[int], np.dtype[np.bo
 
 
 def _least_certain(
-    submodel: Submodel, laid: LaidSubmodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    submodel: Submodel, aligned: AlignedSubmodel, placed: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[int, float]:
-    radius = np.where(placed, -1.0, laid.radius_px)
+    radius = np.where(placed, -1.0, aligned.radius_px)
     row = int(radius.argmax())
     return (int(submodel.photo[row]), float(radius[row])) if radius[row] >= 0.0 else (-1, 0.0)

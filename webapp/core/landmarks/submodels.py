@@ -62,7 +62,7 @@ class Submodel:
         return len(self.photo)
 
 
-def turn_of_view(turn_deg: float) -> Array:
+def view_rotation(turn_deg: float) -> Array:
     """Compute the (3, 3) rotation from the middle of a panorama to a level view turned clockwise from it."""
     sine, cosine = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
@@ -79,7 +79,7 @@ def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray
         Clockwise turn of each picture from the middle of its panorama; 0 for a photo that is not a panorama.
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
-    middle = np.array([turn_of_view(turn_deg[row]).T @ submodel.rotation[row] for row in first])
+    middle = np.array([view_rotation(turn_deg[row]).T @ submodel.rotation[row] for row in first])
     covariance = None if submodel.covariance is None else submodel.covariance[first]
     return Submodel(
         photo[first], submodel.centre[first], middle.reshape(-1, 3, 3), submodel.error_rate, covariance

@@ -29,11 +29,11 @@ from webapp.core.landmarks.absolute_pose import (
     Lens,
     SolvedCamera,
     angle_jacobian,
-    angles_of,
+    euler_angles,
     solve_camera,
 )
-from webapp.core.landmarks.cloud import LaidCloud, PhotoGroup
-from webapp.core.landmarks.placing import LaidPoint, LaidSubmodel
+from webapp.core.landmarks.cloud import AlignedCloud, PhotoGroup
+from webapp.core.landmarks.placing import AlignedSubmodel, MapPoint
 from webapp.core.localize.evidence import Spots, evidence_vectors
 from webapp.core.localize.places import PlaceCandidate, VerifiedPhoto, voters_of
 from webapp.core.localize.verified import PlaceSearch
@@ -63,7 +63,7 @@ def find_by_landmarks(
     query: Features,
     *,
     fov_deg: float,
-    laid: LaidCloud,
+    aligned: AlignedCloud,
     hide: Collection[int] = (),
 ) -> PlaceSearch:
     """Find the places where a photo may have been taken, by the landmarks that it shows.
@@ -84,7 +84,7 @@ def find_by_landmarks(
     listed, further = retrieved.listed, retrieved.further
     clock.append(time.perf_counter())
     photos = np.array([one.photo for one in listed], np.int64)
-    places = _places(indexed, _Query(query, fov_deg, retrieved.votes), photos, laid=laid, hide=hide)
+    places = _places(indexed, _Query(query, fov_deg, retrieved.votes), photos, aligned=aligned, hide=hide)
     clock.append(time.perf_counter())
     by_pose = [photo for place in places for photo in place.photos]
     named = {photo.matched.photo for photo in by_pose}
@@ -120,15 +120,15 @@ def _places(
     query: _Query,
     photos: NDArray[np.int64],
     *,
-    laid: LaidCloud,
+    aligned: AlignedCloud,
     hide: Collection[int],
 ) -> list[PlaceCandidate]:
     """Solve the camera for each group of photos; those with most landmarks first, no two at one place."""
-    hidden = np.append(np.isin(indexed.ids, [*hide]), False)[laid.map_photo]
+    hidden = np.append(np.isin(indexed.ids, [*hide]), False)[aligned.map_photo]
     found = [
         place
-        for group in laid.groups(photos, visible=~hidden, most=_GROUPS)
-        for place in [_place(indexed, query, group, laid=laid, hidden=hidden)]
+        for group in aligned.groups(photos, visible=~hidden, most=_GROUPS)
+        for place in [_place(indexed, query, group, aligned=aligned, hidden=hidden)]
         if place is not None
     ]
     found.sort(key=lambda place: -(place.camera.landmarks if place.camera else 0))
@@ -149,25 +149,25 @@ def _place(
     query: _Query,
     group: PhotoGroup,
     *,
-    laid: LaidCloud,
+    aligned: AlignedCloud,
     hidden: NDArray[np.bool_],
 ) -> PlaceCandidate | None:
-    cloud = laid.cloud
+    cloud = aligned.cloud
     number = int(cloud.submodel[cloud.seen_point[group.rows[0]]])
-    on_map = laid.laid[number]
-    if not isinstance(on_map, LaidSubmodel):
+    on_map = aligned.aligned[number]
+    if not isinstance(on_map, AlignedSubmodel):
         return None
-    transform = on_map.transform.without(hidden[laid.submodels[number].photo])
+    transform = on_map.transform.without(hidden[aligned.submodels[number].photo])
     if transform is None:
         return None
-    lenses = _lenses(indexed, query, group, laid=laid)
+    lenses = _lenses(indexed, query, group, aligned=aligned)
     solved = solve_camera(query.features, cloud, rows=group.rows, lenses=lenses)
     pose = solved.pose
     if isinstance(pose, NoPose):
         return None
-    at = transform.lay(pose.centre)
+    at = transform.map_point(pose.centre)
     camera, heading = _on_map(pose, transform.frame, at)
-    supporting = _supporting(query, group, solved, pose=pose, laid=laid)
+    supporting = _supporting(query, group, solved, pose=pose, aligned=aligned)
     sigma_px = math.sqrt(camera.covariance[0, 0] + camera.covariance[1, 1])
     # reject positions that are less certain than the size of a place
     if not supporting or sigma_px > indexed.tuning.places.max_sigma * indexed.place_radius_px:
@@ -181,21 +181,21 @@ def _place(
     )
 
 
-def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, laid: LaidCloud) -> list[Lens]:
+def _lenses(indexed: IndexedMap, query: _Query, group: PhotoGroup, *, aligned: AlignedCloud) -> list[Lens]:
     """List candidate lenses of the query: the given one, and the median of the group's photos of its size.
 
     The reconstruction has estimated theirs more accurately than EXIF, and the given one may be a guess.
     """
     size = query.features.photo_size
     stated = Lens(*size, Camera(*size, query.fov_deg).focal_px)
-    same = [n for n in group.photos if indexed.photo_size(int(laid.map_photo[n])) == size]
+    same = [n for n in group.photos if indexed.photo_size(int(aligned.map_photo[n])) == size]
     if not same:
         return [stated]
-    theirs = laid.cloud.focal_px[same], laid.cloud.distortion[same]
+    theirs = aligned.cloud.focal_px[same], aligned.cloud.distortion[same]
     return [stated, Lens(*size, *(float(np.median(one)) for one in theirs))]
 
 
-def _on_map(pose: AbsolutePose, frame: Array, at: LaidPoint) -> tuple[CameraPose, float]:
+def _on_map(pose: AbsolutePose, frame: Array, at: MapPoint) -> tuple[CameraPose, float]:
     """Transform a camera from a submodel to the map; returns pose and heading, radians clockwise from up."""
     turn = np.array([[at.factor.real, -at.factor.imag, 0.0], [at.factor.imag, at.factor.real, 0.0]])
     scale = abs(at.factor)
@@ -208,7 +208,7 @@ def _on_map(pose: AbsolutePose, frame: Array, at: LaidPoint) -> tuple[CameraPose
     covariance = jacobian @ pose.covariance @ jacobian.T
     laid_variance = (at.radius_px / _RADIUS_OVER_SIGMA) ** 2
     covariance[[0, 1, 2], [0, 1, 2]] += laid_variance
-    heading, pitch, roll = angles_of(rotation).tolist()
+    heading, pitch, roll = euler_angles(rotation).tolist()
     found = CameraPose(
         at.height_px, math.degrees(pitch), math.degrees(roll), covariance, int(pose.inlier.sum())
     )
@@ -221,10 +221,10 @@ def _supporting(
     solved: SolvedCamera,
     *,
     pose: AbsolutePose,
-    laid: LaidCloud,
+    aligned: AlignedCloud,
 ) -> list[VerifiedPhoto]:
     """List the photos that see inlier landmarks, with matches, in the form of verified photos."""
-    cloud, row = laid.cloud, solved.query_row
+    cloud, row = aligned.cloud, solved.query_row
     point = cloud.seen_point[solved.seen]
     none = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), (0.0, 0.0)
     verified = []
@@ -234,20 +234,20 @@ def _supporting(
         inlier = pose.inlier[match]
         if not inlier.any():
             continue
-        number, match_row, own = int(laid.map_photo[photo]), row[match], own[theirs]
+        number, match_row, own = int(aligned.map_photo[photo]), row[match], own[theirs]
         xy = query.features.xy[match_row]
         votes = float(query.votes[number])
         listed = ShortlistedPhoto(number, votes, match_row, own, xy, cloud.seen_xy[own])
-        relative = _relative_pose(pose, photo, inlier=inlier, laid=laid)
+        relative = _relative_pose(pose, photo, inlier=inlier, aligned=aligned)
         verified.append(VerifiedPhoto(listed, relative, *none))
     return sorted(verified, key=lambda photo: (-photo.inliers, photo.matched.photo))
 
 
 def _relative_pose(
-    pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], laid: LaidCloud
+    pose: AbsolutePose, photo: int, *, inlier: NDArray[np.bool_], aligned: AlignedCloud
 ) -> RelativePose:
     """Compute the relative pose to a photo of the cloud."""
-    submodel = laid.submodel_of(photo)
+    submodel = aligned.submodel_of(photo)
     row = int(np.flatnonzero(submodel.photo == photo)[0])
     rotation = submodel.rotation[row] @ pose.rotation.T
     apart = pose.centre - submodel.centre[row]

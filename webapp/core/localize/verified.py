@@ -186,7 +186,7 @@ def _shortlist_among(
     return [replace(s, votes=float(votes[s.photo])) for s in further]
 
 
-_ASKEW_DEG = 5.0
+_MIN_ROLL_DEG = 5.0
 """A query rolled by less than this cannot be distinguished from a level one by its keypoints."""
 
 
@@ -202,7 +202,7 @@ def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     -------
     (3, 3) float64
     """
-    turn = math.radians(askew_deg) if abs(askew_deg) > _ASKEW_DEG else 0.0
+    turn = math.radians(askew_deg) if abs(askew_deg) > _MIN_ROLL_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 

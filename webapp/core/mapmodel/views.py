@@ -19,7 +19,7 @@ def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
     return tuple(one for photo in photos for one in _views(photo))
 
 
-def picture_of(photo: Experience | UnplacedPhoto) -> str:
+def picture_name(photo: Experience | UnplacedPhoto) -> str:
     """Return the name of a photo's file, with a key of the used part: a view, or all but blurred boxes."""
     if photo.view is not None:
         return f"{photo.photo}#{photo.view.key}"

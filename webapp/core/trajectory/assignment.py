@@ -60,7 +60,7 @@ def _exact(some: dict[int, Costs]) -> dict[int, int]:
     table = np.full((len(some), len(columns) + len(some)), _UNMATCHED)
     for n, costs in enumerate(some.values()):
         table[n, [place[column] for column in costs]] = list(costs.values())
-    found = zip(some, least_sum(table), strict=True)
+    found = zip(some, linear_assignment(table), strict=True)
     return {row: columns[n] for row, n in found if n < len(columns) and columns[n] in some[row]}
 
 
@@ -75,7 +75,7 @@ def _greedy(some: dict[int, Costs]) -> dict[int, int]:
     return chosen
 
 
-def least_sum(costs: Floats) -> list[int]:
+def linear_assignment(costs: Floats) -> list[int]:
     """Choose a column for each row of (n, m) costs, n <= m, at the least sum: Kuhn's method with potentials.
 
     R. Burkard, M. Dell'Amico and S. Martello, Assignment Problems (2009), section 4.2.

@@ -18,7 +18,7 @@ from webapp.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
 from webapp.core.trajectory.noise_fit import NoiseFit, fit
 from webapp.core.trajectory.outliers import find_outliers
 from webapp.core.trajectory.records import Poses, Source, join, make_poses
-from webapp.core.trajectory.smoother import Judgement, SmoothedTrack, log_likelihood, smooth
+from webapp.core.trajectory.smoother import OutlierLabels, SmoothedTrack, log_likelihood, smooth
 from webapp.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
 
 DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
@@ -172,7 +172,7 @@ def _fit(
     worse = NoiseFit(odometry=WORSE).noise(usual)
     nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
 
-    def judged(assumed: Fixes) -> Judgement | None:
+    def judged(assumed: Fixes) -> OutlierLabels | None:
         return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
 
     return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual, judged=judged)
@@ -186,7 +186,7 @@ def _judged(
     frame: LocalFrame,
     usual: Noise,
     check: Callable[[int], None],
-) -> Judgement | None:
+) -> OutlierLabels | None:
     """Judge the fixes by the whole track; of too many, a sample, and the filter judges the others.
 
     None where the filter alone explains the fixes better, for instance if odometry drift bends the path.
@@ -202,7 +202,7 @@ def _judged(
         return None
     weight = np.full(len(every.number), np.nan)
     weight[chosen] = judged.weight
-    return Judgement(weight, judged.begins_s)
+    return OutlierLabels(weight, judged.begins_s)
 
 
 def _decorrelated(poses: Poses) -> Poses:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.trajectory.motion import Noise
-from webapp.core.trajectory.smoother import Judgement, log_likelihood
+from webapp.core.trajectory.smoother import OutlierLabels, log_likelihood
 from webapp.core.trajectory.steps import Fixes, Steps
 
 ODOMETRY = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -71,7 +71,7 @@ def fit(
     *,
     of_receiver: NDArray[np.bool_],
     usual: Noise,
-    judged: Callable[[Fixes], Judgement | None] = lambda _: None,
+    judged: Callable[[Fixes], OutlierLabels | None] = lambda _: None,
 ) -> NoiseFit:
     """Estimate the noise of odometry and receiver.
 

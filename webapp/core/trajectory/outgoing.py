@@ -121,7 +121,7 @@ class ExportObject:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionOut:
+class MissionExport:
     """A mission to export.
 
     Attributes

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from webapp.core.geometry.robust import GATE_2D
 from webapp.core.trajectory.alignment import start
 from webapp.core.trajectory.motion import POSITION, Noise
-from webapp.core.trajectory.smoother import AGREEING, AGREEING_S, Filter, Judgement
+from webapp.core.trajectory.smoother import AGREEING, AGREEING_S, Filter, OutlierLabels
 from webapp.core.trajectory.steps import Fixes, Floats, Steps, path
 
 GROWTH = 1.8
@@ -45,7 +45,7 @@ READMISSIONS = 3
 
 def find_outliers(
     steps: Steps, fixes: Fixes, *, noise: Noise, check: Callable[[int], None] = lambda _: None
-) -> Judgement | None:
+) -> OutlierLabels | None:
     """Judge all fixes jointly; a run of wrong fixes that agree with each other begins a new piece.
 
     Parameters
@@ -57,7 +57,7 @@ def find_outliers(
 
     Returns
     -------
-    Judgement or None
+    OutlierLabels or None
         None without odometry: the motion between fixes is then unknown, and each could be right.
     """
     if not np.isfinite(steps.moves).any():
@@ -76,7 +76,7 @@ def find_outliers(
         else:
             waiting += [(split, end), (begin, split)]
     begins_s = tuple(sorted(steps.times_s[begins].tolist()))
-    return Judgement(np.where(gated, 0.0, 1.0), begins_s)
+    return OutlierLabels(np.where(gated, 0.0, 1.0), begins_s)
 
 
 def _judge(

@@ -34,7 +34,7 @@ AGREEING_S = 10.0
 OUTLIERS = 0.01
 """Prior fraction of wrong fixes; also the likelihood factor of each piece."""
 
-ANYWHERE_M = 100.0
+OUTLIER_RADIUS_M = 100.0
 """Wrong fixes are modelled as uniform over a disc of this radius."""
 
 LEAST_WEIGHT = 1e-6
@@ -71,7 +71,7 @@ class SmoothedTrack:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+class OutlierLabels:
     """Outliers among the fixes, and the pieces between which the robot was carried, by the whole track.
 
     Attributes
@@ -91,7 +91,7 @@ def smooth(
     fixes: Fixes,
     *,
     noise: Noise | None = None,
-    judged: Judgement | None = None,
+    judged: OutlierLabels | None = None,
     check: Callable[[int], None] = lambda _: None,
 ) -> SmoothedTrack:
     """Filter a track forward and smooth it backward, twice.
@@ -100,7 +100,7 @@ def smooth(
     ----------
     fixes : Fixes
         At least one.
-    judged : Judgement, optional
+    judged : OutlierLabels, optional
         Without it, fixes are gated by their predictions, and pieces begin where several are rejected.
     check : callable
         Called now and then with the number of nodes done; an exception that it raises cancels the work.
@@ -131,7 +131,7 @@ def _ends(steps: Steps, begins_s: tuple[float, ...]) -> list[int]:
     return [*np.searchsorted(steps.times_s, begins_s[1:]).tolist(), len(steps)]
 
 
-def _compare_with_whole_track(filter: Filter, judged: Judgement) -> None:
+def _compare_with_whole_track(filter: Filter, judged: OutlierLabels) -> None:
     """Predict the fixes that were judged wrong from the smoothed track, which does not use them."""
     for at in np.flatnonzero(judged.weight == 0.0).tolist():
         node = filter.fixes.node[at]
@@ -141,7 +141,7 @@ def _compare_with_whole_track(filter: Filter, judged: Judgement) -> None:
         filter.distance[at] = off @ np.linalg.solve(around, off)
 
 
-def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: Judgement | None = None) -> float:
+def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: OutlierLabels | None = None) -> float:
     """Return the log-likelihood of fixes, each predicted from those before it.
 
     Outliers are modelled as uniform, so that one costs the same at any distance; their fraction is that of
@@ -158,7 +158,7 @@ def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: Judgemen
     density = np.exp(-(filter.distance + filter.log_determinant) / 2) / (2 * math.pi)
     if judged is not None:
         density = np.where(judged.weight == 0.0, 0.0, density)
-    anywhere = share / (math.pi * ANYWHERE_M**2)
+    anywhere = share / (math.pi * OUTLIER_RADIUS_M**2)
     return float(np.log((1 - share) * density + anywhere).sum() + pieces * math.log(OUTLIERS))
 
 

@@ -136,7 +136,7 @@ def seconds_of_day(text: str, *, packed: bool = False) -> float:
     return hour * 3600.0 + minute * 60.0 + second + fraction
 
 
-def split_moment(text: str) -> tuple[str, str]:
+def split_datetime(text: str) -> tuple[str, str]:
     """Split a cell with a date and a time of day; the time is empty if there is no colon."""
     head, colon, _ = text.partition(":")
     day = head.rstrip("0123456789") if colon else text

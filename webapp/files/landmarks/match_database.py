@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Features
-from webapp.core.landmarks.submodels import turn_of_view
+from webapp.core.landmarks.submodels import view_rotation
 from webapp.files.landmarks.colmap import pycolmap
 
 LEAST_INLIERS = 15
@@ -153,7 +153,7 @@ class MatchDatabase:
             rig = self._colmap.Rig(rig_id=cameras[0].camera_id)
             rig.add_ref_sensor(cameras[0].sensor_id)
             for camera, turn_deg in zip(cameras[1:], turns_deg[1:], strict=True):
-                turn = self._colmap.Rotation3d(turn_of_view(turn_deg - turns_deg[0]))
+                turn = self._colmap.Rotation3d(view_rotation(turn_deg - turns_deg[0]))
                 rig.add_sensor(camera.sensor_id, self._colmap.Rigid3d(turn, np.zeros(3)))
             self._database.write_rig(rig, use_rig_id=True)
             self._rigs[lens] = rig.rig_id, cameras

@@ -16,7 +16,7 @@ from webapp.core.landmarks.control_points import (
     sigma_by_points,
     triangulate,
 )
-from webapp.core.landmarks.submodels import Submodel, of_photos, turn_of_view
+from webapp.core.landmarks.submodels import Submodel, of_photos, view_rotation
 
 Array = NDArray[np.float64]
 
@@ -177,7 +177,7 @@ class PositionPriors:
         params = [1.0 / CLICK_RAD, 0.5, 0.5]
         camera = self._colmap.Camera(model="SIMPLE_PINHOLE", width=1, height=1, params=params, camera_id=own)
         model.add_camera(camera)
-        turn = turn_of_view(float(self._positions.turn_deg[self._row[reference.name]]))
+        turn = view_rotation(float(self._positions.turn_deg[self._row[reference.name]]))
         along = self._colmap.Rigid3d(self._colmap.Rotation3d(_looking_along(turn @ ray)), np.zeros(3))
         model.rig(frame.rig_id).add_sensor(camera.sensor_id, along)
         middle = np.array([[0.5, 0.5]])

@@ -63,7 +63,7 @@ def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBo
     return found
 
 
-def look_of(blurred: Sequence[BlurBox]) -> str | None:
+def blur_key(blurred: Sequence[BlurBox]) -> str | None:
     """Return a key of the blurred boxes; None if there are none."""
     return hashlib.sha256(repr(list(blurred)).encode()).hexdigest()[:12] if blurred else None
 
@@ -80,7 +80,7 @@ def preview_path(
 
     A preview made before the photo was blurred, but written afterwards, is thus not taken for a blurred one.
     """
-    look = look_of(blurred)
+    look = blur_key(blurred)
     stem = f"{photo_id}-{look}" if look else f"{photo_id}"
     return map_folder / DERIVED / "previews" / preview_name(stem, kind)
 

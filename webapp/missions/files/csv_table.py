@@ -12,7 +12,7 @@ from typing import BinaryIO
 from webapp.core.columns import DATE_ORDERS, EXCEL_DAYS, POSE_FIELDS, Columns, guess_columns, parse_columns
 from webapp.core.trajectory.records import SOURCES, Source
 from webapp.errors import TrackError, UsageError
-from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_moment
+from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_datetime
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
 from webapp.missions.files.track_chunks import Findings
@@ -87,11 +87,11 @@ class Table:
         if math.isnan(value) and day:
             value = unix_time(day) if ":" in day else moment(day, text, order=self.order)
             if math.isnan(value) and ":" in day:
-                value = moment(*split_moment(day), order=self.order)
+                value = moment(*split_datetime(day), order=self.order)
         elif math.isnan(value) and text:
             value = self.seconds(text)
             if math.isnan(value):
-                value = moment(*split_moment(text), order=self.order)
+                value = moment(*split_datetime(text), order=self.order)
         return value if math.isfinite(value) else math.nan
 
     def seconds(self, text: str) -> float:
@@ -260,7 +260,7 @@ def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
     name = "date" if "date" in table.columns else "time"
     unsure = ""
     for _, fields in table_rows(file, table):
-        day = split_moment(table.text(fields, name))[0]
+        day = split_datetime(table.text(fields, name))[0]
         order = day_order(day)
         if order in ("dmy", "mdy"):
             return order

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.text_file import plain_cell
 
@@ -25,7 +25,7 @@ _PART = 1000
 _UNKNOWN = (None, None, None)
 
 
-def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
+def format_poses_csv(mission: MissionExport) -> Iterator[bytes]:
     """Write all poses, track by track, a header line first.
 
     Yields
@@ -52,7 +52,7 @@ def format_poses_csv(mission: MissionOut) -> Iterator[bytes]:
             first += len(part)
 
 
-def format_objects_csv(mission: MissionOut) -> Iterator[bytes]:
+def format_objects_csv(mission: MissionExport) -> Iterator[bytes]:
     """Write all objects with their last positions, a header line first.
 
     Yields

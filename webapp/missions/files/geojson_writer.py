@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.files.exchange.geojson import point_feature, to_json, write_collection
 from webapp.files.exchange.times import utc, utc_or_none
 
 
-def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
+def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:
     """Write a mission.
 
     Yields
@@ -29,7 +29,7 @@ def format_mission_geojson(mission: MissionOut) -> Iterator[bytes]:
     return write_collection(mission.name, _features(mission))
 
 
-def _features(mission: MissionOut) -> Iterator[Iterable[str]]:
+def _features(mission: MissionExport) -> Iterator[Iterable[str]]:
     for track in mission.tracks:
         yield _track(track)
     for found in mission.objects():

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, MissionExport
 from webapp.core.trajectory.records import SOURCES, Poses, Sighting, Source
 from webapp.files.exchange.gpx import NAMESPACE, GpxLine, GpxPoint, GpxWaypoint, read_gpx
 from webapp.files.exchange.times import utc
@@ -94,7 +94,7 @@ def _object(waypoint: GpxWaypoint, *, findings: Findings) -> WorldObjects:
     return WorldObjects((Sighting(name, waypoint.kind, time_s, at, height, state=waypoint.state),))
 
 
-def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
+def format_mission_gpx(mission: MissionExport) -> Iterator[bytes]:
     """Write a mission.
 
     Yields
@@ -107,7 +107,7 @@ def format_mission_gpx(mission: MissionOut) -> Iterator[bytes]:
         yield text.encode("utf-8", "replace")
 
 
-def _pieces(mission: MissionOut) -> Iterator[str]:
+def _pieces(mission: MissionExport) -> Iterator[str]:
     yield f"{DECLARATION}{_OPEN}<metadata>{element('name', mission.name)}</metadata>\n"
     for found in mission.objects():
         yield _waypoint(found)

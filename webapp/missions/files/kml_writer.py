@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.core.trajectory.records import Poses
 from webapp.core.trajectory.symbols import kind_colour
 from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
@@ -21,7 +21,7 @@ from webapp.files.exchange.xml import element
 
 
 def format_mission_kml(
-    mission: MissionOut, *, icons: Mapping[str, str] | None = None, photos: Mapping[str, str] | None = None
+    mission: MissionExport, *, icons: Mapping[str, str] | None = None, photos: Mapping[str, str] | None = None
 ) -> Iterator[bytes]:
     """Write a mission.
 
@@ -63,7 +63,7 @@ def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
     return b"".join(write_kml(lines))
 
 
-def _pieces(mission: MissionOut, icons: Mapping[str, str], *, photos: Mapping[str, str]) -> Iterator[str]:
+def _pieces(mission: MissionExport, icons: Mapping[str, str], *, photos: Mapping[str, str]) -> Iterator[str]:
     yield f"<Document>{element('name', mission.name)}<open>1</open>\n"
     styles = {kind: f"kind-{number}" for number, kind in enumerate(mission.kinds)}
     for kind, style in styles.items():

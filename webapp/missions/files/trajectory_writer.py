@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
 from webapp.core.trajectory.records import Poses
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 
@@ -24,7 +24,7 @@ _UNTIMED = "# the track has no times: the first column counts its poses\n"
 _UNKNOWN = "# heading unknown\n"
 
 
-def format_tum_zip(mission: MissionOut) -> Iterator[bytes]:
+def format_tum_zip(mission: MissionExport) -> Iterator[bytes]:
     """Write tracks in TUM format; a pose with unknown heading gets a comment and the identity rotation."""
     origin = _origin(mission)
     return stream_zip(
@@ -32,7 +32,7 @@ def format_tum_zip(mission: MissionOut) -> Iterator[bytes]:
     )
 
 
-def format_kitti_zip(mission: MissionOut) -> Iterator[bytes]:
+def format_kitti_zip(mission: MissionExport) -> Iterator[bytes]:
     """Write tracks in KITTI format; a pose with unknown heading gets the identity rotation."""
     origin = _origin(mission)
     return stream_zip(
@@ -40,13 +40,13 @@ def format_kitti_zip(mission: MissionOut) -> Iterator[bytes]:
     )
 
 
-def _named(mission: MissionOut, ending: str) -> Iterator[tuple[str, ExportTrack]]:
+def _named(mission: MissionExport, ending: str) -> Iterator[tuple[str, ExportTrack]]:
     for number, track in enumerate(mission.tracks, 1):
         plain = "".join(letter if letter.isalnum() else "-" for letter in track.name)[:60].strip("-")
         yield "-".join(filter(None, (str(number), track.source, plain))) + f".{ending}", track
 
 
-def _origin(mission: MissionOut) -> tuple[LatLon, float]:
+def _origin(mission: MissionExport) -> tuple[LatLon, float]:
     """Return the position and height of the origin of the frame."""
     for track in mission.tracks:
         for part in track.poses():

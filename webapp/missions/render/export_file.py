@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.core.trajectory.symbols import kind_colour
 from webapp.errors import UsageError
 from webapp.files.exchange.times import utc
@@ -104,7 +104,7 @@ def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Do
     )
 
 
-def _page(mission: MissionOut, found: list[ExportObject], ground: MercatorPicture | None) -> str:
+def _page(mission: MissionExport, found: list[ExportObject], ground: MercatorPicture | None) -> str:
     import folium
 
     page = empty_page("EPSG3857", title=mission.name)

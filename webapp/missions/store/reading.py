@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.core.trajectory.records import Poses
 from webapp.errors import Conflict, NotFound
 from webapp.missions.store import tracks
@@ -30,7 +30,9 @@ MOST_KINDS = 200
 """Maximum number of object classes with their own symbols."""
 
 
-def read(database: Database, mission_id: int, *, most: int | None = None, people: bool = False) -> MissionOut:
+def read(
+    database: Database, mission_id: int, *, most: int | None = None, people: bool = False
+) -> MissionExport:
     """Read a mission.
 
     Parameters
@@ -42,7 +44,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None, people
 
     Returns
     -------
-    MissionOut
+    MissionExport
         Its functions read from the database when they are called; they raise `Conflict` if a track was
         rewritten in the meantime, so that no truncated file looks complete.
 
@@ -56,7 +58,7 @@ def read(database: Database, mission_id: int, *, most: int | None = None, people
         if mission is None:
             raise NotFound("mission not found", hint="it may have been deleted: reload the page")
         found = [track for track in tracks.list_tracks(session, mission_id) if track.poses]
-        return MissionOut(
+        return MissionExport(
             name=mission.name,
             tracks=tuple(_track(database, track, most=most) for track in found),
             kinds=_kinds(session, mission_id),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.outgoing import MissionExport
 from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
 from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
@@ -21,7 +21,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, plain_name
 
-Writer = Callable[[MissionOut], Iterator[bytes]]
+Writer = Callable[[MissionExport], Iterator[bytes]]
 
 _WRITERS: dict[str, tuple[str, Writer]] = {
     "gpx": ("application/gpx+xml", format_mission_gpx),
@@ -100,13 +100,13 @@ def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settin
         return None
 
 
-def export_mission_kml(mission: MissionOut) -> Download:
+def export_mission_kml(mission: MissionExport) -> Download:
     """Return a mission as KML, with objects as coloured pins."""
     return Download(f"{plain_name(mission.name)}.kml", KML, format_mission_kml(mission))
 
 
 def export_mission_kmz(
-    mission: MissionOut, *, picture: Callable[[str], Path | None] | None = None
+    mission: MissionExport, *, picture: Callable[[str], Path | None] | None = None
 ) -> Download:
     """Return a mission as KMZ, which includes icons for the classes of its objects.
 
@@ -134,7 +134,7 @@ def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
     return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))
 
 
-def _members(mission: MissionOut, picture: Callable[[str], Path | None]) -> Iterator[ZipMember]:
+def _members(mission: MissionExport, picture: Callable[[str], Path | None]) -> Iterator[ZipMember]:
     """Yield pictures and icons, then the KML, which refers to the pictures found."""
     photos: dict[str, str] = {}
     for sha in dict.fromkeys(found.photo for found in mission.objects() if found.photo):

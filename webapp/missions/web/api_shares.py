@@ -74,7 +74,7 @@ def list_shares(mission_id: int) -> dict[str, Any]:
     with library().database.read() as session:
         return {
             "shares": [
-                _share_json(mission, share, maker=sharing.maker_of(session, share))
+                _share_json(mission, share, maker=sharing.creator_of(session, share))
                 for share in mission_shares.list_shares(session, mission)
             ]
         }
@@ -103,7 +103,7 @@ def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]
     with library().database.write() as session:
         share = mission_shares.find(session, mission, id=id)
         share.photos = data["photos"]
-        return _share_json(mission, share, maker=sharing.maker_of(session, share))
+        return _share_json(mission, share, maker=sharing.creator_of(session, share))
 
 
 @blueprint.delete(f"/{_ID}")

@@ -186,7 +186,7 @@ class ContentsOut(Schema):
 
 
 blueprint.before_request(chunks.limit_bytes)
-blueprint.errorhandler(WrongOffset)(chunks.tell_offset)
+blueprint.errorhandler(WrongOffset)(chunks.offset_response)
 
 
 @blueprint.post("")

@@ -14,8 +14,8 @@ from webapp.core.geo.floors import BASE_FLOOR, Floor, FloorImage
 from webapp.errors import UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.raster import Pixels, Raster, opened_raster, reduced
+from webapp.files.satellite.warp import warp_to_map
 from webapp.render.sheet.drawing import PdfDrawing
 from webapp.render.sheet.options import SheetAnswer, SheetFormat, SheetOptions, SheetWords
 from webapp.render.sheet.page import SheetContent, compose, draw_sheet, page_size, printed_part
@@ -118,7 +118,7 @@ def _with_floor(
     """Overlay the image of a floor on that of the map, which is faint around it."""
     size = source.map.satellite.width, source.map.satellite.height
     laid = _read(
-        source, image.path, lambda raster: laid_on_map(raster, image, size=size, side=side), settings=settings
+        source, image.path, lambda raster: warp_to_map(raster, image, size=size, side=side), settings=settings
     )
     base = cv2.resize(satellite, (laid.shape[1], laid.shape[0]), interpolation=cv2.INTER_AREA)
     opacity = laid[:, :, 3:].astype(np.float32) / 255.0

@@ -104,7 +104,7 @@ def _crown(rng: np.random.Generator, tree: Tree, number: int) -> Foliage:
     )
 
 
-def cut_leaves(rng: np.random.Generator) -> Leaves:
+def make_leaf_sprites(rng: np.random.Generator) -> Leaves:
     """Make the sprites of clumps, at all sizes."""
     pictures = [_leaves(rng) for _ in range(_VARIANTS)]
     table = []

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.sample.scene.foliage import Foliage, Leaves, cut_leaves, grow
+from webapp.sample.scene.foliage import Foliage, Leaves, grow, make_leaf_sprites
 from webapp.sample.scene.furniture import along_paths, fence, monument, trunks
 from webapp.sample.scene.ground import Ground, lay_ground
 from webapp.sample.scene.masonry import Colour, Lintel, Material, Style
@@ -159,7 +159,7 @@ def build_world(rng: np.random.Generator) -> World:
         corners=corners,
         normals=normals,
         foliage=grow(for_leaves, plan.trees),
-        leaves=cut_leaves(for_leaves),
+        leaves=make_leaf_sprites(for_leaves),
     )
 
 

@@ -139,7 +139,7 @@ def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
     return None if row is None else (row[0], row[1])
 
 
-def note_use(session: Session, token_id: int) -> None:
+def record_use(session: Session, token_id: int) -> None:
     """Record that a token has just been used."""
     token = session.get(ApiToken, token_id, with_for_update=True)
     if token is not None:

@@ -158,7 +158,7 @@ def matrices(
     return {id: (version, _vectors(data)) for id, version, data in rows}
 
 
-def described_photos(session: Session, *, basis_id: int) -> int:
+def count_described(session: Session, *, basis_id: int) -> int:
     """Count the photos that are described by a basis."""
     total = select(func.coalesce(func.sum(MapVectors.photos), 0)).where(MapVectors.basis_id == basis_id)
     return int(session.scalar(total) or 0)

@@ -61,7 +61,7 @@ class TableCopy:
     sha256: str
 
 
-class OtherRows(Exception):
+class SourceChanged(Exception):
     """The rows of a table have changed since it was copied: the copy has to start again."""
 
 
@@ -114,7 +114,7 @@ def copy_records(source: Connection, target: Database, *, progress: Progress) ->
 
     Raises
     ------
-    OtherRows
+    SourceChanged
         The source has changed since an earlier copy.
     StorageError, DiskFull
         The database refused rows, or returns different ones.
@@ -158,7 +158,7 @@ def _copied(source: Connection, target: Connection, table: Table, *, progress: P
     if _read(target, table) == copy:
         return copy
     if not is_new:
-        raise OtherRows(table.name)
+        raise SourceChanged(table.name)
     raise StorageError(
         f"what was copied to the table {table.name} does not read back the same",
         hint="the library is as it was; please report this",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from webapp.core.blur import BlurBox
-from webapp.core.detections import Detection, join_same, never, to_blur
+from webapp.core.detections import Detection, boxes_to_blur, merge_duplicates, never
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import MapError, MissingPart, PhotoError
 from webapp.files.localize.blur_networks import BlurNetworks
@@ -19,7 +19,7 @@ from webapp.files.photos.photo import read_in_turn
 from webapp.files.photos.preview import SIDES
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
-from webapp.tasks.blur.kept import KeptFindings
+from webapp.tasks.blur.kept import DetectionCache
 from webapp.tasks.maps.show_photo import MOST_BOXES
 
 _SIDE = 4 * max(SIDES.values())
@@ -80,7 +80,7 @@ class BlurReport:
 
 
 def search_photo(
-    file: Path, *, networks: BlurNetworks, kept: KeptFindings, limits: PhotoLimits
+    file: Path, *, networks: BlurNetworks, kept: DetectionCache, limits: PhotoLimits
 ) -> list[Detection]:
     """Detect faces and plates in a photo, or return the stored result; the highest scores first.
 
@@ -133,7 +133,7 @@ def search_photos(
     ------
     StorageError, Cancelled
     """
-    kept = KeptFindings(cfg.parent, networks.key)
+    kept = DetectionCache(cfg.parent, networks.key)
     known = kept.read()
     progress.size(len(photos))
     suggested: list[SuggestedBoxes] = []
@@ -175,7 +175,7 @@ def suggestions(
         Number of further ones.
     """
     sure = [one for one in found if one.score >= least_score]
-    boxes = to_blur(sure, blurred=blurred)
+    boxes = boxes_to_blur(sure, blurred=blurred)
     room = max(0, MOST_BOXES - len(blurred))
     return boxes[:room], len(boxes[room:])
 
@@ -192,12 +192,14 @@ def _search(
     sha256: str,
     *,
     networks: BlurNetworks,
-    kept: KeptFindings,
+    kept: DetectionCache,
     limits: PhotoLimits,
     check: Callable[[], None] = never,
 ) -> list[Detection]:
     pixels = read_in_turn(file, limits=limits, max_side=_SIDE)
-    found = join_same(one for detector in networks.detectors for one in detector.detect(pixels, check=check))
+    found = merge_duplicates(
+        one for detector in networks.detectors for one in detector.detect(pixels, check=check)
+    )
     kept.add(sha256, found)
     return found
 

@@ -22,7 +22,7 @@ from webapp.files.listing import DERIVED
 _WAIT_S = 20.0
 
 
-class KeptFindings:
+class DetectionCache:
     """Stored detections of a map's photos.
 
     Parameters

@@ -62,7 +62,9 @@ class DaskPool:
                     f"the folder cannot be written: {error.strerror}", where=str(folder)
                 ) from error
             undone.callback(self._marker.unlink, missing_ok=True)
-            terms = on_worker.Terms(dict(on_worker.versions()), self._marker.absolute(), settings, carried())
+            terms = on_worker.WorkerRequirements(
+                dict(on_worker.versions()), self._marker.absolute(), settings, carried()
+            )
             self._terms = pickle.dumps(terms)
             # A task, not scattered data, so that it is computed again if the workers that hold it are lost.
             self._shared = self._client.submit(on_worker.keep, pickle.dumps(shared), pure=False)

@@ -21,7 +21,7 @@ Out = TypeVar("Out")
 
 
 @dataclass(frozen=True, slots=True)
-class Workplace:
+class ExecutionTarget:
     """Where the parts are computed.
 
     Attributes
@@ -42,9 +42,9 @@ class Workplace:
     here: Literal["inline", "threads", "processes"] = "inline"
     workers: int | None = None
 
-    def on_this_machine(self) -> Workplace:
+    def on_this_machine(self) -> ExecutionTarget:
         """Return this process as the place, for work too small to be distributed."""
-        return Workplace(replace(self.settings, dask=None), self.folder)
+        return ExecutionTarget(replace(self.settings, dask=None), self.folder)
 
 
 def in_order(
@@ -52,7 +52,7 @@ def in_order(
     items: Iterable[In],
     *,
     shared: Shared,
-    at: Workplace,
+    at: ExecutionTarget,
     progress: Progress,
 ) -> Iterator[Out]:
     """Call a function with each item; yield each result as soon as possible, in the order of the items.
@@ -102,7 +102,9 @@ def in_order(
         pool.close(waiting)
 
 
-def _pool(function: Callable[[Any, Any], Any], shared: Any, *, at: Workplace, progress: Progress) -> Pool:
+def _pool(
+    function: Callable[[Any, Any], Any], shared: Any, *, at: ExecutionTarget, progress: Progress
+) -> Pool:
     if at.settings.dask is not None:
         from webapp.tasks.computing.cluster import DaskPool
 

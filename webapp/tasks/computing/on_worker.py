@@ -53,7 +53,7 @@ def versions() -> Mapping[str, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class WorkerRequirements:
     """Conditions under which a worker may run a part.
 
     Attributes
@@ -133,7 +133,7 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -
     shared : SharedValue
         First argument of the function.
     terms : bytes
-        `Terms`, pickled.
+        `WorkerRequirements`, pickled.
     native_threads : int
         Number of threads for Faiss, limited to the cores of this machine.
 
@@ -147,7 +147,7 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -
 
     address = get_worker().address
     try:
-        agreed: Terms = pickle.loads(terms)
+        agreed: WorkerRequirements = pickle.loads(terms)
         agreed.check(address)
         function, item = pickle.loads(part)
         value = shared.value()
@@ -162,7 +162,7 @@ def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -
         return function(value, item)
 
 
-def _prepare(terms: Terms, *, native_threads: int) -> None:
+def _prepare(terms: WorkerRequirements, *, native_threads: int) -> None:
     """Set the number of native threads of this thread, and open the object storage that the work needs."""
     import faiss
 

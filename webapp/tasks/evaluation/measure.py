@@ -14,10 +14,10 @@ from webapp.core.hypotheses.calibration import Calibration
 from webapp.errors import PhotoError
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation.types import Localize
 from webapp.tasks.localize import geometry, orient_map
-from webapp.tasks.localize.open_again import MadeAgain, MapFiles
+from webapp.tasks.localize.open_again import MapSource, RebuiltValue
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 
@@ -48,15 +48,15 @@ def measure_all(
     ------
     Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart
     """
-    at = Workplace(pipeline.settings, pipeline.opened.writable)
+    at = ExecutionTarget(pipeline.settings, pipeline.opened.writable)
     if pipeline.around is not None or pipeline.opened.method == "vote":
         at = at.on_this_machine()  # landmarks made on demand are reused for the following photos
-    again = MadeAgain(partial(PipelineFiles.open, PipelineFiles.of(pipeline)), pipeline)
+    again = RebuiltValue(partial(PipelineFiles.open, PipelineFiles.of(pipeline)), pipeline)
     absolute = [trial._replace(photo=trial.photo.absolute()) for trial in trials]
     return in_order(_measure, absolute, shared=(again, top), at=at, progress=progress)
 
 
-def _measure(shared: tuple[MadeAgain[LocalizationPipeline], int], trial: QueryTrial) -> QueryResult:
+def _measure(shared: tuple[RebuiltValue[LocalizationPipeline], int], trial: QueryTrial) -> QueryResult:
     pipeline, top = shared
     return measure(pipeline.value().localize, trial, top=top)
 
@@ -65,7 +65,7 @@ def _measure(shared: tuple[MadeAgain[LocalizationPipeline], int], trial: QueryTr
 class PipelineFiles:
     """All that a Dask worker needs to open a pipeline again."""
 
-    files: MapFiles
+    files: MapSource
     calibration: StoredCalibration | None
     fov_deg: float | None
     asked: Method | None
@@ -77,7 +77,7 @@ class PipelineFiles:
     def of(cls, pipeline: LocalizationPipeline) -> PipelineFiles:
         """Collect it from an open pipeline."""
         return cls(
-            MapFiles.of(pipeline.opened),
+            MapSource.of(pipeline.opened),
             pipeline.calibration,
             pipeline.fov_deg,
             pipeline.asked,
@@ -87,7 +87,7 @@ class PipelineFiles:
         )
 
     def open(self) -> LocalizationPipeline:
-        """Open the pipeline; raises the same errors as `MapFiles.open`."""
+        """Open the pipeline; raises the same errors as `MapSource.open`."""
         opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
         pipeline = LocalizationPipeline(
             opened,

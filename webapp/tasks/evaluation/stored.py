@@ -45,7 +45,7 @@ class Miss:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kept:
+class StoredEvaluation:
     """One scheme of the evaluation.
 
     Attributes
@@ -87,7 +87,7 @@ def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
     return forms
 
 
-def read(cfg: Path) -> tuple[Kept, ...]:
+def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
     """Read the last evaluation; an empty tuple if there is none.
 
     Raises
@@ -127,7 +127,7 @@ def _unreadable() -> StorageError:
     return StorageError("the evaluation of the map cannot be read", where=FILE, hint="evaluate the map again")
 
 
-def _kept(form: dict[str, Any], at: datetime) -> Kept:
+def _kept(form: dict[str, Any], at: datetime) -> StoredEvaluation:
     results = form["per_query"]
     errors = np.array([math.inf if r["error_px"] is None else r["error_px"] for r in results], np.float64)
     stated = np.array([_stated(r["answer"]) for r in results], np.float64)
@@ -135,7 +135,7 @@ def _kept(form: dict[str, Any], at: datetime) -> Kept:
     bins = reliability_bins(stated[has], errors[has] <= form["place_radius_px"])
     figures = {name: value for name, value in form.items() if name != "per_query"}
     misses = _misses(results, radius=form["place_radius_px"])
-    return Kept(figures, errors, bins, misses, form.get("map_revision", -1), at)
+    return StoredEvaluation(figures, errors, bins, misses, form.get("map_revision", -1), at)
 
 
 def _misses(results: list[dict[str, Any]], *, radius: float) -> tuple[Miss, ...]:

@@ -113,7 +113,7 @@ def renew_basis(library: Library, *, settings: Settings, writes: Writes, progres
     _refresh_search(library, progress)  # before searches use it
     with writes() as session:
         stored.use_basis(session, new.id)
-        return stored.described_photos(session, basis_id=new.id)
+        return stored.count_described(session, basis_id=new.id)
 
 
 def _refresh_search(library: Library, progress: Progress) -> None:
@@ -139,7 +139,7 @@ def _is_basis_due(session: Session, there: list[StoredBasis]) -> bool:
 
 
 def _described(session: Session, there: list[StoredBasis]) -> int:
-    return stored.described_photos(session, basis_id=there[-1].id) if there else 0
+    return stored.count_described(session, basis_id=there[-1].id) if there else 0
 
 
 def _describe(

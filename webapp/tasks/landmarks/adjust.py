@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import georegister
-from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
 from webapp.core.landmarks.submodels import Points, Submodel
 from webapp.core.mapmodel.model import Map
 from webapp.errors import IndexDamaged
@@ -126,19 +126,19 @@ def _adjust(
     """Join the submodels that can be georegistered."""
     of_photos = [*renumbered(rigid, found.number_of, turn_of=found.turn_of)]
     results = [georegister(submodel, known, points=points) for submodel in of_photos]
-    laid = [
-        (submodel, result.laid)
+    aligned = [
+        (submodel, result.aligned)
         for submodel, result in zip(rigid.submodels, results, strict=True)
-        if isinstance(result.laid, LaidSubmodel)
+        if isinstance(result.aligned, AlignedSubmodel)
     ]
-    problem = _too_little([result for _, result in laid])
+    problem = _too_little([result for _, result in aligned])
     if problem:
         return replace(rigid, adjusted=adjusted, problem=problem)
     progress.note("adjusting them by the known positions")
     usable = np.isfinite(known.at)
     for submodel, result in zip(of_photos, results, strict=True):
-        if isinstance(result.laid, LaidSubmodel):
-            usable[submodel.photo[result.laid.contradicting]] = False
+        if isinstance(result.aligned, AlignedSubmodel):
+            usable[submodel.photo[result.aligned.contradicting]] = False
     wrong = {fit.name for result in results for fit in result.points if fit.contradicts}
     number = np.array([found.number_of[content] for content in rigid.contents], np.int64)
     at = np.where(usable, known.at, complex(math.nan, math.nan))[number]
@@ -150,7 +150,7 @@ def _adjust(
         points=[point for point in points if point.name not in wrong],
     )
     matches, out = found.shared / MATCHES_FILE, found.folder / ADJUSTED / adjusted
-    job = adjust_job(rigid, positions, laid=laid, matches=matches, folder=found.folder, out=out)
+    job = adjust_job(rigid, positions, aligned=aligned, matches=matches, folder=found.folder, out=out)
     model = run_adjustment(job, progress=progress)
     if model is None:
         return replace(rigid, adjusted=adjusted, problem="the photos do not agree with the positions")
@@ -159,15 +159,15 @@ def _adjust(
     others = [
         submodel
         for submodel, result in zip(rigid.submodels, results, strict=True)
-        if isinstance(result.laid, NotLaid) and not np.isin(submodel.photo, photo).any()
+        if isinstance(result.aligned, NotAligned) and not np.isin(submodel.photo, photo).any()
     ]
     joined = Submodel(photo, model.centre, model.rotation, covariance=model.covariance)
     return replace(rigid, submodels=(joined, *others), adjusted=adjusted, problem="")
 
 
-def _too_little(laid: Sequence[LaidSubmodel]) -> str:
+def _too_little(aligned: Sequence[AlignedSubmodel]) -> str:
     """Return why the known positions do not suffice for an adjustment; empty if they do."""
-    at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in laid)])
+    at = np.concatenate([np.zeros(0, np.complex128), *(result.transform.at for result in aligned)])
     if len(at) < _LEAST_KNOWN:
         return f"{len(at)} positions are known, {_LEAST_KNOWN} are needed"
     off = at - at.mean()
@@ -213,7 +213,7 @@ def adjust_job(
     rigid: StoredSubmodels,
     positions: PicturePositions,
     *,
-    laid: Sequence[tuple[Submodel, LaidSubmodel]],
+    aligned: Sequence[tuple[Submodel, AlignedSubmodel]],
     matches: Path,
     folder: Path,
     out: Path,
@@ -222,7 +222,7 @@ def adjust_job(
 
     Parameters
     ----------
-    laid : sequence of (Submodel, LaidSubmodel)
+    aligned : sequence of (Submodel, AlignedSubmodel)
         Submodels of pictures, with their georegistrations.
     matches, folder, out : Path
         The database, the folder of the reconstruction, and that for the joined model.
@@ -230,8 +230,8 @@ def adjust_job(
     placed = dict(zip(positions.known, positions.at, strict=True))
     contents: list[str] = []
     centre, rotation = [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
-    for submodel, result in laid:
-        there = result.transform.lay_cameras(submodel.centre)
+    for submodel, result in aligned:
+        there = result.transform.map_cameras(submodel.centre)
         names = [rigid.contents[number] for number in submodel.photo.tolist()]
         at = np.column_stack([there.at.real, there.at.imag])
         at = np.array([placed.get(name, own) for name, own in zip(names, at, strict=True)])
@@ -263,5 +263,5 @@ def _reports(
             there = zip(photos, off.tolist(), strict=True)
             yield AdjustedSubmodel(photos, "", {n: away for n, away in there if not math.isnan(away)})
             continue
-        laid = georegister(submodel, known, points=points).laid
-        yield AdjustedSubmodel(photos, laid.reason if isinstance(laid, NotLaid) else problem, {})
+        aligned = georegister(submodel, known, points=points).aligned
+        yield AdjustedSubmodel(photos, aligned.reason if isinstance(aligned, NotAligned) else problem, {})

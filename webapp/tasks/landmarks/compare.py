@@ -15,7 +15,7 @@ from webapp.files.landmarks.match_database import MatchDatabase, StoredPhoto, st
 from webapp.files.localize.features import read_segment
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 
 _HELD = 64
 """Photos that a worker keeps in memory: those of neighbouring pairs."""
@@ -65,7 +65,7 @@ def compare_photos(
     *,
     at: NDArray[np.complex128],
     views: Views,
-    place: Workplace,
+    place: ExecutionTarget,
     progress: Progress,
 ) -> None:
     """Match the pairs that have not been matched yet.
@@ -76,7 +76,7 @@ def compare_photos(
         Photos with their content hashes.
     at : (p,) complex128
         Positions on the map; NaN where there is none.
-    place : Workplace
+    place : ExecutionTarget
         Its folder is that of the features.
 
     Raises

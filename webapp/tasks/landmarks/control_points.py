@@ -16,8 +16,8 @@ from webapp.core.landmarks.absolute_pose import Lens, ray_of_pixel
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.landmarks.control_points import KnownPoint
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
-from webapp.core.landmarks.submodels import Submodel, turn_of_view
+from webapp.core.landmarks.placing import AlignedSubmodel, NotAligned
+from webapp.core.landmarks.submodels import Submodel, view_rotation
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
@@ -187,7 +187,7 @@ def _ray(
 ) -> NDArray[np.float64] | None:
     """Return the ray of a click in the frame of the photo's camera; None if its lens is unknown."""
     if photo.view is not None:
-        return np.asarray(turn_of_view(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
+        return np.asarray(view_rotation(photo.view.turn_deg) @ ray_of_panorama(click.x, click.y))
     if photo.panorama is not None:
         return ray_of_panorama(click.x, click.y)
     lens = lenses.lens(number)
@@ -207,21 +207,21 @@ def residuals_of(
     found = [
         one
         for submodel, result in zip(submodels, results, strict=True)
-        if isinstance(result.laid, LaidSubmodel)
-        for one in _of_photos(submodel, result.laid, photos=photos)
+        if isinstance(result.aligned, AlignedSubmodel)
+        for one in _of_photos(submodel, result.aligned, photos=photos)
     ]
     found += [_of_point(point, results) for point in the_map.control_points]
     return sorted(found, key=lambda one: (-(one.residual_px or 0.0), one.name))
 
 
 def _of_photos(
-    submodel: Submodel, laid: LaidSubmodel, *, photos: Sequence[AnyPhoto | None]
+    submodel: Submodel, aligned: AlignedSubmodel, *, photos: Sequence[AnyPhoto | None]
 ) -> Iterator[Residual]:
     for row, number in enumerate(submodel.photo.tolist()):
-        photo, there = photos[number], complex(laid.others_have[row])
+        photo, there = photos[number], complex(aligned.others_have[row])
         if isinstance(photo, Experience) and not math.isnan(there.real):
             others = MapPixel(there.real, there.imag)
-            wrong = bool(laid.contradicting[row])
+            wrong = bool(aligned.contradicting[row])
             yield Residual(experience_of(photo.id), photo.photo, photo.position, others, wrong)
 
 
@@ -233,8 +233,8 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
     wrong: tuple[str, ...] = ()
     for result in results:
         for fit in result.points:
-            if fit.name == point.name and isinstance(result.laid, NotLaid):
-                clicks, problem, wrong = _MANY, result.laid.reason, fit.wrong
+            if fit.name == point.name and isinstance(result.aligned, NotAligned):
+                clicks, problem, wrong = _MANY, result.aligned.reason, fit.wrong
             elif fit.name == point.name:
                 there = fit.others_have
                 others = None if math.isnan(there.real) else MapPixel(there.real, there.imag)

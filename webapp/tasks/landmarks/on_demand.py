@@ -22,7 +22,7 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.surroundings import part_around, part_of, reconstruct_part
 from webapp.tasks.localize import orient_map
-from webapp.tasks.localize.geometry import has_landmarks, lay_landmarks
+from webapp.tasks.localize.geometry import align_landmarks, has_landmarks
 from webapp.tasks.localize.open_map import OpenMap, OpenOptions
 
 NOT_YET = "the landmarks around this place are not reconstructed yet: ask again in a minute"
@@ -193,11 +193,11 @@ def _solve(
     hide: Collection[int],
 ) -> Hypothesis | None:
     """Solve the camera from the landmarks in a folder; None if that fails, or it is not near the place."""
-    laid = lay_landmarks(opened, folder)
-    if laid is None:
+    aligned = align_landmarks(opened, folder)
+    if aligned is None:
         return None
     indexed = opened.indexed
-    search = find_by_landmarks(indexed, query, fov_deg=fov_deg, laid=laid, hide=hide)
+    search = find_by_landmarks(indexed, query, fov_deg=fov_deg, aligned=aligned, hide=hide)
     solved = with_probabilities(indexed, search, calibration=DEFAULT, top=len(search.places))
     close = (
         h

@@ -11,7 +11,7 @@ import numpy as np
 
 from webapp.core.geo.types import MapPixel, inside
 from webapp.core.landmarks.georegister import Georegistration, georegister
-from webapp.core.landmarks.placing import KnownPositions, LaidSubmodel, NotLaid
+from webapp.core.landmarks.placing import AlignedSubmodel, KnownPositions, NotAligned
 from webapp.core.landmarks.proposals import propose_next
 from webapp.core.landmarks.radii import RADIUS_OVER_SIGMA
 from webapp.core.landmarks.submodels import Submodel
@@ -167,18 +167,18 @@ def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bo
 def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
     """Suggest places from a reconstruction of the map's photos."""
     known = known_positions(found.photos, the_map)
-    laid = [result.laid for result in georegister_found(found, the_map)]
-    proposed = propose_next(found.submodels, laid, known=known, most=_PROPOSED)
+    aligned = [result.aligned for result in georegister_found(found, the_map)]
+    proposed = propose_next(found.submodels, aligned, known=known, most=_PROPOSED)
     suggested: list[SuggestedPlace] = []
     left: list[LeftPhoto] = []
-    for submodel, result in zip(found.submodels, laid, strict=True):
+    for submodel, result in zip(found.submodels, aligned, strict=True):
         for one in _of_submodel(submodel, result, found=found, the_map=the_map, known=known):
             (suggested if isinstance(one, SuggestedPlace) else left).append(one)  # type: ignore[arg-type]
     left += _unjoined(found)
     checked = [
         one
-        for submodel, result in zip(found.submodels, laid, strict=True)
-        if isinstance(result, LaidSubmodel)
+        for submodel, result in zip(found.submodels, aligned, strict=True)
+        if isinstance(result, AlignedSubmodel)
         for one in _checked(submodel, result, photos=found.photos, the_map=the_map)
     ]
     return RestReport(
@@ -186,7 +186,7 @@ def suggest_from(found: Reconstruction, the_map: Map) -> RestReport:
         tuple(sorted(left, key=lambda one: one.id)),
         tuple(sorted(checked, key=lambda one: one.id)),
         tuple(found.photos[number].id for number in proposed),
-        tuple(sorted(_corrected(found, laid, known=known, the_map=the_map), key=lambda one: one.id)),
+        tuple(sorted(_corrected(found, aligned, known=known, the_map=the_map), key=lambda one: one.id)),
     )
 
 
@@ -198,7 +198,7 @@ def georegister_found(found: Reconstruction, the_map: Map) -> list[Georegistrati
 
 def _of_submodel(
     submodel: Submodel,
-    laid: LaidSubmodel | NotLaid,
+    aligned: AlignedSubmodel | NotAligned,
     *,
     found: Reconstruction,
     the_map: Map,
@@ -206,41 +206,41 @@ def _of_submodel(
 ) -> Iterator[SuggestedPlace | LeftPhoto]:
     photos = [found.photos[number] for number in submodel.photo.tolist()]
     free = [row for row, photo in enumerate(photos) if isinstance(photo, UnplacedPhoto)]
-    if isinstance(laid, NotLaid):
-        help_ = tuple(found.photos[n].id for n in propose_next([submodel], [laid], known=known, most=2))
-        reason = f"it is joined with {len(submodel) - 1} other photos, but {laid.reason}"
+    if isinstance(aligned, NotAligned):
+        help_ = tuple(found.photos[n].id for n in propose_next([submodel], [aligned], known=known, most=2))
+        reason = f"it is joined with {len(submodel) - 1} other photos, but {aligned.reason}"
         yield from (LeftPhoto(photos[row].id, photos[row].photo, reason, help_) for row in free)
         return
-    used = np.flatnonzero(np.isfinite(known.at[submodel.photo]) & ~laid.contradicting)
+    used = np.flatnonzero(np.isfinite(known.at[submodel.photo]) & ~aligned.contradicting)
     for row in free:
-        photo, at = photos[row], MapPixel(float(laid.at[row].real), float(laid.at[row].imag))
+        photo, at = photos[row], MapPixel(float(aligned.at[row].real), float(aligned.at[row].imag))
         image = the_map.satellite
         if not inside(at, width=image.width, height=image.height):
             reason = f"it would be outside the image, at x {at.x:.0f}, y {at.y:.0f}"
             yield LeftPhoto(photo.id, photo.photo, reason)
             continue
-        nearest = used[np.argsort(np.abs(laid.at[used] - laid.at[row]), kind="stable")[:_NAMED]]
+        nearest = used[np.argsort(np.abs(aligned.at[used] - aligned.at[row]), kind="stable")[:_NAMED]]
         yield SuggestedPlace(
             photo.id,
             photo.photo,
             at,
-            float(laid.radius_px[row]),
-            _heading(float(laid.angle_deg[row]), at, the_map),
+            float(aligned.radius_px[row]),
+            _heading(float(aligned.angle_deg[row]), at, the_map),
             tuple(photos[other].id for other in nearest.tolist()),
         )
 
 
 def _corrected(
     found: Reconstruction,
-    laid: Sequence[LaidSubmodel | NotLaid],
+    aligned: Sequence[AlignedSubmodel | NotAligned],
     *,
     known: KnownPositions,
     the_map: Map,
 ) -> Iterator[CorrectedPlace]:
     """Yield corrections of photos with GPS from adjusted submodels, whose world is that of the map."""
     georeference, image = the_map.georeference, the_map.satellite
-    for submodel, result in zip(found.submodels, laid, strict=True):
-        if submodel.covariance is None or isinstance(result, NotLaid) or georeference is None:
+    for submodel, result in zip(found.submodels, aligned, strict=True):
+        if submodel.covariance is None or isinstance(result, NotAligned) or georeference is None:
             continue
         for row, number in enumerate(submodel.photo.tolist()):
             photo, at = found.photos[number], MapPixel(*submodel.centre[row, :2].tolist())
@@ -276,14 +276,14 @@ def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
 
 def _checked(
     submodel: Submodel,
-    laid: LaidSubmodel,
+    aligned: AlignedSubmodel,
     *,
     photos: Sequence[Experience | UnplacedPhoto],
     the_map: Map,
 ) -> Iterator[CheckedPhoto]:
     georeference = the_map.georeference
     for row, number in enumerate(submodel.photo.tolist()):
-        photo, residual = photos[number], float(laid.residual_px[row])
+        photo, residual = photos[number], float(aligned.residual_px[row])
         if not isinstance(photo, Experience):
             continue
         if math.isnan(residual):
@@ -292,12 +292,12 @@ def _checked(
         metres = None
         if georeference is not None:
             metres = residual * georeference.metres_per_pixel(photo.position)
-        there = complex(laid.others_have[row])
+        there = complex(aligned.others_have[row])
         yield CheckedPhoto(
             photo.id,
             photo.photo,
             residual,
-            bool(laid.contradicting[row]),
+            bool(aligned.contradicting[row]),
             MapPixel(there.real, there.imag),
             metres,
         )

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.geo.types import MapPixel
-from webapp.core.landmarks.joints import LEAST_PHOTOS
 from webapp.core.landmarks.matching import Views
+from webapp.core.landmarks.rigid_parts import LEAST_PHOTOS
 from webapp.core.landmarks.submodels import Submodel, of_photos
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import content_of, level_views
@@ -39,7 +39,7 @@ from webapp.files.lock import writer_lock
 from webapp.files.maps.folder import photo_hash
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.computing.in_order import Workplace
+from webapp.tasks.computing.in_order import ExecutionTarget
 from webapp.tasks.landmarks.compare import compare_photos
 from webapp.tasks.landmarks.known import AnyPhoto
 from webapp.tasks.landmarks.mapping import (
@@ -151,7 +151,7 @@ def reconstruct(
                 [(entries[n].content, photo) for n, photo in zip(numbers, stored, strict=True)],
                 at=at,
                 views=views_of,
-                place=Workplace(settings, folder, "threads"),
+                place=ExecutionTarget(settings, folder, "threads"),
                 progress=progress,
             )
             contents = database.joined(dict.fromkeys(entries[n].content for n in numbers))

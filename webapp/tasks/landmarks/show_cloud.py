@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, lay_cloud
-from webapp.core.landmarks.placing import LaidSubmodel, NotLaid
-from webapp.core.landmarks.submodels import turn_of_view
+from webapp.core.landmarks.map_cloud import CloudFrame, MapCloud, align_cloud
+from webapp.core.landmarks.placing import AlignedSubmodel, NotAligned
+from webapp.core.landmarks.submodels import view_rotation
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import experience_of
 from webapp.core.mapmodel.views import content_of, level_views
@@ -106,7 +106,7 @@ def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None
     return replace(points, xyz=points.xyz[some], rgb=points.rgb[some], times_seen=points.times_seen[some])
 
 
-def lay_in_library(library: Library, record: MapRecord) -> None:
+def align_in_library(library: Library, record: MapRecord) -> None:
     """Georegister the landmarks of a map if they are out of date, and store them for its page.
 
     Raises
@@ -207,9 +207,9 @@ def _lay(task: _Task) -> MapPoints:
     of_cloud = [task.photos.get(content) for content in submodels.contents]
     lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(submodels.contents)))
     results = georegister_all(submodels.submodels, of_cloud, the_map=the_map, lenses=lenses)
-    laid = [result.laid for result in results]
+    aligned = [result.aligned for result in results]
     frame = CloudFrame(the_map.georeference, (the_map.satellite.width, the_map.satellite.height))
-    cloud = lay_cloud(stored.cloud, submodels.submodels, laid=laid, frame=frame)
+    cloud = align_cloud(stored.cloud, submodels.submodels, aligned=aligned, frame=frame)
     order = np.random.default_rng(0).permutation(len(cloud.point))
     by_placed = _by_placed(stored, of_cloud)[cloud.point]
     order = order[np.argsort(~by_placed[order], kind="stable")]
@@ -230,7 +230,7 @@ def _lay(task: _Task) -> MapPoints:
                 if isinstance(one, Experience)
             ],
             "cameras": list(_cameras(cloud, of_cloud, focal_px=stored.cloud.focal_px)),
-            "left_out": _left_out(submodels, laid, of_cloud),
+            "left_out": _left_out(submodels, aligned, of_cloud),
             "residuals": [
                 _residual(one, the_map)
                 for one in residuals_of(submodels.submodels, results, photos=of_cloud, the_map=the_map)
@@ -251,7 +251,7 @@ def _by_placed(stored: StoredCloud, photos: Sequence[AnyPhoto | None]) -> NDArra
 
 def _about(frame: CloudFrame, cloud: MapCloud) -> dict[str, Any]:
     width, height = frame.size
-    corners = frame.lay(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]))
+    corners = frame.from_map(np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]))
     origin = frame.origin
     words = "map pixels right, towards the top of the image and up, from its middle"
     if origin is not None:
@@ -293,7 +293,7 @@ def _cameras(
         one = photos[number]
         if one is None or not np.isfinite(centre).all() or experience_of(one.id) in found:
             continue
-        middle = rotation if one.view is None else turn_of_view(one.view.turn_deg).T @ rotation
+        middle = rotation if one.view is None else view_rotation(one.view.turn_deg).T @ rotation
         found[experience_of(one.id)] = {
             "id": experience_of(one.id),
             "panorama": one.view is not None,
@@ -305,12 +305,14 @@ def _cameras(
 
 
 def _left_out(
-    submodels: StoredSubmodels, laid: Sequence[LaidSubmodel | NotLaid], photos: Sequence[AnyPhoto | None]
+    submodels: StoredSubmodels,
+    aligned: Sequence[AlignedSubmodel | NotAligned],
+    photos: Sequence[AnyPhoto | None],
 ) -> list[dict[str, Any]]:
     """List the reasons why submodels are not georegistered, with their photos."""
     found: dict[str, list[int]] = {}
-    for submodel, result in zip(submodels.submodels, laid, strict=True):
-        if isinstance(result, NotLaid):
+    for submodel, result in zip(submodels.submodels, aligned, strict=True):
+        if isinstance(result, NotAligned):
             there = (one.id for number in submodel.photo.tolist() if (one := photos[number]) is not None)
             found.setdefault(result.reason, []).extend(dict.fromkeys(map(experience_of, there)))
     return [{"photos": ids, "reason": reason} for reason, ids in found.items()]

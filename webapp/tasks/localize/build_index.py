@@ -12,13 +12,13 @@ from pathlib import Path
 
 from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
-from webapp.core.mapmodel.views import level_views, picture_of
+from webapp.core.mapmodel.views import level_views, picture_name
 from webapp.errors import IndexDamaged
 from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import extract_photo, segments
 from webapp.tasks.localize.coding import coding_of
 from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
@@ -169,7 +169,7 @@ def _photos(
     folder = request.cfg.parent
     pictures = level_views(request.map.experiences)
     changed = [e for e in pictures if not is_current(e, old, map_folder=folder)]
-    name_of = {e.id: picture_of(e) for e in changed}
+    name_of = {e.id: picture_name(e) for e in changed}
     described: dict[int, PhotoRecord] = {}
     extracted = 0
     progress.size(len(changed))
@@ -184,7 +184,7 @@ def _photos(
 
 def is_current(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether the index holds the photo as it is on disk now, judged by path, size and time."""
-    record = manifest.record_of(experience.id, picture_of(experience))
+    record = manifest.record_of(experience.id, picture_name(experience))
     if record is None or record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
@@ -200,7 +200,7 @@ def describe_all(
 ) -> Iterator[PhotoDone]:
     """Process photos, many of them in worker processes or on Dask; yield each result when it is done."""
     tasks = _tasks(changed, old, request=request, settings=settings)
-    at = Workplace(settings, request.folder, "processes", request.jobs)
+    at = ExecutionTarget(settings, request.folder, "processes", request.jobs)
     if len(changed) <= _IN_PROCESS:
         at = at.on_this_machine()
     yield from in_order(extract_photo.extract_one, tasks, shared=None, at=at, progress=progress)

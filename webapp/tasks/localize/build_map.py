@@ -59,7 +59,7 @@ def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: 
     first = _build_look(cfg, one, the_map=the_map, settings=settings, progress=progress)
     if not further:
         return first.report
-    look = further[0] if first.pipeline is None else cascade.of_one_kind(further[0], first.pipeline.opened)
+    look = further[0] if first.pipeline is None else cascade.with_same_kind(further[0], first.pipeline.opened)
     progress.note(f"second look: {look.features}")
     second = _build_look(cfg, look, the_map=the_map, settings=settings, progress=progress)
     if first.pipeline is not None and second.pipeline is not None:

@@ -21,9 +21,9 @@ from webapp.files.localize import calibration as calibrationfile
 from webapp.files.localize.calibration import StoredCalibration, TrialRecord, recorded_trials
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import geometry, orient_map
-from webapp.tasks.localize.open_again import MadeAgain, MapFiles
+from webapp.tasks.localize.open_again import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
 from webapp.tasks.localize.trials import Hidden, Trial, TriedMap, try_photos
 
@@ -94,12 +94,12 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
     key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
     with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
         tried = _tried(opened, map_fov_deg)
-        again = MadeAgain(partial(_open_again, MapFiles.of(opened), map_fov_deg), tried)
+        again = RebuiltValue(partial(_open_again, MapSource.of(opened), map_fov_deg), tried)
         attempts = partial(
             in_order,
             _attempt,
             shared=again,
-            at=Workplace(opened.settings, opened.writable),
+            at=ExecutionTarget(opened.settings, opened.writable),
             progress=progress,
         )
         return try_photos(tried, progress, attempts=attempts, known=known, keep=keep)
@@ -111,12 +111,12 @@ def _tried(opened: OpenMap, map_fov_deg: float | None) -> TriedMap:
     return TriedMap(opened.indexed, sightings, find)
 
 
-def _open_again(files: MapFiles, map_fov_deg: float | None) -> TriedMap:
+def _open_again(files: MapSource, map_fov_deg: float | None) -> TriedMap:
     opened = geometry.prepare_geometry(files.open(), progress=Progress())
     return _tried(opened, map_fov_deg)
 
 
-def _attempt(tried: MadeAgain[TriedMap], number: int) -> TrialRecord:
+def _attempt(tried: RebuiltValue[TriedMap], number: int) -> TrialRecord:
     return tried.value().attempt(number)
 
 

@@ -58,7 +58,7 @@ def look_options(
     return one, replace(options, method="verified", features=second, second_look=True)
 
 
-def of_one_kind(second: OpenOptions, first: OpenMap) -> OpenOptions:
+def with_same_kind(second: OpenOptions, first: OpenMap) -> OpenOptions:
     """Let the second look use the kind of map that the first one determined.
 
     On a mixed map, each look determines the areas by itself; see `share_areas`.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from webapp.core.features.types import Features
-from webapp.core.landmarks.cloud import LaidCloud
+from webapp.core.landmarks.cloud import AlignedCloud
 from webapp.core.localize import verified
 from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.verified import PlaceSearch
@@ -51,7 +51,7 @@ def find_places(
 ) -> PlaceSearch:
     """Find the places where a photo may have been taken, by landmarks or by method `verified`."""
     if opened.landmarks is not None:
-        return find_by_landmarks(opened.indexed, query, fov_deg=fov_deg, laid=opened.landmarks, hide=hide)
+        return find_by_landmarks(opened.indexed, query, fov_deg=fov_deg, aligned=opened.landmarks, hide=hide)
     return verified.find_places(
         opened.indexed, query, fov_deg=fov_deg, hide=hide, closer=closer, depths=depths
     )
@@ -89,23 +89,23 @@ def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
         There is no cloud, or it is of an incompatible version.
     """
     folder = landmarks_folder(opened.cfg)
-    laid = lay_landmarks(opened, folder)
-    if laid is None:
+    aligned = align_landmarks(opened, folder)
+    if aligned is None:
         is_there = storage.is_there(folder / CLOUD_FILE)
         raise UsageError(
             "the landmarks of the map are of another version" if is_there else "the map has no landmarks",
             where=str(opened.cfg),
             hint="run expmap landmarks build on it",
         )
-    missing = len({content for content in opened.contents if content} - set(laid.cloud.contents))
+    missing = len({content for content in opened.contents if content} - set(aligned.cloud.contents))
     if missing:
         progress.note(
             f"{missing} photos of the map show no landmarks; where they are new, run expmap landmarks build"
         )
-    return replace(opened, landmarks=laid)
+    return replace(opened, landmarks=aligned)
 
 
-def lay_landmarks(opened: OpenMap, folder: Path) -> LaidCloud | None:
+def align_landmarks(opened: OpenMap, folder: Path) -> AlignedCloud | None:
     """Register a cloud with the current photo positions; None if the folder has no compatible one."""
     stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)
     if stored is None or submodels is None or stored.key != submodels.cloud_key:
@@ -116,5 +116,5 @@ def lay_landmarks(opened: OpenMap, folder: Path) -> LaidCloud | None:
     described = landmarks_folder(opened.cfg)  # the features are here, also for a partial reconstruction
     lenses = PhotoLenses(described, stored.cloud, dict(enumerate(submodels.contents)))
     results = georegister_all(submodels.submodels, photos, the_map=opened.map, lenses=lenses)
-    laid = tuple(result.laid for result in results)
-    return LaidCloud(stored.cloud, stored.key, map_photo, submodels.submodels, laid)
+    aligned = tuple(result.aligned for result in results)
+    return AlignedCloud(stored.cloud, stored.key, map_photo, submodels.submodels, aligned)

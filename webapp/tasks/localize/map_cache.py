@@ -166,7 +166,7 @@ class MapCache:
         if not further:
             return opened
         try:
-            second = cascade.of_one_kind(further[0], opened.pipeline.opened)
+            second = cascade.with_same_kind(further[0], opened.pipeline.opened)
             return _with_second_look(opened, self._get_look(map_id, second))
         except (NotReady, IndexDamaged):
             return replace(opened, to_calibrate=True)  # answer with one look while the second is built

@@ -19,7 +19,7 @@ from webapp.tasks.localize.open_map import OpenMap, OpenOptions, open_index
 Value = TypeVar("Value")
 
 
-class MadeAgain(Generic[Value]):
+class RebuiltValue(Generic[Value]):
     """A value that is not pickled: other processes create it again.
 
     Parameters
@@ -37,7 +37,7 @@ class MadeAgain(Generic[Value]):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle without the value."""
-        return MadeAgain, (self._make,)
+        return RebuiltValue, (self._make,)
 
     def value(self) -> Value:
         """Return the value; the first call in a process creates it."""
@@ -48,7 +48,7 @@ class MadeAgain(Generic[Value]):
 
 
 @dataclass(frozen=True, slots=True)
-class MapFiles:
+class MapSource:
     """All that is needed to open a map again.
 
     Attributes
@@ -67,7 +67,7 @@ class MapFiles:
     has_global_descriptors: bool
 
     @classmethod
-    def of(cls, opened: OpenMap) -> MapFiles:
+    def of(cls, opened: OpenMap) -> MapSource:
         """Collect them from an open map."""
         choice = opened.choice
         options = replace(

@@ -12,11 +12,11 @@ import numpy as np
 
 from webapp.core.features.table import EXTRACTORS, FeatureChoice, Method, choose
 from webapp.core.hypotheses.places import MapKind, PhotoGroups, describe_places
-from webapp.core.landmarks.cloud import LaidCloud
+from webapp.core.landmarks.cloud import AlignedCloud
 from webapp.core.mapmodel.accuracy import inexact_positions
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.panorama import LevelView, experience_of, experiences_of
-from webapp.core.mapmodel.views import level_views, picture_of
+from webapp.core.mapmodel.views import level_views, picture_name
 from webapp.core.retrieval.engines.bruteforce import BruteForce
 from webapp.core.retrieval.engines.flann import Flann
 from webapp.core.retrieval.engines.ivf import InvertedFile
@@ -90,7 +90,7 @@ class OpenMap:
         Folder for files computed from the index: the index folder, or one in the cache if that is read-only.
     built : BuildReport or None
         Set if the index had to be built or updated.
-    landmarks : LaidCloud or None
+    landmarks : AlignedCloud or None
         For method `landmarks`.
     pictures : tuple of Experience
         The indexed pictures: photos, and the level views of panoramas.
@@ -111,7 +111,7 @@ class OpenMap:
     built: BuildReport | None
     options: OpenOptions
     settings: Settings
-    landmarks: LaidCloud | None = None
+    landmarks: AlignedCloud | None = None
     pictures: tuple[Experience, ...] = field(init=False)
     views: Mapping[int, LevelView] = field(init=False)
     position_radius_px: Mapping[int, float] = field(init=False)
@@ -134,7 +134,7 @@ class OpenMap:
     def not_indexed(self) -> int:
         """Number of the map's photos missing from the index in their current form (new, renamed, blurred)."""
         record = self.manifest.record_of
-        return len({experience_of(e.id) for e in self.pictures if record(e.id, picture_of(e)) is None})
+        return len({experience_of(e.id) for e in self.pictures if record(e.id, picture_name(e)) is None})
 
     @property
     def map_hash(self) -> str:
@@ -299,7 +299,7 @@ def _current(the_map: Map, manifest: Manifest, *, map_folder: Path) -> bool:
 
 def _still_failing(experience: Experience, manifest: Manifest, *, map_folder: Path) -> bool:
     """Check whether a photo that failed before is still the same file, or still missing."""
-    record = manifest.record_of(experience.id, picture_of(experience))
+    record = manifest.record_of(experience.id, picture_name(experience))
     if record is None or not record.error:
         return False
     return (record.bytes, record.mtime_ns) == size_and_time(map_folder / experience.photo)
@@ -326,7 +326,7 @@ def _load_latest(
 
 def _contents(pictures: Sequence[Experience], manifest: Manifest) -> list[str]:
     """Look up the content hash of each picture; empty if it is not in the index."""
-    return [r.content if (r := manifest.record_of(e.id, picture_of(e))) else "" for e in pictures]
+    return [r.content if (r := manifest.record_of(e.id, picture_name(e))) else "" for e in pictures]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

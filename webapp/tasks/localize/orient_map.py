@@ -30,8 +30,8 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations, StoredPairs
 from webapp.progress import Progress
-from webapp.tasks.computing.in_order import Workplace, in_order
-from webapp.tasks.localize.open_again import MadeAgain, MapFiles
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
+from webapp.tasks.localize.open_again import MapSource, RebuiltValue
 from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0
@@ -333,10 +333,10 @@ class _Comparison:
 
     def _compare(self, photos: Sequence[int], progress: Progress) -> Iterator[PhotoPairs]:
         opened, by_network = self.opened, self.matcher is not None
-        again = MadeAgain(
-            partial(_open_again, MapFiles.of(opened), by_network), _Compared(opened.indexed, self.matcher)
+        again = RebuiltValue(
+            partial(_open_again, MapSource.of(opened), by_network), _Compared(opened.indexed, self.matcher)
         )
-        at = Workplace(opened.settings, opened.writable, "threads")
+        at = ExecutionTarget(opened.settings, opened.writable, "threads")
         return in_order(_match, photos, shared=again, at=at, progress=progress)
 
 
@@ -347,12 +347,12 @@ class _Compared(NamedTuple):
     matcher: PairMatcher | None
 
 
-def _open_again(files: MapFiles, by_network: bool) -> _Compared:
+def _open_again(files: MapSource, by_network: bool) -> _Compared:
     indexed = files.open().indexed
     return _Compared(indexed, indexed.pair_matcher if by_network else None)
 
 
-def _match(compared: MadeAgain[_Compared], photo: int) -> PhotoPairs:
+def _match(compared: RebuiltValue[_Compared], photo: int) -> PhotoPairs:
     indexed, matcher = compared.value()
     return match_photo(indexed, photo, matcher=matcher)
 

@@ -160,7 +160,7 @@ class LocalizationPipeline:
         photos = self._read(photo_path)
         hide, include = (pictures_of(ids, self.opened) for ids in (hide, include))
         first = self._look_at_all(photos, hide=hide, include=include)
-        if self.second is None or looks.is_sure(first):
+        if self.second is None or looks.is_certain(first):
             return truncate(first, top)
         turns = first.quarter_turns
         upright = [replace(photo, seconds=0.0).turned(turns) for photo in photos]
@@ -328,7 +328,7 @@ def open_pipeline(
     if not further:
         return first
     try:
-        look = cascade.of_one_kind(further[0], first.opened)
+        look = cascade.with_same_kind(further[0], first.opened)
         progress.note(f"second look: {look.features}")
         second = _open_look(cfg, look, the_map=the_map, settings=settings, progress=progress)
     except (MapError, MissingPart, InputError) as error:

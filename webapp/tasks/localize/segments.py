@@ -14,7 +14,7 @@ from webapp.files.localize.features import read_segment, write_segment
 from webapp.files.localize.index_store import IndexFolder, Manifest, SegmentRecord
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.computing.in_order import Workplace, in_order
+from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize.coding import Coding
 
 PHOTOS_PER_SEGMENT = 1000
@@ -86,7 +86,7 @@ def join(
         entries = [entry(c) for c in chunk]
         name = write_segment(index.segment_path("{hash}"), entries)
         kept.append(SegmentRecord(name, len(entries), sum(len(e.features) for e in entries), codes=""))
-    total, at = sum(s.descriptors for s in kept), Workplace(settings, index.folder)
+    total, at = sum(s.descriptors for s in kept), ExecutionTarget(settings, index.folder)
     if not total:
         return replace(manifest, segments=tuple(kept), codebook="", trained_for=0)
     if not manifest.codebook or total > _RETRAIN_GROWTH * manifest.trained_for:

@@ -46,7 +46,7 @@ _MAX_NAME = 300
 
 
 @dataclass(frozen=True, slots=True)
-class KnownOfPhoto:
+class ServiceMetadata:
     """Metadata of a photo from its service, which take precedence over EXIF; None if unknown.
 
     Attributes
@@ -79,14 +79,14 @@ class IncomingPhoto:
         Name of the original file; any text.
     id : int or None
         Id reserved for it in the map; None for the next one.
-    known : KnownOfPhoto or None
+    known : ServiceMetadata or None
         Metadata of a photo from a service.
     """
 
     file: Path
     name: str
     id: int | None = None
-    known: KnownOfPhoto | None = None
+    known: ServiceMetadata | None = None
 
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
@@ -94,7 +94,7 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 
 @dataclass(frozen=True, slots=True)
-class Intake:
+class AddedPhoto:
     """The result for a file.
 
     Attributes
@@ -129,7 +129,7 @@ def add_photo(
     settings: Settings,
     by_gps: bool = True,
     changing: Changing | None = None,
-) -> Intake:
+) -> AddedPhoto:
     """Add a photo to a map.
 
     The operation is atomic and durable: after a kill, the map either has the photo or not; at most, a file
@@ -181,7 +181,7 @@ def add_photo(
             # before the commit: if the previews cannot be written, the whole photo is rejected
             preview.write_previews(folder, kept.id, previews=previews)
     forget_intake(folder, kept)
-    return Intake(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
+    return AddedPhoto(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 
 
 def suffix_of(facts: PhotoFacts) -> str:
@@ -244,7 +244,7 @@ def mark_panorama(row: Photo, tags: PanoramaTags, *, masked: Sequence[BlurBox] =
     row.heading_deg = row.heading_deg if tags.heading_deg is None else tags.heading_deg
 
 
-def _say(row: Photo, known: KnownOfPhoto) -> None:
+def _say(row: Photo, known: ServiceMetadata) -> None:
     """Complete a record from the metadata of a service."""
     row.source = source_fields(known.source)
     row.gps_lat, row.gps_lon = known.position

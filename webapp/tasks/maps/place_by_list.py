@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.samename import match_names
+from webapp.core.mapmodel.name_matching import match_names
 from webapp.errors import UsageError
 from webapp.files.maps.positions import Positions, read_positions
 from webapp.files.part_file import show_file_as

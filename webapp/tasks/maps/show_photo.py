@@ -11,7 +11,7 @@ from webapp.core.blur import BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import Kind, look_of, make_previews, preview_path, write_previews
+from webapp.files.photos.preview import Kind, blur_key, make_previews, preview_path, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
@@ -62,9 +62,9 @@ def boxes_of(photo: Photo) -> list[BlurBox]:
     return [BlurBox(**box) for box in photo.blurred or ()]
 
 
-def look_of_photo(photo: Photo) -> str | None:
+def blur_key_of_photo(photo: Photo) -> str | None:
     """Return a key of the blurred boxes of a photo; None if there are none."""
-    return look_of(boxes_of(photo))
+    return blur_key(boxes_of(photo))
 
 
 def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:

@@ -36,7 +36,7 @@ from webapp.store.library import (
     server_address,
 )
 from webapp.store.moving import marks
-from webapp.store.moving.copying import OtherRows, TableCopy, copy_records, prepare
+from webapp.store.moving.copying import SourceChanged, TableCopy, copy_records, prepare
 from webapp.store.moving.marks import MovedMark
 from webapp.tasks.operate.open_storage import refuse_objects
 
@@ -204,7 +204,7 @@ def _move(
         prepare(target, key=key)
         try:
             tables = copy_records(connection, target, progress=progress)
-        except OtherRows:  # the library was changed after an earlier move was killed
+        except SourceChanged:  # the library was changed after an earlier move was killed
             prepare(target, key=key, again=True)
             tables = copy_records(connection, target, progress=progress)
         if moved is None:

@@ -12,7 +12,7 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks import stored
 from webapp.tasks.landmarks.place_rest import SuggestedPlace
-from webapp.tasks.maps.add_photo import IncomingPhoto, Intake, add_photo
+from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto, add_photo
 from webapp.tasks.maps.library_map import georeference
 from webapp.tasks.maps.placing import needed_image
 
@@ -40,12 +40,12 @@ class TargetPose:
 
 def add_photo_at_spot(
     library: Library, map_id: int, *, photo: IncomingPhoto, pose: TargetPose, settings: Settings
-) -> tuple[Intake, bool]:
+) -> tuple[AddedPhoto, bool]:
     """Add a photo to a map, as `add_photo`; without GPS, suggest the spot as its place.
 
     Returns
     -------
-    intake : Intake
+    intake : AddedPhoto
     suggested : bool
         It is in the tray, and the spot is suggested as its place; never if the image was replaced, or the
         spot is outside it.

@@ -22,9 +22,9 @@ from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import decode, open_image
 from webapp.files.maps.folder import photo_path
 from webapp.files.object_storage.storage import facts_of, remove
-from webapp.files.satellite.laid import laid_on_map
 from webapp.files.satellite.pyramid import write_pyramid
 from webapp.files.satellite.raster import opened_raster, reduced
+from webapp.files.satellite.warp import warp_to_map
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -134,7 +134,7 @@ def floor_picture(library: Library, record: MapRecord, *, floor: Floor, settings
     if not path.is_file():
         size = (record.satellite_width or 1, record.satellite_height or 1)
         with permit(_READING), opened_raster(original.path, limits=settings.satellite) as raster:
-            pixels = laid_on_map(raster, floor.image, size=size, side=DISPLAY_SIDE_PX)
+            pixels = warp_to_map(raster, floor.image, size=size, side=DISPLAY_SIDE_PX)
         _encode(path, cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGRA), cv2.IMWRITE_WEBP_QUALITY)
     return DisplayFile(path, "image/webp", key)
 

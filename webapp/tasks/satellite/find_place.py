@@ -16,7 +16,7 @@ from webapp.core.geo.tilegrid import GeoBox
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound
 from webapp.files.atomic import write_text
-from webapp.files.lock import paced
+from webapp.files.lock import rate_limited
 from webapp.net import geocoder
 from webapp.net.geocoder import FoundPlace
 from webapp.settings import GeocoderSettings
@@ -58,7 +58,7 @@ def find_place(
     found = _cached(kept, days=settings.cache_days)
     if found is not None:
         return found
-    with paced(cache / "turn", gap_s=1.0 / settings.requests_per_second, wait_s=_PATIENCE_S):
+    with rate_limited(cache / "turn", gap_s=1.0 / settings.requests_per_second, wait_s=_PATIENCE_S):
         found = geocoder.search(wanted, language=language, settings=settings)
     write_text(kept, json.dumps([[*place] for place in map(_fields, found)]))
     _forget(cache, days=settings.cache_days)

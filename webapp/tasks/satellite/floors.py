@@ -282,13 +282,13 @@ def _kept_image(
         with opened_raster(shown, limits=settings.satellite) as raster:
             width, height = raster.width, raster.height
             reduced(raster, PREVIEW_PX)  # reads the whole file: damage is found before the map changes
-        laid = lay_plan(file, base, size=(width, height))
+        laid = plan_transform(file, base, size=(width, height))
         name = keep_file(shown, folder)
     with taken_back_if_refused(library, map_id, name=name):
         yield FloorImage(name, width, height, laid)
 
 
-def lay_plan(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
+def plan_transform(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
     """Align a new image with the map by the georeferences of both, else stretch it over the whole map.
 
     Parameters

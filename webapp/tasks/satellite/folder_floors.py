@@ -13,7 +13,13 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.files.satellite.raster import opened_raster
 from webapp.settings import Settings
 from webapp.tasks.maps.place_photos import MapImage
-from webapp.tasks.satellite.floors import NewFloor, check_floors, check_removable, lay_plan, photos_on_floor
+from webapp.tasks.satellite.floors import (
+    NewFloor,
+    check_floors,
+    check_removable,
+    photos_on_floor,
+    plan_transform,
+)
 
 
 def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
@@ -77,7 +83,7 @@ def _laid(file: Path, the_map: Map, *, settings: Settings) -> FloorImage:
     base = MapImage(the_map.satellite.width, the_map.satellite.height, the_map.georeference)
     with opened_raster(file, limits=settings.satellite) as raster:
         size = raster.width, raster.height
-    return FloorImage(file.name, *size, lay_plan(file, base, size=size))
+    return FloorImage(file.name, *size, plan_transform(file, base, size=size))
 
 
 def _copy(file: Path, target: Path) -> None:

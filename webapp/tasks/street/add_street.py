@@ -16,7 +16,7 @@ from webapp.net.polite import PoliteClient
 from webapp.net.street import StreetPhoto
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.maps.add_photo import KnownOfPhoto
+from webapp.tasks.maps.add_photo import ServiceMetadata
 from webapp.tasks.maps.cut_panoramas import PanoramaPose, cut_panorama, view_turns
 from webapp.tasks.street.survey import (
     CUT,
@@ -194,9 +194,9 @@ def _parts(
         yield ArrivedPhoto(file.with_name(view), f"{name}_{turn:03}.jpg", known, placed.pixel)
 
 
-def _known(photo: StreetPhoto, id: str, *, service: str, turn_deg: float = 0.0) -> KnownOfPhoto:
+def _known(photo: StreetPhoto, id: str, *, service: str, turn_deg: float = 0.0) -> ServiceMetadata:
     heading = photo.heading_deg
-    return KnownOfPhoto(
+    return ServiceMetadata(
         PhotoSource(service, id, photo.licence, photo.author, photo.page),
         photo.position,
         None if heading is None else (heading + turn_deg) % 360.0,

@@ -23,7 +23,7 @@ from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
-from webapp.tasks.maps.add_photo import Changing, IncomingPhoto, KnownOfPhoto, add_photo, suffix_of
+from webapp.tasks.maps.add_photo import Changing, IncomingPhoto, ServiceMetadata, add_photo, suffix_of
 from webapp.tasks.maps.photo_files import PHOTOS
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
@@ -43,7 +43,7 @@ class ArrivedPhoto:
 
     file: Path
     name: str
-    known: KnownOfPhoto
+    known: ServiceMetadata
     pixel: MapPixel
 
 

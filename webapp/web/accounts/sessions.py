@@ -74,7 +74,7 @@ def signed_in() -> Account | None:
     return found
 
 
-def answer_to_nobody() -> None:
+def assume_no_caller() -> None:
     """Treat a caller not yet looked up as unknown, for error responses while the database is unavailable."""
     g.setdefault("expmap_account", None)
     g.expmap_unread = True
@@ -120,7 +120,7 @@ def _of_token(token: str) -> Account:
     if known.used_at is None or now() - known.used_at > _USE_NOTED_EVERY:
         try:
             with database.write(locks_rows=True) as db:
-                accounts.note_use(db, known.id)
+                accounts.record_use(db, known.id)
         except StorageError as error:  # reading still works while writing fails
             _log.info("the use of a token was not noted: %s", error)
     return account

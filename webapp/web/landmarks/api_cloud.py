@@ -13,7 +13,7 @@ from webapp.extras import require
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.show_cloud import ShownCloud, shown_cloud
-from webapp.tasks.maps.show_photo import look_of_photo
+from webapp.tasks.maps.show_photo import blur_key_of_photo
 from webapp.web.context import account, library, open_map
 from webapp.web.landmarks import cloud_answers
 from webapp.web.landmarks.cloud_answers import CloudOut, ColmapIn
@@ -75,7 +75,7 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
 
 def preview_address(record: MapRecord, photo: Photo) -> str:
     """Return the URL of a photo's preview."""
-    look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
+    look = f"?look={blur_key_of_photo(photo)}" if photo.blurred else ""
     return f"/api/v1/maps/{record.slug}/photos/{photo.id}/preview{look}"
 
 

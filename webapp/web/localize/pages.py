@@ -20,7 +20,7 @@ from webapp.store.maps import maps
 from webapp.store.operate import job_views
 from webapp.store.schema import MapRecord
 from webapp.tasks.evaluation import stored as stored_evaluation
-from webapp.tasks.evaluation.stored import Kept, Miss
+from webapp.tasks.evaluation.stored import Miss, StoredEvaluation
 from webapp.tasks.landmarks.on_demand import can_reconstruct
 from webapp.tasks.localize.geometry import has_landmarks
 from webapp.tasks.maps import examples
@@ -121,7 +121,7 @@ def quality(slug: str) -> str:
     )
 
 
-def _kept(record: MapRecord) -> tuple[tuple[Kept, ...], StorageError | None]:
+def _kept(record: MapRecord) -> tuple[tuple[StoredEvaluation, ...], StorageError | None]:
     try:
         return stored_evaluation.read(library().cfg(record.slug)), None
     except StorageError as error:
@@ -138,7 +138,7 @@ def _metres(record: MapRecord) -> float | None:
     )
 
 
-def _part(kept: Kept, names: Mapping[str, tuple[int, str]], *, metres: float | None) -> Part:
+def _part(kept: StoredEvaluation, names: Mapping[str, tuple[int, str]], *, metres: float | None) -> Part:
     figures, words = kept.figures, _chart_words()
     one_out = figures["scheme"] == "leave-one-out"
     radius = figures["place_radius_px"]

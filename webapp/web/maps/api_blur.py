@@ -23,7 +23,7 @@ from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.find import search_photo, suggestions
-from webapp.tasks.blur.kept import KeptFindings
+from webapp.tasks.blur.kept import DetectionCache
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import account, library, open_map, settings
@@ -97,7 +97,7 @@ def suggest(slug: str, id: int) -> dict[str, Any]:
         photo = maps.photo(session, record, id)
     networks = blur_networks(settings().models)
     source = show_photo.original(library(), record.slug, photo=photo)
-    kept = KeptFindings(library().map_folder(record.slug), networks.key)
+    kept = DetectionCache(library().map_folder(record.slug), networks.key)
     with _finding.slot(), show_file_as(photo.name, source):
         found = search_photo(source, networks=networks, kept=kept, limits=settings().photo)
     boxes, left = suggestions(found, blurred=show_photo.boxes_of(photo))
@@ -174,7 +174,7 @@ def _of_map(record: MapRecord) -> dict[str, Any]:
     found = {}
     if len(missing) < len(NETWORKS):
         networks = blur_networks(settings().models)
-        found = KeptFindings(library().map_folder(record.slug), networks.key).read()
+        found = DetectionCache(library().map_folder(record.slug), networks.key).read()
     with library().database.read() as session:
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
         job = _running(session, record)

@@ -31,7 +31,7 @@ from webapp.files.photos.preview import Kind
 from webapp.store.maps import maps, uploads
 from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
-from webapp.tasks.maps.add_photo import IncomingPhoto, Intake
+from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto
 from webapp.web import chunks
 from webapp.web.context import account, library, open_map, reading_map, settings
 from webapp.web.errors import as_json
@@ -80,7 +80,7 @@ class PhotosIn(Schema):
     )
 
 
-def intake_json(intake: Intake) -> dict[str, Any]:
+def intake_json(intake: AddedPhoto) -> dict[str, Any]:
     """Return the result for a file as JSON."""
     return {
         "name": intake.name,
@@ -170,7 +170,7 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return send_immutable(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of_photo(photo)}")
+    return send_immutable(path, etag=f"{photo.sha256}-{kind}-{show_photo.blur_key_of_photo(photo)}")
 
 
 class UploadIn(Schema):
@@ -201,7 +201,7 @@ class ChunkOut(IntakeOut):
 
 
 uploads_api.before_request(chunks.limit_bytes)
-uploads_api.errorhandler(WrongOffset)(chunks.tell_offset)
+uploads_api.errorhandler(WrongOffset)(chunks.offset_response)
 
 
 @uploads_api.post("")

@@ -20,7 +20,7 @@ from webapp.store.maps.maps import Dot
 from webapp.store.operate import job_views
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import floors, georeference
-from webapp.tasks.maps.show_photo import look_of_photo
+from webapp.tasks.maps.show_photo import blur_key_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web import context
@@ -215,7 +215,7 @@ def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
     address = f"/api/v1/maps/{record.slug}/photos/{photo.id}"
-    look = f"?look={look_of_photo(photo)}" if photo.blurred else ""
+    look = f"?look={blur_key_of_photo(photo)}" if photo.blurred else ""
     return {
         "id": photo.id,
         "name": photo.name,

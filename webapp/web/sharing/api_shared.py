@@ -246,7 +246,7 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
     path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return send_revalidated(path, etag=f"{photo.sha256}-{kind}-{show_photo.look_of_photo(photo)}")
+    return send_revalidated(path, etag=f"{photo.sha256}-{kind}-{show_photo.blur_key_of_photo(photo)}")
 
 
 def _query_preview(token: str, kind: Kind) -> Response:

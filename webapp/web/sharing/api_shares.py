@@ -15,7 +15,7 @@ from webapp.store import sharing
 from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
-from webapp.store.sharing import Allows
+from webapp.store.sharing import SharePermissions
 from webapp.web.context import account, library, open_map
 from webapp.web.fields import Boolean, RecordNumber
 
@@ -92,7 +92,7 @@ def list_shares(slug: str) -> dict[str, Any]:
     with library().database.read() as session:
         return {
             "shares": [
-                _share_json(record, share, maker=sharing.maker_of(session, share))
+                _share_json(record, share, maker=sharing.creator_of(session, share))
                 for share in sharing.list_shares(session, record)
             ]
         }
@@ -125,7 +125,7 @@ def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
     with library().database.write() as session:
         share = sharing.find(session, record, id)
         sharing.change(share, _allows(data))
-        return _share_json(record, share, maker=sharing.maker_of(session, share))
+        return _share_json(record, share, maker=sharing.creator_of(session, share))
 
 
 @shares_api.delete(f"/{_ID}")
@@ -138,8 +138,8 @@ def revoke(slug: str, id: int) -> str:
     return ""
 
 
-def _allows(data: dict[str, Any]) -> Allows:
-    return Allows(**{name: data[name] for name in Allows.__slots__})
+def _allows(data: dict[str, Any]) -> SharePermissions:
+    return SharePermissions(**{name: data[name] for name in SharePermissions.__slots__})
 
 
 def _share_json(

@@ -11,7 +11,7 @@ from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, QueryRecord
-from webapp.store.sharing import Allows, OpenedShare
+from webapp.store.sharing import OpenedShare, SharePermissions
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
 from webapp.web.sending import send_revalidated
@@ -74,7 +74,7 @@ def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
     return {
         "name": record.name,
         "revision": record.revision,
-        "allows": {name: getattr(share, name) for name in Allows.__slots__},
+        "allows": {name: getattr(share, name) for name in SharePermissions.__slots__},
         "satellite": found["satellite"],
         "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
         "notes": state.notes_json(record) if share.notes else [],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
 from webapp.core.trajectory.records import make_poses
 
 HOSTILE = "<b>&amp ]]><![CDATA[ \"'\x07"
@@ -71,4 +71,4 @@ def mission(poses, track):
         ExportObject("v", "victim", LatLon(50.003, 14.004), 1.7e9 + 1, 1.7e9 + 9, None, 1.0, 3, None),
     ]
     kinds = ("car", HOSTILE, "victim")
-    return MissionOut(f"Search {HOSTILE}", tracks, kinds, lambda: iter(objects))
+    return MissionExport(f"Search {HOSTILE}", tracks, kinds, lambda: iter(objects))

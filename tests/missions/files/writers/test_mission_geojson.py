@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.trajectory.outgoing import ExportTrack, MissionOut
+from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
 from webapp.core.trajectory.records import make_poses
 from webapp.missions.files.geojson_writer import format_mission_geojson
 
@@ -43,7 +43,7 @@ def test_objects_are_points(mission):
 
 
 def test_a_mission_without_anything_is_a_collection_of_nothing():
-    assert read(MissionOut("empty", (), (), list))["features"] == []
+    assert read(MissionExport("empty", (), (), list))["features"] == []
 
 
 lons = st.lists(
@@ -56,7 +56,7 @@ def test_a_track_over_the_180th_meridian_is_cut_there(lon, size):
     poses = make_poses(np.arange(len(lon)), np.column_stack([np.linspace(0, 1, len(lon)), lon]))
     parts = [poses.take(slice(first, first + size)) for first in range(0, len(lon), size)]
     track = ExportTrack(1, "gps", "", len(lon), 0.0, (0, min(lon), 1, max(lon)), lambda: parts)
-    feature = read(MissionOut("m", (track,), (), list))["features"][0]
+    feature = read(MissionExport("m", (track,), (), list))["features"][0]
     over = max(lon) - min(lon) > 180
     assert feature["geometry"]["type"] == ("MultiLineString" if over else "LineString")
     lines = feature["geometry"]["coordinates"] if over else [feature["geometry"]["coordinates"]]

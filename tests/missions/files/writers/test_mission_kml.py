@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kml_rules import GX, KML, check_kml, fastkml
-from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.outgoing import MissionExport
 from webapp.core.trajectory.records import make_poses
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 
@@ -76,14 +76,14 @@ def test_a_new_part_begins_where_time_does_not_go_on(poses, track):
     times = jumbled.times_s.copy()
     times[4], times[9] = times[0], times[8]
     jumbled = make_poses(times, jumbled.latlon)
-    root = check_kml(written(MissionOut("m", (track(jumbled, size=6),), (), list)))
+    root = check_kml(written(MissionExport("m", (track(jumbled, size=6),), (), list)))
     counts = [len(part.findall(f"{KML}when")) for part in root.iter(f"{GX}Track")]
     assert counts == [4, 2, 3, 3]
 
 
 def test_headings_are_written_where_all_of_a_part_are_known(poses, track):
     for whole, expected in ((True, 9), (False, 0)):
-        data = written(MissionOut("m", (track(poses(9, whole=whole), size=9),), (), list))
+        data = written(MissionExport("m", (track(poses(9, whole=whole), size=9),), (), list))
         assert data.count(b"<gx:angles>") == expected
 
 

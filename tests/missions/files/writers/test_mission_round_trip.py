@@ -9,7 +9,7 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import MissionOut
+from webapp.core.trajectory.outgoing import MissionExport
 from webapp.core.trajectory.records import join, make_poses
 from webapp.missions.files import geojson_reader, gpx, trajectory_text
 from webapp.missions.files.geojson_writer import format_mission_geojson
@@ -62,7 +62,7 @@ def test_states_of_objects_read_back(mission, write, read):
 def test_a_track_over_the_180th_meridian_reads_back(track):
     lon = np.array([179.9, 179.99, -179.98, -179.9])
     poses = make_poses(1.7e9 + np.arange(4.0), np.column_stack([np.full(4, 10.0), lon]))
-    data = b"".join(format_mission_geojson(MissionOut("way", (track(poses),), (), list)))
+    data = b"".join(format_mission_geojson(MissionExport("way", (track(poses),), (), list)))
     assert b"MultiLineString" in data
     (piece,) = geojson_reader.read(io.BytesIO(data), findings=Findings())
     np.testing.assert_allclose(piece.poses.latlon, poses.latlon, atol=1e-9)

@@ -10,7 +10,7 @@ import faiss
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.retrieval.engines.types import Neighbours, nearest_of, nothing_found
+from webapp.core.retrieval.engines.types import Neighbours, merge_nearest, no_neighbours
 
 _BLOCK_ROWS = 65_536
 """Descriptors compared at once: limits the memory to the distances of a block."""
@@ -32,7 +32,7 @@ class BruteForce:
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find the k nearest map descriptors of each of (n, d) uint8 descriptors."""
-        best = nothing_found(len(descriptors), k)
+        best = no_neighbours(len(descriptors), k)
         if not len(descriptors):
             return best
         first = 0
@@ -41,7 +41,7 @@ class BruteForce:
                 block = np.ascontiguousarray(segment[start : start + _BLOCK_ROWS])
                 distance, row = self._compare(descriptors, block, min(k, len(block)))
                 here = Neighbours(distance.astype(np.float32), row.astype(np.int64) + first + start)
-                best = nearest_of([best, here], k)
+                best = merge_nearest([best, here], k)
             first += len(segment)
         return best
 

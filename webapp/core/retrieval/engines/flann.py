@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
-from webapp.core.retrieval.engines.types import Neighbours, nothing_found
+from webapp.core.retrieval.engines.types import Neighbours, no_neighbours
 from webapp.threads import cores, in_threads
 
 _KD_TREES = {"algorithm": 1, "trees": 8, "random_seed": 0}
@@ -42,7 +42,7 @@ class Flann:
 
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find approximately the k nearest map descriptors of each of (n, d) uint8 descriptors."""
-        found = nothing_found(len(descriptors), k)
+        found = no_neighbours(len(descriptors), k)
         if self._index is None or not len(descriptors):
             return found
         wanted = min(k, len(self._rows))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.features.types import Kind
-from webapp.core.retrieval.engines.tiers import keeps_whole
-from webapp.core.retrieval.engines.types import Neighbours, nearest_of, nothing_found
+from webapp.core.retrieval.engines.tiers import is_uncompressed
+from webapp.core.retrieval.engines.types import Neighbours, merge_nearest, no_neighbours
 
 SAMPLE_PER_CELL = 40
 """Descriptors per cell for k-means."""
@@ -59,7 +59,7 @@ def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
         binary = faiss.index_binary_factory(8 * width, f"BIVF{cells}")
         binary.train(np.ascontiguousarray(sample))
         return binary
-    whole = keeps_whole(descriptors, kind=kind)
+    whole = is_uncompressed(descriptors, kind=kind)
     codes = "SQ8_direct" if whole else f"PQ{width // 2}x4fs"
     index: Any = faiss.index_factory(width, f"IVF{cells},{codes}")
     if whole:
@@ -114,7 +114,7 @@ class InvertedFile:
     def search(self, descriptors: NDArray[np.uint8], k: int) -> Neighbours:
         """Find approximately the k nearest map descriptors of each of (n, d) uint8 descriptors."""
         if not self._segments or not len(descriptors):
-            return nothing_found(len(descriptors), k)
+            return no_neighbours(len(descriptors), k)
         if isinstance(self._segments[0], faiss.IndexBinary):
             return self._search_binary(np.ascontiguousarray(descriptors), k)
         query = descriptors.astype(np.float32)
@@ -125,7 +125,7 @@ class InvertedFile:
             distance = np.where(row >= 0, np.sqrt(np.maximum(squared, 0.0)), np.inf).astype(np.float32)
             parts.append(Neighbours(distance, np.where(row >= 0, row + first, -1)))
             first += segment.ntotal
-        return parts[0] if len(parts) == 1 else nearest_of(parts, k)
+        return parts[0] if len(parts) == 1 else merge_nearest(parts, k)
 
     def _search_binary(self, query: NDArray[np.uint8], k: int) -> Neighbours:
         first, parts = 0, []
@@ -134,4 +134,4 @@ class InvertedFile:
             distance = np.where(row >= 0, bits, np.inf).astype(np.float32)
             parts.append(Neighbours(distance, np.where(row >= 0, row + first, -1)))
             first += segment.ntotal
-        return nearest_of(parts, k)
+        return merge_nearest(parts, k)

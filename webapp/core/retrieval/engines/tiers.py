@@ -11,7 +11,7 @@ _WHOLE_BELOW = 20_000
 """Below this number of descriptors they are stored uncompressed: a product quantizer would not pay."""
 
 
-def keeps_whole(descriptors: int, *, kind: Kind) -> bool:
+def is_uncompressed(descriptors: int, *, kind: Kind) -> bool:
     """Decide whether an index of this many descriptors stores them uncompressed; always for binary ones."""
     return kind == "binary" or descriptors < _WHOLE_BELOW
 
@@ -25,7 +25,7 @@ def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
         Bytes of a descriptor, which a product quantizer reduces to a quarter.
     kind : {"float", "binary"}
     """
-    kept = width if keeps_whole(descriptors, kind=kind) else width // 4
+    kept = width if is_uncompressed(descriptors, kind=kind) else width // 4
     return descriptors * (kept + _BYTES_A_ROW)
 
 

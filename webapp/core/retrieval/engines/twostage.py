@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from webapp.core.retrieval.engines import vlad
 from webapp.core.retrieval.engines.segment import Segment
-from webapp.core.retrieval.engines.types import Neighbours, nothing_found
+from webapp.core.retrieval.engines.types import Neighbours, no_neighbours
 from webapp.core.retrieval.engines.vlad import Codebook
 from webapp.threads import in_threads
 
@@ -72,8 +72,8 @@ class TwoStage:
             Which photos of all segments, in order, are searched.
         """
         if not len(descriptors) or not visible.any():
-            return nothing_found(len(descriptors), k)
-        named = vlad.most_alike(
+            return no_neighbours(len(descriptors), k)
+        named = vlad.most_similar(
             self._codebook, self._signatures, descriptors=descriptors, visible=visible, most=_NAMED
         )
         if len(named) > _COMPARED:
@@ -100,7 +100,7 @@ class TwoStage:
             known = theirs.astype(np.float32)
             length = (known**2).sum(axis=1)
             here = min(each, len(theirs))
-            found = nothing_found(len(values), each)
+            found = no_neighbours(len(values), each)
             nearest_query = np.full(len(theirs), np.inf, np.float32)
             for start in range(0, len(values) if here else 0, _BLOCK):
                 part = slice(start, start + _BLOCK)
@@ -147,7 +147,7 @@ def _least(values: NDArray[np.float32], count: int) -> NDArray[np.int64]:
 
 def _nearest(found: Neighbours, k: int, *, kept: int) -> Neighbours:
     order = np.argsort(found.distance, axis=1, kind="stable")[:, :kept]
-    answer = nothing_found(len(order), k)
+    answer = no_neighbours(len(order), k)
     have = order.shape[1]
     answer.distance[:, :have] = np.take_along_axis(found.distance, order, 1)
     answer.row[:, :have] = np.take_along_axis(found.row, order, 1)

@@ -32,12 +32,12 @@ class DescriptorSearch(Protocol):
         """Find the k nearest map descriptors of each of (n, d) uint8 descriptors."""
 
 
-def nothing_found(n: int, k: int) -> Neighbours:
+def no_neighbours(n: int, k: int) -> Neighbours:
     """Return the result of an empty index for `n` descriptors."""
     return Neighbours(np.full((n, k), np.inf, np.float32), np.full((n, k), -1, np.int64))
 
 
-def nearest_of(parts: list[Neighbours], k: int) -> Neighbours:
+def merge_nearest(parts: list[Neighbours], k: int) -> Neighbours:
     """Merge the results of several parts of an index into the k nearest over all.
 
     Parameters

@@ -103,7 +103,7 @@ def signature(codebook: Codebook, descriptors: NDArray[np.uint8]) -> NDArray[np.
     return np.packbits(aggregate(codebook.centres, descriptors) > codebook.mean)
 
 
-def most_alike(
+def most_similar(
     codebook: Codebook,
     signatures: Sequence[NDArray[np.uint8]],
     *,

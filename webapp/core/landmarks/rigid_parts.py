@@ -1,7 +1,7 @@
 """Splits a reconstruction where its photos share too few points.
 
 A part that is connected by a few points only, at a sharp turn or between similar facades, has an arbitrary
-direction and scale: it becomes a submodel of its own, which is laid on the map separately.
+direction and scale: it becomes a submodel of its own, which is aligned with the map separately.
 """
 
 from __future__ import annotations

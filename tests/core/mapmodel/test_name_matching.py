@@ -2,7 +2,7 @@
 
 import unicodedata
 
-from webapp.core.mapmodel.samename import match_names
+from webapp.core.mapmodel.name_matching import match_names
 
 
 def matched(names, *photos):

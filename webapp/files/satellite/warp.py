@@ -11,7 +11,7 @@ from webapp.core.geo.floors import FloorImage
 from webapp.files.satellite.raster import Pixels, Raster, reduced
 
 
-def laid_on_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], side: int) -> Pixels:
+def warp_to_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], side: int) -> Pixels:
     """Resample the image of a floor to cover the whole map.
 
     Parameters
