@@ -43,7 +43,7 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
 
     Parameters
     ----------
-    paths : Paths
+    paths : PathPrior
         Paths of the map.
 
     Returns

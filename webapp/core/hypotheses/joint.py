@@ -48,7 +48,7 @@ def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     ----------
     answers : sequence of Answer
         At least one, all by the same method.
-    paths : Paths
+    paths : PathPrior
         Paths of the map.
     top : int
         Maximum number of hypotheses.

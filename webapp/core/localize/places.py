@@ -157,7 +157,8 @@ def estimate_places(
     -------
     list of PlaceCandidate
         Those from geometry first, then others by votes and similarity around them until there are eight
-        places, or half as many as checked photos if that is more; all more than a place radius apart.
+        places, or half as many as checked photos if that is more. Places of one floor are more than a
+        minimum distance apart (`tuning.places.apart` place radii).
     """
     places: list[PlaceCandidate] = []
     by_pose, by_bearing = _by_floor(indexed, checked)

@@ -23,7 +23,7 @@ class StoredPairs:
 
     Attributes
     ----------
-    pairs : Pairs
+    pairs : PhotoPairs
         Their photos are indices into `contents`.
     contents : list of str
         SHA-256 of the photo files.
