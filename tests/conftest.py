@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command does, before OpenMP is loaded
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # like the command, before OpenMP is loaded
 
 import cv2
 import hypothesis
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
     from tests.postgresql_server import PostgresqlServer
     from tests.s3_server import S3Server
 
-# A shell starts what runs in the background without the interrupt, and commands that are tested inherit that.
+# Shells start background processes with SIGINT ignored, which tested commands would inherit.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Python's usual thresholds are for small programs: a quarter of the time of page tests went to collections.
+# With Python's default thresholds, a quarter of the time of page tests is spent in garbage collection.
 gc.set_threshold(20_000, 50, 100)
 
-# Time limits and a search for new examples would make tests fail by chance. `make fuzz` searches, and what it
-# finds is kept as an `@example`.
+# Time limits and random examples would make tests fail by chance. `make fuzz` searches for new ones; those
+# found are kept as `@example`.
 hypothesis.settings.register_profile(
     "suite",
     derandomize=True,
@@ -71,17 +71,17 @@ TESTS_WORTH = {
     "test_place_rest": 80,
     "test_localize_by_landmarks": 30,
 }
-"""Files with long tests: how many usual ones take as long."""
+"""Files with long tests: their duration in units of a usual file."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Have tests that fail named at once."""
+    """Register the plugin that reports failed tests at once."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         config.pluginmanager.register(NamesFailures(config))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let the tests of records run on the other database, too."""
+    """Add the option to run the tests of records on PostgreSQL."""
     parser.addoption(
         "--database",
         choices=("sqlite", "postgresql"),
@@ -91,7 +91,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest, so that no process is left with one of them at the end."""
+    """Run the longest files first, so that no process has one of them left at the end."""
     if "PYTEST_XDIST_WORKER" not in os.environ:
         return
     tests = Counter(item.path for item in items)
@@ -101,7 +101,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def postgresql() -> Iterator["PostgresqlServer"]:
     """A PostgreSQL server."""
-    from tests.postgresql_server import PostgresqlServer  # loads a driver that most tests do without
+    from tests.postgresql_server import PostgresqlServer  # loads a driver that most tests do not need
 
     server = PostgresqlServer()
     yield server
@@ -111,7 +111,7 @@ def postgresql() -> Iterator["PostgresqlServer"]:
 @pytest.fixture(scope="session")
 def s3_process() -> Iterator["S3Server"]:
     """An S3 server, with a proxy that can fail."""
-    from tests.s3_server import S3Server  # loads what most tests do without
+    from tests.s3_server import S3Server  # loads packages that most tests do not need
 
     server = S3Server()
     yield server
@@ -120,7 +120,7 @@ def s3_process() -> Iterator["S3Server"]:
 
 @pytest.fixture
 def s3(s3_process: "S3Server", monkeypatch: pytest.MonkeyPatch) -> Iterator["S3Server"]:
-    """The S3 server, which does not fail yet; the program finds it by its environment."""
+    """The S3 server, reset to work properly; the program gets it from the environment."""
     from tests.s3_server import CREDENTIALS
 
     for name, value in {**CREDENTIALS, "AWS_ENDPOINT_URL": s3_process.address}.items():
@@ -133,9 +133,9 @@ def s3(s3_process: "S3Server", monkeypatch: pytest.MonkeyPatch) -> Iterator["S3S
 
 @pytest.fixture
 def database_url(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str | None]:
-    """The address of a database of the test's own, with all tables; None for SQLite.
+    """The address of a new database for the test, with all tables; None for SQLite.
 
-    Commands and servers that the test starts find it in their environment.
+    Commands and servers that the test starts get it from the environment.
     """
     if request.config.getoption("--database") == "sqlite":
         yield None
@@ -156,14 +156,14 @@ def postgresql_only(database_url: str | None) -> None:
 
 @pytest.fixture
 def sqlite_only(database_url: str | None) -> None:
-    """Skip a test of what only SQLite has."""
+    """Skip the test unless records are in SQLite."""
     if database_url is not None:
         pytest.skip("about SQLite")
 
 
 @pytest.fixture
 def new_library(database_url: str | None, library_folder: Path) -> Iterator[Callable[[Path], Library]]:
-    """Make and open the library of a test in a folder that is not there yet: its tables are made already."""
+    """Make and open a library in a new folder, with copied tables."""
     opened = []
 
     def make(folder: Path) -> Library:
@@ -182,7 +182,7 @@ def new_library(database_url: str | None, library_folder: Path) -> Iterator[Call
 
 @pytest.fixture(scope="session")
 def library_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a library as it is made, for copies: its tables take a while."""
+    """The folder of a new library, for copies: creating its tables takes a while."""
     folder = tmp_path_factory.mktemp("new") / "library"
     open_library(folder).database.close()
     return folder
@@ -190,7 +190,7 @@ def library_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder with real photos for measuring, which is not part of the project."""
+    """The folder with real photos for measurements, which is not part of the project."""
     folder = Path(__file__).resolve().parents[2] / "shared" / "data"
     if not folder.is_dir():
         pytest.skip(f"the real data is not here: {folder}")
@@ -199,7 +199,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def shared_models() -> Path:
-    """The folder with real weights of networks, which are not part of the project."""
+    """The folder with real weights of networks, which is not part of the project."""
     folder = Path(__file__).resolve().parents[2] / "shared" / "models"
     if not folder.is_dir():
         pytest.skip(f"the weights are not here: {folder}")
@@ -208,14 +208,14 @@ def shared_models() -> Path:
 
 @pytest.fixture(scope="session")
 def common_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that all test processes of a run share."""
+    """A folder shared by all test processes of a run."""
     base = tmp_path_factory.getbasetemp()
     return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
 
 @pytest.fixture(scope="session")
 def kept_folder(pytestconfig: pytest.Config) -> Path:
-    """A folder for what takes long to compute: later runs have it, until the program changes."""
+    """A folder for slow computations: later runs reuse it until the program changes."""
     digest = hashlib.sha256(sys.version.encode())
     for package in ("numpy", "opencv-python-headless", "pillow"):
         digest.update(version(package).encode())
@@ -235,7 +235,7 @@ def kept_folder(pytestconfig: pytest.Config) -> Path:
 
 @pytest.fixture(scope="session")
 def sample_folder(common_folder: Path, kept_folder: Path) -> Path:
-    """The sample map, made once for all tests and test processes: nobody may change it."""
+    """The sample map, made once for all tests and test processes; read-only."""
     folder = common_folder / "library" / "sample"
     with FileLock(kept_folder / "sample.lock"):
         make_sample.make_sample(kept_folder / "sample", settings=Settings(), progress=Progress())
@@ -245,7 +245,7 @@ def sample_folder(common_folder: Path, kept_folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def ready_sample(common_folder: Path, sample_folder: Path, kept_folder: Path) -> Path:
-    """The same with its index and calibration, made once: nobody may change it, but copies are ready, too."""
+    """The same with its index and calibration; read-only, but copies can be used at once."""
     folder = common_folder / "ready" / "sample"
     kept = kept_folder / "ready" / "sample"
     with FileLock(kept_folder / "ready.lock"):
@@ -259,7 +259,7 @@ def ready_sample(common_folder: Path, sample_folder: Path, kept_folder: Path) ->
 
 
 def _copy_once(kept: Path, folder: Path) -> None:
-    """Give a run its own copy, so that a test that changes it spoils no later run."""
+    """Copy the folder for this run, so that tests that change it do not affect later runs."""
     if not folder.exists():
         part = folder.with_name(f"{folder.name}.part")
         shutil.rmtree(part, ignore_errors=True)
@@ -268,7 +268,7 @@ def _copy_once(kept: Path, folder: Path) -> None:
 
 
 def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:
-    """A picture (height, width) uint8 with structure of all sizes, unlike that of any other seed."""
+    """Return a picture (height, width) uint8 with structure of all sizes, different for each seed."""
     rng = np.random.default_rng(seed)
     picture = np.zeros((height, width), np.float32)
     for size in (5, 11, 23, 47):
@@ -279,7 +279,7 @@ def textured(seed: int, *, width: int = 320, height: int = 240) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def save_photo() -> Callable[[Path, int], None]:
-    """Write a small photo; each seed is another place."""
+    """Write a small photo; each seed gives another place."""
 
     def save(path: Path, seed: int) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -292,7 +292,7 @@ def save_photo() -> Callable[[Path, int], None]:
 
 @pytest.fixture(scope="session")
 def make_map(save_photo: Callable[[Path, int], None]) -> Callable[[Path, int], Path]:
-    """Make a small map: so many photos in a row, 100 map pixels apart; gives its .cfg."""
+    """Make a small map of photos in a row, 100 map pixels apart, and return its .cfg."""
 
     def make(folder: Path, photos: int) -> Path:
         folder.mkdir(parents=True, exist_ok=True)

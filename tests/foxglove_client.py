@@ -1,4 +1,4 @@
-"""Reads what a Foxglove server sends, or an MCAP file holds, by websockets, mcap and protobuf."""
+"""Reads messages of a Foxglove server or an MCAP file, with websockets, mcap and protobuf."""
 
 import asyncio
 import base64
@@ -15,7 +15,7 @@ DEADLINE_S = 120.0
 
 
 def decoded(data, encoding, schema, name):
-    """A message by the schema that comes with it."""
+    """Decode a message by its schema."""
     if encoding == "json":
         return json.loads(data)
     files = descriptor_pb2.FileDescriptorSet.FromString(schema)
@@ -26,7 +26,7 @@ def decoded(data, encoding, schema, name):
 
 
 def read_mcap(path: Path) -> list[tuple[str, int, object]]:
-    """Topic, time in nanoseconds and message, in the order of time."""
+    """Return topic, time in nanoseconds and message, in order of time."""
     found = []
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():

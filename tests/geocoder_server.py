@@ -1,4 +1,4 @@
-"""A search for places on this machine that speaks Nominatim's API."""
+"""A local stand-in for Nominatim, the search for places."""
 
 import json
 import threading
@@ -16,7 +16,7 @@ LUND = {
 
 
 class GeocoderServer:
-    """Knows Lund; what it answers instead can be chosen."""
+    """Knows Lund; other responses can be set."""
 
     def __init__(self):
         self.asked = []
@@ -31,14 +31,14 @@ class GeocoderServer:
         return f"http://127.0.0.1:{self.port}/search"
 
     def answer(self, query):
-        """Body for a query."""
+        """Return the response body for a query."""
         found = [LUND] if "lund" in query["q"][0].casefold() else []
         return json.dumps(found).encode() if self.body is None else self.body
 
 
 @contextmanager
 def geocoding():
-    """A server that answers while the block runs."""
+    """Run a server during the block."""
     geocoder = GeocoderServer()
 
     class Handler(BaseHTTPRequestHandler):

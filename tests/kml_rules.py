@@ -1,8 +1,8 @@
 """Checks the structure of a KML document against the schemas of the OGC and the rules of KML 2.3.
 
-The order and number of elements, and which of them may be where, are read from the XML schemas of KML 2.2 and
-of Google's extension that fastkml brings along: KML 2.3 took `gx:Track` and `gx:MultiTrack` over as they are.
-What no schema says comes from its abstract test suite (OGC 14-068), by number.
+Order, number and nesting of elements are read from the XML schemas of KML 2.2 and of Google's extension that
+fastkml includes: KML 2.3 adopted `gx:Track` and `gx:MultiTrack` unchanged. Other rules come from the abstract
+test suite of KML 2.3 (OGC 14-068), by number.
 """
 
 import warnings
@@ -13,7 +13,7 @@ from itertools import pairwise
 from xml.etree import ElementTree as ET
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # it says that its output would be prettier with lxml
+    warnings.simplefilter("ignore")  # fastkml recommends lxml for prettier output
     import fastkml
 
 XS = "{http://www.w3.org/2001/XMLSchema}"
@@ -25,7 +25,7 @@ _PREFIX = {"kml": KML, "gx": GX}
 
 @cache
 def _schemas():
-    """Types, elements, and what may stand for an abstract element."""
+    """Return types, elements, and the substitutes of abstract elements."""
     types, elements, stands_for = {}, {}, {}
     for namespace, name in _FILES.items():
         for node in ET.fromstring(files(fastkml).joinpath("schema", name).read_text("utf-8")):
@@ -45,7 +45,7 @@ def _named(name):
 
 
 def _all_for(name):
-    """Every element that may be where `name` may."""
+    """Return all elements that can substitute `name`."""
     found = {name}
     for other in _schemas()[2].get(name, ()):
         found |= _all_for(other)
@@ -53,7 +53,7 @@ def _all_for(name):
 
 
 def _particles(kind):
-    """What is inside a type, in order: sets of elements, how many, and the types of local ones."""
+    """Return the content of a type, in order: sets of elements, their numbers, and types of local ones."""
     node = _schemas()[0].get(kind)
     extension = None if node is None else node.find(f".//{XS}extension")
     base = []
@@ -81,7 +81,7 @@ def _inner(node):
 
 
 def check_structure(element, kind=None):
-    """Assert that an element has what its type says, in that order, and so have those inside."""
+    """Assert that an element and its descendants have the content and order of their types."""
     node = _schemas()[1].get(element.tag)
     kind = kind or (node is not None and node.get("type") and _named(node.get("type")))
     assert kind, f"no schema knows {element.tag}"
@@ -98,7 +98,7 @@ def check_structure(element, kind=None):
 
 
 def check_kml(data):
-    """Assert that a document is KML; gives its root."""
+    """Assert that a document is KML, and return its root."""
     root = ET.fromstring(data)
     assert root.tag == KML + "kml"
     check_structure(root)

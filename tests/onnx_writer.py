@@ -1,4 +1,4 @@
-"""Writes small ONNX models of any layers, as stand-ins for published ones (fields as in onnx.proto3)."""
+"""Writes small ONNX models with any layers, as stand-ins for published ones (fields as in onnx.proto3)."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ OPSET = 13
 
 
 class Writer:
-    """A model that is put together node by node; each method gives the name of what it added."""
+    """A model built node by node; each method returns the name of what it added."""
 
     def __init__(self):
         self._parts = [_field(2, b"graph")]
@@ -15,7 +15,7 @@ class Writer:
         self._count = 0
 
     def input(self, name, *shape, kind=FLOAT):
-        """Declare an input; a side that is a text is not fixed."""
+        """Declare an input; a dimension given as text is dynamic."""
         self._parts.append(_field(11, _declared(name, shape, kind)))
         return name
 
@@ -32,7 +32,7 @@ class Writer:
         return name
 
     def node(self, kind, *inputs, name=None, outputs=1, **attributes):
-        """Add a node; several outputs come as a list. Attributes are integers, lists of them, texts."""
+        """Add a node; several outputs are a list. Attributes are integers, lists of them, or texts."""
         names = [name] if name else [self._name() for _ in range(outputs)]
         node = b"".join(_field(1, name.encode()) for name in inputs)
         node += b"".join(_field(2, name.encode()) for name in names)
@@ -49,7 +49,7 @@ class Writer:
         return names[0] if outputs == 1 else names
 
     def metadata(self, key, value):
-        """Write a text about the model into it."""
+        """Add an entry to the model's metadata."""
         self._metadata += _field(14, _field(1, key.encode()) + _field(2, value.encode()))
 
     def to_bytes(self):

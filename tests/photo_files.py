@@ -1,4 +1,4 @@
-"""Files of photos that no camera writes."""
+"""Unusual photo files that no camera writes."""
 
 import io
 
@@ -6,7 +6,7 @@ from PIL import Image
 
 
 def progressive_jpeg(scans, *, size=(400, 300)):
-    """Make a progressive JPEG whose last scan comes again and again."""
+    """Make a progressive JPEG whose last scan is repeated."""
     file = io.BytesIO()
     Image.new("L", size, 128).save(file, "JPEG", progressive=True)
     data = file.getvalue()

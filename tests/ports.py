@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def reserved_port() -> Iterator[int]:
-    """A port of 127.0.0.1 that the system gives to nobody else while the block runs.
+    """Reserve a port of 127.0.0.1 during the block.
 
-    A bound socket that does not listen holds it; servers bind the same port because they set `SO_REUSEADDR`.
+    A bound socket that does not listen holds it; servers can still bind it because they set `SO_REUSEADDR`.
     """
     with socket.socket() as holder:
         holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

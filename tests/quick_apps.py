@@ -1,6 +1,6 @@
-"""What an application works out at its start, kept for the next one of this process: each test has its own.
+"""Caches start-up work of applications within the process, as each test makes its own application.
 
-That is what Werkzeug compiles the rules of addresses to, and code of page templates.
+Cached are the URL rules compiled by Werkzeug, and compiled templates.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _templates: dict[str, bytes] = {}
 
 @dataclass(frozen=True, slots=True)
 class _Compiled:
-    """What Werkzeug makes of a rule; the functions that build its address have the rule as an argument."""
+    """The compiled form of a rule; the functions that build its address take the rule as an argument."""
 
     attributes: dict[str, Any]
     arguments: frozenset[str]
@@ -27,12 +27,12 @@ class _Compiled:
 
 
 def remember_rules() -> None:
-    """Let equal rules of all applications share what they are compiled to."""
+    """Let equal rules of all applications share their compiled form."""
     Rule.compile = _remembered
 
 
 def remember_templates(app: Flask) -> None:
-    """Let an application share compiled templates with those before it; changed ones are compiled again."""
+    """Let an application share compiled templates with earlier ones; changed ones are compiled again."""
     app.jinja_env.bytecode_cache = _Templates()
 
 
@@ -58,7 +58,7 @@ def _remembered(rule: Rule) -> None:
 class _Templates(BytecodeCache):
     def load_bytecode(self, bucket: Bucket) -> None:
         if bucket.key in _templates:
-            bucket.bytecode_from_string(_templates[bucket.key])  # ignored where the source is another
+            bucket.bytecode_from_string(_templates[bucket.key])  # ignored if the source differs
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         _templates[bucket.key] = bucket.bytecode_to_string()

@@ -1,4 +1,4 @@
-"""An S3 server for tests, of the wheel `moto`, behind a proxy that is slow, silent, refuses or breaks off."""
+"""An S3 server for tests (`moto`) behind a proxy that can be slow or silent, refuse, or break connections."""
 
 import socket
 import threading
@@ -23,22 +23,22 @@ _BLOCK = 1 << 16
 
 
 class S3Server:
-    """A server with a proxy, which is what the program is given.
+    """A server with a proxy, whose address the program gets.
 
     Attributes
     ----------
     refuse : tuple of int and str, or None
-        Status and code of S3 with which requests are answered.
+        Status and S3 code of the responses to all requests.
     refused_methods : set of str
-        Only these are.
+        Methods to which `refuse` is limited.
     silent : threading.Event
-        While it is set, nothing is answered.
+        While set, no request gets a response.
     bytes_per_s : float or None
-        Of each answer.
+        Rate of each response.
     cut : dict of str to int
-        Bytes after which the connection is closed, by method: of the answer to GET, of what PUT sends.
+        Bytes after which the connection is closed, by method: of the response to GET, of the body of PUT.
     requests : list of str
-        Methods and paths, as they came.
+        Methods and paths, in order.
     """
 
     def __init__(self):
@@ -61,7 +61,7 @@ class S3Server:
         )
 
     def reset(self):
-        """Answer as an S3 server does."""
+        """Work as a proper S3 server again."""
         self.refuse, self.refused_methods, self.bytes_per_s = (
             None,
             {"GET", "PUT", "POST", "HEAD", "DELETE"},
@@ -70,7 +70,7 @@ class S3Server:
         self.requests, self.cut = [], {}
 
     def new_bucket(self):
-        """Make a bucket; gives its name."""
+        """Make a bucket and return its name."""
         name = f"photos-{uuid4().hex[:12]}"
         self.client.create_bucket(Bucket=name)
         return name
@@ -80,7 +80,7 @@ class S3Server:
         return [one["Key"] for one in self.client.list_objects_v2(Bucket=bucket).get("Contents", ())]
 
     def stop(self):
-        """End both."""
+        """Stop server and proxy."""
         self.client.close()
         self._proxy.shutdown()
         self._proxy.server_close()
@@ -89,7 +89,7 @@ class S3Server:
 
 class _Proxy(ThreadingHTTPServer):
     def handle_error(self, *_):
-        """Let clients go away, as those do that have waited for long enough."""
+        """Ignore clients that close the connection after their timeout."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -149,4 +149,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(content)
 
     def log_message(self, *_):
-        """Keep quiet."""
+        """Log nothing."""

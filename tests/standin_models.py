@@ -1,4 +1,4 @@
-"""Models with the inputs and outputs of the published ones, that compute something simple."""
+"""Models with the inputs and outputs of published ones, but simple computations."""
 
 import hashlib
 from dataclasses import replace
@@ -10,13 +10,13 @@ from tests.onnx_writer import INT64, Writer
 from webapp.files.localize.models import MODELS
 
 TABLE = np.random.default_rng(0).normal(size=(64, 128)).astype(np.float32)
-"""Descriptors: of a pixel, the row is its number in the image, modulo 64."""
+"""Descriptors; the row of a pixel is its index in the image modulo 64."""
 
 ANY = ("height", "width")
 
 
 def brightest(kind, *, size=ANY, count=40, table=TABLE, batch=False):
-    """ALIKED or DISK whose keypoints are the brightest pixels; `size` is height and width."""
+    """Return ALIKED or DISK whose keypoints are the brightest pixels; `size` is height and width."""
     g = Writer()
     c = g.constant
     image = g.input("image", 1, 3, *size)
@@ -26,7 +26,7 @@ def brightest(kind, *, size=ANY, count=40, table=TABLE, batch=False):
 
 
 def write_aliked(folder):
-    """Put stand-ins of ALIKED and of the network that matches it into a new folder; gives the folder."""
+    """Put stand-ins of ALIKED and of its matching network into a new folder, and return the folder."""
     folder.mkdir()
     (folder / "aliked.onnx").write_bytes(brightest("aliked"))
     (folder / "aliked_lightglue.onnx").write_bytes(glue())
@@ -34,7 +34,7 @@ def write_aliked(folder):
 
 
 def brighter(kind, *, least=0.5):
-    """ALIKED or DISK whose keypoints are all pixels above `least`."""
+    """Return ALIKED or DISK whose keypoints are all pixels above `least`."""
     g = Writer()
     c = g.constant
     image = g.input("image", 1, 3, *ANY)
@@ -74,10 +74,10 @@ def _rest(g, number, by):
 
 
 def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
-    """LightGlue: for each query keypoint the one in the photo that is nearest in place, or most alike.
+    """Return LightGlue that matches each query keypoint to the nearest or most similar one in the photo.
 
-    By place, the score falls to 0 half a photo away. The most alike are found by an Einsum: by look, by one
-    that is a product of matrices; by odd look, by another.
+    By place, the score falls to 0 at half a photo's side. By look, similarities come from an Einsum that is a
+    matrix product; by odd look, from another one.
     """
     g = Writer()
     c = g.constant
@@ -94,7 +94,7 @@ def glue(names=("matches0", "mscores0"), *, width=128, by="place"):
 
 
 def lighter_glue(**more):
-    """LighterGlue: as `glue`, with other names."""
+    """Return LighterGlue: like `glue`, with other names."""
     return glue(("matches", "scores"), **more)
 
 
@@ -113,7 +113,7 @@ def _likeness(g, width, by):
 
 
 def passed_on(width="width", height="height", *, outputs=("all",), scale=1.0):
-    """A global descriptor that is the image itself, times `scale`."""
+    """Return a global descriptor that is the image itself times `scale`."""
     g = Writer()
     flat = g.node("Flatten", g.input("image", 1, 3, height, width), axis=1)
     vector = g.node("Mul", flat, g.constant([scale]))
@@ -124,7 +124,7 @@ def passed_on(width="width", height="height", *, outputs=("all",), scale=1.0):
 
 
 def tiny_image(width=64, height=48, *, columns=16, rows=12, metadata=()):
-    """A global descriptor: the photo scaled down to a few pixels, without its mean brightness."""
+    """Return a global descriptor: the photo scaled down to a few pixels, minus its mean brightness."""
     g = Writer()
     fixed = isinstance(width, int)
     side = [height // rows, width // columns] if fixed else [4, 4]
@@ -153,7 +153,7 @@ HALVING = {"block1.1", "block1.3", "block3.0", "block4.0", "block5.0"}
 
 
 def xfeat(height=96, width=128):
-    """XFeat for one size, as it is published, with random weights."""
+    """Return XFeat for one size, as published, with random weights."""
     g, rng = Writer(), np.random.default_rng(1)
     c = g.constant
     gray = g.node("ReduceMean", g.input("input", 1, 1, height, width), name="/ReduceMean_output_0", axes=[1])
@@ -201,7 +201,7 @@ def xfeat(height=96, width=128):
 
 
 def lpd_yunet():
-    """LPD-YuNet for which a plate is what is white: 16 pixels around each cell of 8, as sure as bright."""
+    """Return LPD-YuNet that detects white as plates: 16 pixels around each cell of 8, scored by it."""
     g = Writer()
     c = g.constant
     grey = g.node("ReduceMean", g.input("input", 1, 3, 240, 320), axes=[1], keepdims=1)
@@ -220,7 +220,7 @@ def lpd_yunet():
 
 
 def yunet():
-    """YuNet for which a face is what is white: 16 pixels around each cell of 8, as sure as it is bright."""
+    """Return YuNet that detects white as faces: 16 pixels around each cell of 8, scored by brightness."""
     g = Writer()
     c = g.constant
     grey = g.node("ReduceMean", g.input("input", 1, 3, 640, 640), axes=[1], keepdims=1)
@@ -241,9 +241,9 @@ def yunet():
 
 
 def install_blur_networks(folder, patch, *, models=("faces", "plates")):
-    """Put stand-ins of the networks that find faces and plates into a folder, as if they were published.
+    """Put stand-ins of the networks for faces and plates into a folder, as if they were the published ones.
 
-    `patch` sets an item of a mapping: `monkeypatch.setitem`, or `operator.setitem` in a process of its own.
+    `patch` sets an item of a mapping: `monkeypatch.setitem`, or `operator.setitem` in a separate process.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for model in models:

@@ -1,4 +1,4 @@
-"""Street-level services on this machine that speak the APIs of Panoramax and of Mapillary."""
+"""Local stand-ins for street-level services with the APIs of Panoramax and Mapillary."""
 
 import io
 import json
@@ -17,7 +17,7 @@ TOKEN = "MLY|1|secret"
 
 @dataclass
 class Shot:
-    """A photo of the service; `fields` go into what the service says of it."""
+    """A photo of the service; `fields` are added to its metadata."""
 
     id: str
     lat: float
@@ -28,7 +28,7 @@ class Shot:
 
 
 def picture(id, *, panorama=False):
-    """A JPEG that no other id has."""
+    """Return a JPEG that is unique for the id."""
     seed = np.frombuffer(id.encode().ljust(8, b"\0")[-8:], np.uint64)[0]
     size = (20, 40, 3) if panorama else (12, 16, 3)
     pixels = np.random.default_rng(int(seed)).integers(0, 256, size, np.uint8)
@@ -38,10 +38,10 @@ def picture(id, *, panorama=False):
 
 
 class StreetServer:
-    """Has `shots`; what it does wrong can be chosen.
+    """Serves `shots`; faults can be chosen.
 
-    `asked` counts requests by path; `failing` holds statuses that a path answers first, `bodies` what it
-    sends instead of the right content, `cut` paths whose content is cut off.
+    `asked` counts requests by path; `failing` has statuses that a path returns first, `bodies` replaced
+    content, `cut` paths whose content is truncated.
     """
 
     def __init__(self, shots):
@@ -67,16 +67,16 @@ class StreetServer:
         return f"http://127.0.0.1:{self.port}"
 
     def clear(self):
-        """Have no photos, and forget what was asked."""
+        """Remove all photos and recorded requests."""
         self.shots.clear()
         self.asked.clear()
 
     def photos_asked(self):
-        """Requests for each photo, by its id."""
+        """Return the numbers of requests by id of the photo."""
         return Counter({p.split("/")[2]: n for p, n in self.asked.items() if p.startswith("/photo/")})
 
     def answer(self, path, query, token):
-        """Status and body of an answer."""
+        """Return the status and body of a response."""
         self.asked[path] += 1
         if self.failing.get(path):
             return self.failing[path].pop(0), b"no"
@@ -169,7 +169,7 @@ class StreetServer:
 
 @contextmanager
 def street(*shots):
-    """A server that answers while the block runs."""
+    """Run a server during the block."""
     service = StreetServer(shots)
 
     class Handler(BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""A proxy in front of a server that can be cut off, as a network is."""
+"""A proxy in front of a server that can be cut, like a network."""
 
 import os
 import selectors
@@ -10,14 +10,14 @@ _BLOCK = 1 << 16
 
 
 class TcpProxy:
-    """Listens on a port of 127.0.0.1 and passes everything on to a socket of the file system.
+    """Listens on a port of 127.0.0.1 and forwards everything to a Unix socket.
 
     Attributes
     ----------
     address : tuple of str and int
-        Where it listens.
+        Address to listen on.
     cut_before_answer_to : bytes or None
-        Once a client has sent this, the server gets it and the client is cut off before the answer.
+        When a client sends this, it is forwarded, and the client is cut off before the response.
     """
 
     def __init__(self, server: str | os.PathLike[str]) -> None:
@@ -31,19 +31,19 @@ class TcpProxy:
         threading.Thread(target=self._accept, daemon=True).start()
 
     def cut(self) -> None:
-        """End all connections, and refuse new ones."""
+        """Close all connections, and refuse new ones."""
         with self._lock:
             self._is_cut = True
             for pair in self._pairs:
                 _end(pair)
 
     def mend(self) -> None:
-        """Let everybody through again."""
+        """Accept connections again."""
         with self._lock:
             self._is_cut = False
 
     def close(self) -> None:
-        """End it."""
+        """Stop the proxy."""
         self.cut()
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
@@ -90,7 +90,7 @@ class TcpProxy:
         wanted = self.cut_before_answer_to
         if source is client and wanted is not None and wanted in data:
             self.cut_before_answer_to = None
-            target.recv(_BLOCK)  # the server has answered, and so has done it
+            target.recv(_BLOCK)  # the server has responded, so it is done
             return False
         return bool(data)
 

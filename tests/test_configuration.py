@@ -1,4 +1,4 @@
-"""Settings from the environment and from a file, and what is rejected in them."""
+"""Settings from the environment and from a file, and invalid ones."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ ALL = settings_table().values()
 
 @pytest.fixture
 def file(tmp_path):
-    """Write a file of settings; gives the environment that names it."""
+    """Write a settings file, and return the environment that names it."""
 
     def write(text):
         (tmp_path / "expmap.toml").write_text(text)
@@ -23,7 +23,7 @@ def file(tmp_path):
 
 
 def other(setting):
-    """A value that is not the default, as text and as it is kept."""
+    """Return a value that is not the default, as text and parsed."""
     if setting.kind in (int, float):
         return str(setting.default * 2 + 1), setting.default * 2 + 1
     return "/else", setting.kind("/else")

@@ -1,4 +1,4 @@
-"""What is not installed is an error that says which command installs it."""
+"""A missing package is an error with the command that installs it."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Objects are imported by their names, without a search for garbage meanwhile."""
+"""Objects are imported by name, without garbage collection meanwhile."""
 
 import gc
 import sys

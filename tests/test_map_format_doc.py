@@ -1,4 +1,4 @@
-"""`maps/FORMAT.md` names everything that map files can hold and that can be wrong with them."""
+"""`maps/FORMAT.md` documents all contents of map files, and all errors."""
 
 import json
 import re
@@ -55,14 +55,14 @@ FULL = Map(
 
 
 def fields(value: object) -> set[str]:
-    """Names of all fields of a JSON value."""
+    """Return the names of all fields of a JSON value."""
     if isinstance(value, dict):
         return set(value).union(*(fields(inner) for inner in value.values()))
     return set().union(*(fields(inner) for inner in value)) if isinstance(value, list) else set()
 
 
 def example(begin: str) -> str:
-    """The indented block of the text that begins so."""
+    """Return the indented block of the text with this beginning."""
     block = TEXT[TEXT.index(f"    {begin}") :].split("\n\n")[0]
     return re.sub("^    ", "", block, flags=re.MULTILINE) + "\n"
 

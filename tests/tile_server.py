@@ -1,4 +1,4 @@
-"""A map tile service on this machine that draws crosses at known places on the Earth."""
+"""A local map tile service that draws crosses at known places on the Earth."""
 
 import io
 import math
@@ -16,7 +16,7 @@ RED = (255, 0, 0)
 
 
 def global_pixel(lat, lon, zoom):
-    """The pixel of the whole Earth at a zoom, by the formula of slippy maps."""
+    """Return the global pixel at a zoom, by the formula of slippy maps."""
     size = 256 * 2**zoom
     x = (lon + 180) / 360 * size
     y = (1 - math.asinh(math.tan(math.radians(lat))) / math.pi) / 2 * size
@@ -24,9 +24,9 @@ def global_pixel(lat, lon, zoom):
 
 
 class TileServer:
-    """Serves `/{z}/{x}/{y}`; what it does wrong can be chosen.
+    """Serves `/{z}/{x}/{y}`; faults can be chosen.
 
-    `landmarks` are (lat, lon); each becomes a red cross whose middle is the pixel that holds the place.
+    `landmarks` are (lat, lon); each becomes a red cross centred on the pixel that contains the place.
     """
 
     def __init__(self):
@@ -49,7 +49,7 @@ class TileServer:
         return f"http://127.0.0.1:{self.port}/{{z}}/{{x}}/{{y}}"
 
     def draw(self, z, x, y):
-        """A tile with a tint of its own, and the crosses that fall into it."""
+        """Draw a tile with an individual tint, and the crosses inside it."""
         pixels = np.full((self.size, self.size, 3), (60 + 40 * (x % 3), 120, 60 + 40 * (y % 3)), np.uint8)
         for lat, lon in self.landmarks:
             column, row = (v - 256 * t for v, t in zip(global_pixel(lat, lon, z), (x, y), strict=True))
@@ -61,7 +61,7 @@ class TileServer:
         return buffer.getvalue()
 
     def answer(self, path):
-        """Status and body for a path."""
+        """Return status and body for a path."""
         with self.lock:
             self.at_once += 1
             self.most_at_once = max(self.most_at_once, self.at_once)
@@ -83,7 +83,7 @@ class TileServer:
 
 @contextmanager
 def serving():
-    """A server that answers while the block runs."""
+    """Run a server during the block."""
     tiles = TileServer()
 
     class Handler(BaseHTTPRequestHandler):

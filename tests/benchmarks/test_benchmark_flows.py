@@ -1,4 +1,4 @@
-"""What `benchmarks.flows` sees of requests."""
+"""How `benchmarks.flows` records requests."""
 
 import threading
 from datetime import datetime

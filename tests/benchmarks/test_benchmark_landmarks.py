@@ -1,4 +1,4 @@
-"""The benchmark of landmarks: cameras in a scene whose truth is known."""
+"""The benchmark of landmarks: cameras in a scene with ground truth."""
 
 from benchmarks.landmarks import measure
 

@@ -1,4 +1,4 @@
-"""What `benchmarks.structure` counts, on packages of a few lines."""
+"""Counts of `benchmarks.structure` on packages of a few lines."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""What `benchmarks.chaos` calls lost, double or too long."""
+"""`benchmarks.chaos` detects lost and duplicate edits and long outages."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Derived maps are whole maps, and what is derived is what their names say."""
+"""Derived maps are complete, and derived as their names say."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What `benchmarks.hostile` sends follows from its seed, and what it takes for a fault."""
+"""Requests of `benchmarks.hostile` are determined by its seed; responses that count as faults."""
 
 import io
 import random

@@ -1,4 +1,4 @@
-"""What the benchmark does itself around COLMAP: retrieval vectors, and from the model to the map."""
+"""The benchmark's own steps around COLMAP: retrieval vectors, and alignment of the model to the map."""
 
 import numpy as np
 import pytest

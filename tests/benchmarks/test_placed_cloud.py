@@ -1,4 +1,4 @@
-"""What the benchmark of a placed cloud counts, and which answer it takes."""
+"""Figures of the benchmark of a placed cloud, and its choice between answers."""
 
 import dataclasses
 from pathlib import Path
@@ -27,8 +27,8 @@ QUERY = Query("q.jpg", Path("q.jpg"), MapPixel(0.0, 0.0))
     ("verified", "landmarks", "chosen"),
     [
         (place(20.0), place(12.0, 40), "landmarks"),
-        (place(20.0), place(12.0, 39), "verified"),  # too few agree
-        (place(20.0), place(31.0, 90), "verified"),  # of another place
+        (place(20.0), place(12.0, 39), "verified"),  # too few inliers
+        (place(20.0), place(31.0, 90), "verified"),  # another place
         (place(20.0), None, "verified"),
         (None, place(12.0, 90), "verified"),
     ],

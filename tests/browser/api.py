@@ -1,4 +1,4 @@
-"""The API as the signed-in person of a browser context: to set up a test, and to look what came of it."""
+"""The API for the signed-in user of a browser context: to set up a test, and to check its result."""
 
 import re
 import time
@@ -14,7 +14,7 @@ PATIENCE_S = 600
 
 
 class Api:
-    """Asks with the cookies of a context.
+    """Sends requests with the cookies of a context.
 
     Parameters
     ----------
@@ -29,33 +29,33 @@ class Api:
         self._headers = {"X-CSRFToken": found[1]}
 
     def call(self, method: str, path: str, **options: Any) -> APIResponse:
-        """Ask for a path below `/api/v1`; any status is an answer."""
-        # The server closes idle connections, perhaps just when the next request is sent, so none is kept.
+        """Request a path below `/api/v1`; any status is accepted."""
+        # The server may close an idle connection just when a request is sent on it, so none is kept alive.
         headers = {**self._headers, "Connection": "close"}
-        retries = 1 if method == "GET" else 0  # after a reset, as a browser does what changes nothing
+        retries = 1 if method == "GET" else 0  # after a connection reset, as browsers do for safe methods
         return self.request.fetch(
             f"/api/v1{path}", method=method, headers=headers, max_retries=retries, **options
         )
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
-        """Ask for what must succeed; gives its JSON."""
+        """Send a request that must succeed, and return its JSON."""
         answer = self.call(method, path, **options)
         assert answer.ok, f"{method} {path}: {answer.status} {answer.text()[:500]}"
         return answer.json() if answer.status != 204 else None
 
     def state(self, slug: str) -> dict[str, Any]:
-        """Everything about a map, as its page gets it."""
+        """Return the state of a map, as its page gets it."""
         return self.ask("GET", f"/maps/{slug}")
 
     def positions(self, slug: str) -> dict[str, tuple[float, float]]:
-        """Placed photos of a map by file name."""
+        """Return the positions of a map's placed photos by file name."""
         photos = self.state(slug)["photos"]
         return {p["name"]: (p["x_px"], p["y_px"]) for p in photos if p["x_px"] is not None}
 
     def make_map(
         self, name: str, *, satellite: Path | None, photos: Iterable[Path] = (), corners: Path | None = None
     ) -> str:
-        """Make a map; gives its slug."""
+        """Make a map and return its slug."""
         slug = self.ask("POST", "/maps", data={"name": name})["slug"]
         if satellite is not None:
             parts: dict[str, Any] = {"file": str(satellite)}
@@ -74,7 +74,7 @@ class Api:
         return slug
 
     def wait_for_jobs(self, slug: str) -> list[dict[str, Any]]:
-        """Wait until no job of a map is at work; gives those that ended lately."""
+        """Wait until no job of a map is active, and return those that ended recently."""
         until = time.monotonic() + PATIENCE_S
         while time.monotonic() < until:
             jobs = self.ask("GET", f"/jobs?map={slug}")["jobs"]

@@ -1,4 +1,4 @@
-"""The running program, as a person starts it: `expmap serve` with a library of its own."""
+"""The running program as users start it: `expmap serve` with a separate library."""
 
 import os
 import queue
@@ -20,7 +20,7 @@ LISTENING = re.compile(r"listening on (\S+)")
 
 
 def expmap(*words: str | Path, library: Path) -> str:
-    """Run a command of the program to its end; gives what it printed, or raises with what it said."""
+    """Run a command to its end and return its output, or raise with its error message."""
     command = [sys.executable, "-m", "webapp", *map(str, words)]
     environ = {**os.environ, "EXPMAP_LIBRARY": str(library)}
     done = subprocess.run(command, env=environ, capture_output=True, text=True, timeout=600)
@@ -30,14 +30,14 @@ def expmap(*words: str | Path, library: Path) -> str:
 
 
 class App:
-    """`expmap serve` as a process; what it says on standard error is kept.
+    """`expmap serve` as a process; its standard error is kept.
 
     Parameters
     ----------
     library : Path
-        Is made where there is none.
+        Created if missing.
     port : int
-        Where it listens, on 127.0.0.1; 0 for any that is free.
+        To listen on at 127.0.0.1; 0 for a free one.
     environ : mapping, optional
         More environment variables.
     """
@@ -48,7 +48,7 @@ class App:
         self.port = port
         self.url = ""
         self.sign_in = ""
-        """Link that signs the owner in once; empty where the start printed none."""
+        """One-time sign-in link of the owner; empty if the start printed none."""
         self.said: deque[str] = deque(maxlen=2000)
         self._process: subprocess.Popen[str] | None = None
 
@@ -61,12 +61,12 @@ class App:
 
     @property
     def pid(self) -> int:
-        """Of the process that was started, the parent of all others."""
+        """Return the id of the started process, the parent of all others."""
         assert self._process is not None
         return self._process.pid
 
     def start(self) -> None:
-        """Start, and wait until it answers."""
+        """Start it, and wait until it responds."""
         words = ["serve", "--host", "127.0.0.1", "--port", str(self.port), "--library", str(self.library)]
         self._process = subprocess.Popen(
             [sys.executable, "-m", "webapp", *words],
@@ -74,7 +74,7 @@ class App:
             stderr=subprocess.PIPE,
             text=True,
             env={**os.environ, "PYTHONUNBUFFERED": "1", **self.environ},
-            start_new_session=os.name != "nt",  # Ctrl-C in the terminal of the tests is for the tests
+            start_new_session=os.name != "nt",  # Ctrl-C in the terminal should only reach the tests
         )
         printed: queue.Queue[str] = queue.Queue()
         for stream, put in ((self._process.stdout, printed.put), (self._process.stderr, self.said.append)):
@@ -98,7 +98,7 @@ class App:
         raise AssertionError(f"expmap serve printed no {pattern.pattern!r}:\n" + "".join(self.said))
 
     def stop(self) -> int | None:
-        """End it as Ctrl-C does; gives its exit code."""
+        """Stop it as by Ctrl-C, and return the exit code."""
         process, self._process = self._process, None
         if process is None:
             return None

@@ -18,8 +18,8 @@ def _source() -> str:
 
 
 def findings(page: Page, within: str = "html") -> list[str]:
-    """What axe-core calls serious or critical in a part of the page as it is now, one line each."""
-    page.evaluate(_source())  # by the debugger's way in, which the page's policy does not stop
+    """Return the serious and critical findings of axe-core in a part of the page, one line each."""
+    page.evaluate(_source())  # through the debugger, which the content security policy does not block
     options = {"runOnly": TAGS, "resultTypes": ["violations"]}
     result: dict[str, Any] = page.evaluate("([part, options]) => axe.run(part, options)", [within, options])
     assert result["passes"], "axe-core checked nothing"

@@ -1,4 +1,4 @@
-"""One running program and one browser for all tests of the pages."""
+"""One running program and one browser shared by all tests of the pages."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ WIDE = {"width": 1280, "height": 800}
 SAMPLE_WITHIN_S = 180
 PATIENCE_MS = 60_000
 WORK_MS = 600_000
-"""For what a worker computes, beside much other work."""
+"""Timeout for results of the worker, which may be busy."""
 expect.set_options(timeout=PATIENCE_MS)
 
 
@@ -39,21 +39,21 @@ def tiles() -> Iterator[TileServer]:
 
 @pytest.fixture(scope="session")
 def geocoder() -> Iterator[GeocoderServer]:
-    """The place search that the program asks."""
+    """The geocoder that the program uses."""
     with geocoding() as server:
         yield server
 
 
 @pytest.fixture(scope="session")
 def street_service() -> Iterator[StreetServer]:
-    """The only street-level service that the program asks; it has no photos."""
+    """The only street-level service that the program uses; it has no photos."""
     with street() as server:
         yield server
 
 
 @pytest.fixture
 def streets(street_service: StreetServer) -> Iterator[StreetServer]:
-    """The same for one test, which gives it photos: nobody has asked for any yet."""
+    """The same for one test, which sets its photos; the counts of requests are cleared."""
     street_service.clear()
     yield street_service
     street_service.clear()
@@ -67,7 +67,7 @@ def app(
     geocoder: GeocoderServer,
     street_service: StreetServer,
 ) -> Iterator[App]:
-    """The program with a library that has the sample and its index already, so that the start is quick."""
+    """The program with a library that already contains the sample and its index, for a quick start."""
     library = tmp_path_factory.mktemp("served") / "maps"
     shutil.copytree(ready_sample, library / "sample")
     services = library.with_name("services.json")
@@ -90,7 +90,7 @@ def app(
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """Chromium; that it is missing is a failure, not a reason to skip."""
+    """Chromium; if it is missing, tests fail instead of being skipped."""
     path = find_browser()
     if path is None:
         pytest.fail(MISSING)
@@ -101,7 +101,7 @@ def browser() -> Iterator[Browser]:
 
 
 def sign_in(page: Page, link: str) -> None:
-    """Open a link that signs in, and do what its page asks for."""
+    """Open a sign-in link and confirm its page."""
     page.goto(link)
     page.locator("main form button").click()
     page.wait_for_url(lambda url: "/sign-in" not in url)
@@ -109,7 +109,7 @@ def sign_in(page: Page, link: str) -> None:
 
 @pytest.fixture(scope="session")
 def owner(app: App, browser: Browser) -> dict:
-    """Cookies of the owner, signed in by the link that the start printed."""
+    """Cookies of the owner, signed in by the link printed at the start."""
     context = browser.new_context()
     sign_in(context.new_page(), app.sign_in)
     state = context.storage_state()
@@ -119,7 +119,7 @@ def owner(app: App, browser: Browser) -> dict:
 
 @pytest.fixture(scope="session")
 def sample_map(owner: dict, app: App, browser: Browser) -> str:
-    """Slug of the sample map, which the first start made in the background."""
+    """Slug of the sample map, which the first start created in the background."""
     context = browser.new_context(base_url=app.url, storage_state=owner)
     until = time.monotonic() + SAMPLE_WITHIN_S
     while context.request.get("/api/v1/maps/sample").status == 404 and time.monotonic() < until:
@@ -130,7 +130,7 @@ def sample_map(owner: dict, app: App, browser: Browser) -> str:
 
 @pytest.fixture
 def open_context(app: App, browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
-    """Open a browser context that is watched; `context.watch` has what happened."""
+    """Open a watched browser context; `context.watch` collects faults."""
     opened: list[BrowserContext] = []
 
     def open_one(**options: object) -> BrowserContext:
@@ -150,13 +150,13 @@ def open_context(app: App, browser: Browser) -> Iterator[Callable[..., BrowserCo
 
 @pytest.fixture
 def context(open_context: Callable[..., BrowserContext], owner: dict) -> BrowserContext:
-    """A context of the signed-in owner, wide."""
+    """A context of the signed-in owner, with a wide screen."""
     return open_context(storage_state=owner)
 
 
 @pytest.fixture
 def page(context: BrowserContext) -> Page:
-    """A page of the signed-in owner, wide."""
+    """A page of the signed-in owner, with a wide screen."""
     return context.new_page()
 
 
@@ -168,7 +168,7 @@ def api(context: BrowserContext) -> Api:
 
 @pytest.fixture(scope="session")
 def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Thirty photos of the sample, small and without EXIF, so that nobody knows where they were taken."""
+    """Thirty small photos of the sample without EXIF, so without positions."""
     folder = tmp_path_factory.mktemp("small")
     paths = []
     for path in sorted((sample_folder / "photos").glob("*.jpg"))[:30]:
@@ -180,7 +180,7 @@ def small_photos(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture
 def elsewhere() -> Iterator[Callable[[str], str]]:
-    """Serve a page from another site; gives its address for the HTML that it shall show."""
+    """Serve a page with given HTML from another site, and return its address."""
     pages: list[str] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -231,18 +231,18 @@ def make_page(
 
     yield make
     for slug in made:
-        api.cancel_jobs(slug)  # nobody needs the index of this map, and the next test needs the processor
+        api.cancel_jobs(slug)  # the index of this map is not needed, and the next test needs the processor
 
 
 @pytest.fixture
 def link(app: App) -> str:
-    """A fresh link that signs the owner in once."""
+    """Return a new one-time sign-in link of the owner."""
     return expmap("account", "link", "--url", app.url, library=app.library).split()[-1]
 
 
 @pytest.fixture
 def fresh_owner(open_context: Callable[..., BrowserContext], link: str) -> Page:
-    """A page with a session of its own."""
+    """A page with a separate session."""
     page = open_context().new_page()
     sign_in(page, link)
     return page

@@ -1,4 +1,4 @@
-"""What the canvas of a mission shows."""
+"""Counts pixels on the canvas of a mission."""
 
 DRAWN = """
 () => {
@@ -15,4 +15,4 @@ DRAWN = """
   return count;
 }
 """
-"""How many pixels have the full colour of GPS tracks: what is later than the moment is faint."""
+"""Count the pixels with the full colour of GPS tracks; parts later than the chosen moment are faint."""

@@ -1,4 +1,4 @@
-"""The edit page, as a person uses it."""
+"""The edit page, operated as by a user."""
 
 import math
 import re
@@ -8,14 +8,14 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 ZOOM_STEPS = 4
-"""A view that shows the whole image is rounded down to quarters of a zoom level."""
+"""Steps per zoom level: the zoom of the whole image is rounded down to quarters."""
 
 HANDLE_PX = 46
-"""From a photo to the handle that turns it."""
+"""Distance from a photo to its rotation handle."""
 
 
 def spots(count: int) -> list[tuple[int, int]]:
-    """Map pixels on the sample's image, well apart, in rows of six, above the card of jobs."""
+    """Return map pixels on the sample's image, well apart, in rows of six, above the card of jobs."""
     return [(100 + 150 * (n % 6), 60 + 90 * (n // 6)) for n in range(count)]
 
 
@@ -34,17 +34,17 @@ class EditPage:
         self.canvas = page.get_by_test_id("map-canvas")
         self.current = page.get_by_test_id("current-photo")
         self.tray = page.get_by_test_id("tray-photo")
-        """The list has elements for those photos only that are in view."""
+        """Only photos in view have elements in the list."""
         self.unplaced = page.get_by_test_id("tray-count")
         self.placed = page.get_by_test_id("placed-count")
         self.undo = page.get_by_test_id("undo")
         self.redo = page.get_by_test_id("redo")
         self.error = page.get_by_test_id("error-message")
         self.turn_deg = 0.0
-        """How the image is drawn turned, clockwise."""
+        """Rotation of the drawn image, clockwise."""
 
     def open(self) -> "EditPage":
-        """Open it, and wait until it is ready to be used."""
+        """Open the page, and wait until it is ready."""
         self.page.goto(f"/maps/{self.slug}/edit")
         canvas = self.canvas.locator("canvas")
         expect(canvas).to_be_visible()
@@ -58,7 +58,7 @@ class EditPage:
         return None if satellite is None else (satellite["width"], satellite["height"])
 
     def screen(self, x: float, y: float) -> tuple[float, float]:
-        """Where a map pixel is on the screen, while the view shows the whole image."""
+        """Return the screen position of a map pixel while the view shows the whole image."""
         assert self.size is not None
         box = self.canvas.bounding_box()
         assert box is not None
@@ -94,7 +94,7 @@ class EditPage:
             self.page.keyboard.up("Shift")
 
     def choose_photos(self, paths: Sequence[Path]) -> None:
-        """Give files to the photo input, as the file dialog does."""
+        """Set the files of the photo input, as the file dialog does."""
         self.page.get_by_test_id("photo-input").set_input_files(list(paths))
 
     def saved(self) -> None:
@@ -102,11 +102,11 @@ class EditPage:
         expect(self.page.locator("#saved")).to_have_attribute("data-waiting", "0")
 
     def uploaded(self) -> None:
-        """Wait until all files that were chosen are through."""
+        """Wait until all chosen files are processed."""
         self.page.get_by_test_id("upload-summary").wait_for()
 
     def tray_names(self) -> list[str]:
-        """File names of the photos of the tray, in their order."""
+        """Return the file names of the photos in the tray, in order."""
         state = self.page.request.get(f"/api/v1/maps/{self.slug}").json()
         names = {str(photo["id"]): photo["name"] for photo in state["photos"]}
         self.tray.first.wait_for(state="attached")

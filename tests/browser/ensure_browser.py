@@ -1,6 +1,6 @@
-"""Finds a browser for the tests of the pages, and installs one of Debian where there is none.
+"""Finds a browser for the tests of the pages, or installs one from Debian's packages.
 
-Chromium without windows (`chromium-headless-shell`) comes first: a new context takes a quarter of the time.
+Headless Chromium (`chromium-headless-shell`) is preferred: a new context takes a quarter of the time.
 
 python tests/browser/ensure_browser.py
 """
@@ -23,13 +23,13 @@ MISSING = "the browser tests need the package chromium: install it (Debian: sudo
 
 
 def find_browser() -> str | None:
-    """Path of a chromium or Chrome; None where there is none."""
+    """Return the path of a chromium or Chrome; None if there is none."""
     found = (shutil.which(command) for command in COMMANDS)
     return next((path for path in found if path), None) or next(filter(os.path.isfile, ELSEWHERE), None)
 
 
 def install() -> None:
-    """Install chromium through apt, as root or by sudo; end with a sentence where that cannot be done."""
+    """Install chromium with apt, as root or by sudo; exit with a message if that fails."""
     if not shutil.which("apt-get"):
         raise SystemExit(MISSING)
     by = []
@@ -40,7 +40,7 @@ def install() -> None:
     sys.stderr.write("no browser is here: installing chromium through apt\n")
     if not _apt(by, "update"):
         raise SystemExit(MISSING)
-    if not _apt(by, "install", SHELL) and not _apt(by, "install", "chromium"):  # Ubuntu has no shell
+    if not _apt(by, "install", SHELL) and not _apt(by, "install", "chromium"):  # not on Ubuntu
         raise SystemExit(MISSING)
 
 
@@ -50,11 +50,11 @@ def _apt(by: list[str], verb: str, *packages: str) -> bool:
 
 
 def main() -> None:
-    """Make sure that there is one, and say which."""
+    """Make sure that a browser is installed, and print its path."""
     if find_browser() is None:
         install()
     elif shutil.which("chromium") and not shutil.which(SHELL) and os.geteuid() == 0:
-        _apt([], "install", SHELL)  # only quicker: where that fails, what is there does as well
+        _apt([], "install", SHELL)  # only for speed: if it fails, chromium is used
     found = find_browser()
     if found is None:
         raise SystemExit(MISSING)

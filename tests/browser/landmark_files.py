@@ -1,4 +1,4 @@
-"""Landmarks of a map, written as if they had been computed."""
+"""Writes synthetic landmarks of a map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.localize.index_location import landmarks_folder
 
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Camera from world, of one that looks to the top of the image; the world is map pixels, y up, z up."""
+"""Camera-from-world rotation, facing the top of the image; the world is map pixels with y and z up."""
 
 FOCAL_PX = 500.0
 
@@ -26,12 +26,12 @@ FOCAL_PX = 500.0
 def write_landmarks(
     cfg: Path, names: Sequence[str], *, at: NDArray[np.float64], points: NDArray[np.float64]
 ) -> None:
-    """Write one reconstruction of all photos, each of which sees all points.
+    """Write a reconstruction in which all photos see all points.
 
     Parameters
     ----------
     at : (p, 2) ndarray of float64
-        Where the photos are in it, map pixels.
+        Positions of the photos, map pixels.
     points : (k, 3) ndarray of float64
         Map pixels, y and z up; all magenta.
     """
@@ -62,7 +62,7 @@ def write_landmarks(
 
 
 def align_landmarks(library_folder: Path, slug: str) -> None:
-    """Lay the landmarks on the map, for which the worker may have no time yet."""
+    """Align the landmarks with the map instead of the worker, which may be busy."""
     library = open_library(library_folder)
     try:
         with library.database.read() as session:

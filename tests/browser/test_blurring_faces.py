@@ -1,4 +1,4 @@
-"""A box over a face: drawn, or added and moved by keys; then every picture of the photo has it."""
+"""A box over a face, drawn or added and moved by keys, blurs every picture of the photo."""
 
 import re
 
@@ -98,11 +98,11 @@ def test_suggestions_of_one_photo_are_chosen_one_by_one(make_page, page, api):
     page.get_by_label("Face, 93").check()
     page.get_by_role("button", name="Remove this box").first.click()
     expect(page.get_by_label("Number plate, 71")).not_to_be_checked()
-    page.get_by_test_id("blur-suggest").click()  # no box comes twice
+    page.get_by_test_id("blur-suggest").click()  # no duplicate boxes
     expect(page.get_by_text("2 boxes")).to_be_visible()
     page.locator(".blur-box", has_text="Number plate").focus()
     page.keyboard.press("ArrowUp")
-    page.get_by_test_id("blur-suggest").click()  # nor one that was moved a little
+    page.get_by_test_id("blur-suggest").click()  # nor of one that was moved a little
     expect(page.get_by_text("2 boxes")).to_be_visible()
     page.get_by_label("Face, 93").uncheck()
     page.get_by_role("button", name="Save").click()
@@ -203,7 +203,7 @@ def test_all_photos_are_searched_and_looked_at_from_the_bar(make_page, page, api
 
     def of_map(route):
         asked.append(route.request.method)
-        before = {} if "POST" in asked else {"photos": []}  # what the page asks for by itself
+        before = {} if "POST" in asked else {"photos": []}  # response to the page's own request at loading
         route.fulfill(json=found | before, status=202 if route.request.method == "POST" else 200)
 
     def changes(route):
@@ -230,4 +230,4 @@ def test_all_photos_are_searched_and_looked_at_from_the_bar(make_page, page, api
     page.get_by_role("dialog").get_by_role("button", name="Save").click()
     expect(page.get_by_role("dialog")).to_have_count(0)
     expect(page.get_by_text("1 photo has something to blur.")).to_be_hidden()
-    page.unroute_all(behavior="wait")  # the page asks for changes all the time, and must not end in between
+    page.unroute_all(behavior="wait")  # the page polls all the time: wait for pending handlers

@@ -1,4 +1,4 @@
-"""A control point is named, clicked in two photos and on the image; residuals are a table and arrows."""
+"""A control point is named, clicked in two photos and on the image; residuals: a table and arrows."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ from tests.browser.landmark_files import align_landmarks, write_landmarks
 
 PHOTOS = 8
 WRONG = 4
-"""The photo that is placed elsewhere than the others have it."""
+"""Index of the photo whose landmark position contradicts its placed position."""
 
 
 @pytest.fixture
 def joined(make_page, api, app):
-    """The slug of a map with eight placed photos, and landmarks that have one of them elsewhere."""
+    """The slug of a map with eight placed photos, of which the landmarks contradict one; and its photos."""
     slug = make_page(PHOTOS, placed=True).slug
-    api.cancel_jobs(slug)  # nobody needs the index of this map
+    api.cancel_jobs(slug)  # the index of this map is not needed
     photos = api.state(slug)["photos"]
     at = np.array([*spots(PHOTOS)], float)
     at[WRONG] += 300.0

@@ -1,4 +1,4 @@
-"""Colours and language as a person chooses them."""
+"""Choice of theme and language."""
 
 from playwright.sync_api import expect
 

@@ -1,4 +1,4 @@
-"""The editor says what it did not do, and how to take back what it did."""
+"""Messages of the editor: what was not done, and how to undo what was."""
 
 from playwright.sync_api import expect
 

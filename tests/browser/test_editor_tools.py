@@ -24,11 +24,11 @@ TWO_CLICKS = """
   }
 }
 """
-"""In one frame, the second one that far below the first."""
+"""Two presses within one frame, the second at an offset below the first."""
 
 
 def dots_on_each_other(edit, api, at):
-    """Put all photos of a map on one spot."""
+    """Place all photos of a map at one position."""
     ids = [photo["id"] for photo in api.state(edit.slug)["photos"]]
     changes = [{"id": id, "x_px": at[0], "y_px": at[1]} for id in ids]
     api.ask("PATCH", f"/maps/{edit.slug}/experiences", data={"kind": "place", "changes": changes})

@@ -1,4 +1,4 @@
-"""Every page, wide and on a phone, light and dark: nothing serious for axe-core, nothing off the screen."""
+"""Every page, wide and on a phone, light and dark: no serious findings of axe-core, no overflow."""
 
 import pytest
 from playwright.sync_api import expect
@@ -37,13 +37,13 @@ CALM = """
 
 @pytest.fixture(scope="module", params=SCREENS)
 def screen(request):
-    """What the browser shows pages on."""
+    """Name of the screen that pages are shown on."""
     return request.param
 
 
 @pytest.fixture
 def visit(open_context, owner, screen, sample_map):
-    """Open a page; it is checked when it has come to rest."""
+    """Open a page and wait until it is idle."""
 
     def visit(path, *, signed_in=True):
         storage = owner if signed_in else None
@@ -59,7 +59,7 @@ def visit(open_context, owner, screen, sample_map):
 
 
 def check(page, within="html"):
-    """Look for what people would stumble over, by day and by night."""
+    """Check accessibility in the light and the dark theme, and overflow, title and heading."""
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
         page.wait_for_function(CALM)
@@ -81,7 +81,7 @@ def test_sign_in_page(visit):
 def test_the_menu_and_a_dialog(visit):
     page = visit("/")
     page.locator("header summary:not(#jobs-menu-button)").click()
-    check(page, "header")  # it lies over other things
+    check(page, "header")  # it overlays other elements
     page.goto("/")
     page.locator(".map-card .menu summary").first.click()
     page.get_by_role("button", name="Rename").first.click()
@@ -114,7 +114,7 @@ def test_the_dialogs_of_the_editor(visit, screen):
         "floors-button": place,
         "plan-button": place,
         "print-map": export,
-        **({} if screen == "phone" else {"help": None}),  # keys are for those who have some
+        **({} if screen == "phone" else {"help": None}),  # help on keys only with a keyboard
     }
     dialog = page.locator("dialog[open]")
     for button, menu in buttons.items():

@@ -1,4 +1,4 @@
-"""What a person takes away is read by the command line, and comes back in by the page."""
+"""Exports of the page are read by the command line, and imported again by the page."""
 
 import json
 import zipfile

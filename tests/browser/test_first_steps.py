@@ -1,4 +1,4 @@
-"""What a newcomer sees: the one sentence, and a first answer without a file of one's own."""
+"""First use: the introduction, and a first answer with an example photo."""
 
 from playwright.sync_api import expect
 
@@ -23,7 +23,7 @@ def test_a_newcomer_gets_a_first_answer(open_context, api, sample_map):
         welcome.get_by_role("link", name="Try it on the sample").click()
         page.get_by_role("button", name="Try the photo query_02.jpg").click()
         expect(page.get_by_test_id("hypothesis").first).to_be_visible(timeout=WORK_MS)
-        page.close()  # it may still load pictures, which are refused once the account is gone
+        page.close()  # it may still load pictures, which fail once the account is deleted
     finally:
         api.ask("DELETE", f"/accounts/{link['account']}")
 

@@ -67,7 +67,7 @@ def test_the_plan_of_a_floor_covers_a_new_image_of_the_map(make_page, page, api,
     api.ask("PUT", f"/maps/{edit.slug}/satellite", multipart={"file": upload, "tray": "1"})
     expect(page.locator("[data-before]")).to_have_count(0)
     expect(overlay).to_have_count(1)
-    boxes = page.evaluate(  # of one instant: the image may still be moving
+    boxes = page.evaluate(  # in one call: the image may still be moving
         "[...document.querySelectorAll('.leaflet-image-layer')].map((image) => {"
         " const {x, y, width, height} = image.getBoundingClientRect(); return [x, y, width, height]; })"
     )

@@ -1,4 +1,4 @@
-"""Dragging, turning, choosing several, taking out."""
+"""Dragging, turning, selecting several, removing."""
 
 import math
 
@@ -9,7 +9,7 @@ from tests.browser.edit_page import spots
 
 
 def placed(api, slug):
-    """Positions in the order of the ids."""
+    """Return the positions in the order of the ids."""
     return [(photo["x_px"], photo["y_px"]) for photo in api.state(slug)["photos"]]
 
 
@@ -39,7 +39,7 @@ def test_several_are_chosen_and_moved_as_one_step(make_page, api):
 
 
 def test_a_photo_is_dragged_while_text_of_the_page_is_selected(make_page, api):
-    """A browser that finds the press on selected text drags the text, and cancels the pointer."""
+    """If a press is on selected text, browsers drag the text and cancel the pointer."""
     edit = make_page(1, placed=True)
     edit.page.evaluate("getSelection().selectAllChildren(document.body)")
     edit.drag(spots(1)[0], (300, 500))
@@ -48,7 +48,7 @@ def test_a_photo_is_dragged_while_text_of_the_page_is_selected(make_page, api):
 
 
 def test_a_press_whose_end_was_lost_takes_no_part_in_the_next(make_page, api):
-    """As when a window of the system opens while the button is down."""
+    """For example, when a system window opens while the button is down."""
     edit = make_page(1, placed=True)
     x, y = edit.screen(*spots(1)[0])
     edit.canvas.dispatch_event(

@@ -1,4 +1,4 @@
-"""The image of a map and its place on the Earth, as a person gives them on the page."""
+"""The image of a map and its georeference, entered on the page."""
 
 import io
 
@@ -23,7 +23,7 @@ def picture(width=600, height=400):
 
 @pytest.fixture
 def image_page(page, api, context, tiles, request):
-    """The page of a new map; gives the page and the map's state."""
+    """The image page of a new map, and the map's state."""
     context.watch.allow(f"http://127.0.0.1:{tiles.port}")
     tiles.landmarks = LANDMARKS
     slug = api.make_map(request.node.name[:60], satellite=None)
@@ -49,7 +49,7 @@ def click_at(page, id, *, across, down):
 
 
 def reloads(page, press, *, timeout=60_000):
-    """Do what reloads the page, and wait for its message."""
+    """Do something that reloads the page, and wait for the message."""
     with page.expect_event("load", timeout=timeout):
         press()
     expect(page.locator(".note--success")).to_be_visible()
@@ -65,7 +65,7 @@ def test_an_area_of_a_tile_service(image_page):
     choose_area(page)
     estimate = by_id(page, "tile-estimate").inner_text()
     assert axe.findings(page) == []
-    # the worker may be at the sample's index
+    # the worker may be busy with the sample's index
     by_id(page, "tile-fetch").click()
     page.wait_for_url("**/edit", timeout=WORK_MS)
     expect(page.locator(".toast")).to_contain_text("pixels")

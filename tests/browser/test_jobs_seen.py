@@ -1,4 +1,4 @@
-"""A job is seen in every open page, and can be cancelled from any."""
+"""A job is shown in every open page, and can be cancelled from any of them."""
 
 import re
 
@@ -12,7 +12,7 @@ KINDS = ("Evaluation", "Export")
 
 
 def test_progress_and_cancel_in_two_pages(page, context, api, sample_map):
-    photos = {"limit": 40}  # enough for time to cancel it
+    photos = {"limit": 40}  # enough to leave time for cancelling
     id = api.ask("POST", f"/maps/{sample_map}/evaluation", data=photos)["id"]
     page.goto(f"/maps/{sample_map}/edit")
     listed = context.new_page()
@@ -96,7 +96,7 @@ def test_viewers_cancel_what_they_have_started(open_context, app, api, sample_ma
         Api(page.context).ask("POST", f"/maps/{sample_map}/exports", data={"format": "zip"})
         own.get_by_role("button", name="Cancel").click()
         expect(own.get_by_text("cancelled")).to_be_visible()
-        page.close()  # it would go on asking for jobs, which is refused once the account is gone
+        page.close()  # it would go on polling, which fails once the account is deleted
     finally:
         api.cancel_jobs(sample_map)
         api.ask("DELETE", f"/accounts/{link['account']}")

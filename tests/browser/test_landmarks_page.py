@@ -1,4 +1,4 @@
-"""Landmarks in 3D: points and cameras are drawn, a camera is chosen, wide and on a phone, light and dark."""
+"""Landmarks in 3D: points, cameras and selecting one, wide and on a phone, light and dark."""
 
 import io
 import re
@@ -26,9 +26,9 @@ PHONE = {
 
 @pytest.fixture
 def joined(make_page, api, app):
-    """The slug of a map with six placed photos, of which one is no longer placed, and points around them."""
+    """The slug of a map with six photos, one of them unplaced meanwhile, and points around them."""
     slug = make_page(PHOTOS, placed=True).slug
-    api.cancel_jobs(slug)  # nobody needs the index of this map
+    api.cancel_jobs(slug)  # the index of this map is not needed
     photos = api.state(slug)["photos"]
     at = np.array([*spots(PHOTOS)], float)
     draw = np.random.default_rng(5)
@@ -46,7 +46,7 @@ def joined(make_page, api, app):
 
 
 def coloured(page, colour):
-    """How many pixels of the view have about this colour; what lies over it covers it."""
+    """Count the pixels of the view with about this colour; overlays hide some."""
     picture = Image.open(io.BytesIO(page.get_by_test_id("scene").screenshot())).convert("RGB")
     return int((np.abs(np.asarray(picture).astype(int) - colour).max(axis=2) < 60).sum())
 

@@ -1,4 +1,4 @@
-"""Where was this photo taken? Answered in the page: by upload, by paste, and through the camera."""
+"""Localization in the page: by upload, by paste, and by the camera."""
 
 import base64
 import csv
@@ -16,7 +16,7 @@ from tests.browser.ensure_browser import find_browser
 from tests.browser.watch import BROWSER_OPTIONS, Watch
 
 RIGHT_WITHIN_PX = 40
-"""On the sample's image; of its photos, neighbours are 40 to 50 pixels apart."""
+"""Tolerance on the sample's image, whose neighbouring photos are 40 to 50 pixels apart."""
 
 QUERY = "query_02.jpg"
 PASTE = """
@@ -42,7 +42,7 @@ COUNT = """
 
 @pytest.fixture(scope="module")
 def truth(sample_folder):
-    """Where the queries of the sample were taken, by file name."""
+    """True positions of the sample's queries, by file name."""
     with (sample_folder / "queries.csv").open(encoding="utf-8", newline="") as file:
         return {
             line["path"].rpartition("/")[2]: (float(line["x"]), float(line["y"]))
@@ -56,7 +56,7 @@ def queries(sample_folder):
 
 
 def open_page(page, slug, api):
-    """Open the page that localizes, of a map that can answer."""
+    """Open the page Localize of a map that is ready to answer."""
     api.wait_for_jobs(slug)
     page.goto(f"/maps/{slug}/localize")
     expect(page.locator("#map-canvas canvas")).to_be_visible()
@@ -68,7 +68,7 @@ def entries(page):
 
 
 def first_place(page):
-    """Position of the most probable place, map pixels, and its probability."""
+    """Return the position of the most probable place, map pixels, and its probability."""
     entry = entries(page).first
     return (
         (float(entry.get_attribute("data-x")), float(entry.get_attribute("data-y"))),
@@ -77,7 +77,7 @@ def first_place(page):
 
 
 def is_right(page, truth):
-    """Look whether the answer is this place, and more probable than being elsewhere."""
+    """Check that the answer is this place, and more probable than "not on this map"."""
     expect(entries(page).first).to_be_visible()
     place, probability = first_place(page)
     assert math.dist(place, truth) < RIGHT_WITHIN_PX
@@ -85,13 +85,13 @@ def is_right(page, truth):
 
 
 def scale_of(page):
-    """Colours of the probabilities, red, green and blue, by percent."""
+    """Return the colours (RGB) of the probabilities, by percent."""
     scale = page.evaluate("JSON.parse(document.getElementById('colours').textContent).scale")
     return [[int(colour[n : n + 2], 16) for n in (1, 3, 5)] for colour in scale]
 
 
 def painted(page, canvas_id, colour):
-    """Count the pixels of a map's marks that have a colour."""
+    """Count the pixels of a colour on the canvas of a map's marks."""
     return page.evaluate(COUNT, [f"#{canvas_id} canvas", colour])
 
 
@@ -150,7 +150,7 @@ def test_list_and_colours_agree(page, sample_map, api, queries):
     )
     shown = [
         (probability, colour) for probability, colour in shown if probability >= 0.05
-    ]  # the others are hollow
+    ]  # less probable ones are hollow
     assert shown
     for probability, colour in shown:
         assert [int(part) for part in colour[4:-1].split(",")] == scale[round(100 * probability)]
@@ -175,12 +175,12 @@ def test_a_photo_from_elsewhere_is_not_on_the_map(page, sample_map, api, queries
 
 @pytest.fixture
 def copied_map(page, sample_map, api):
-    """A copy of the sample map that a test may change, index and all."""
+    """A copy of the sample map with its index, which a test may change."""
     api.wait_for_jobs(sample_map)
     slug = api.ask("POST", f"/maps/{sample_map}/duplicate", data={"name": "Copy"})["slug"]
     api.wait_for_jobs(slug)
     yield slug
-    page.goto("about:blank")  # a page that is open would ask for a map that is gone
+    page.goto("about:blank")  # an open page would request a deleted map
     api.wait_for_jobs(slug)
     api.ask("DELETE", f"/maps/{slug}")
 
@@ -198,7 +198,7 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
     built = [
         job for job in api.wait_for_jobs(copied_map) if job["id"] not in before and job["kind"] == "index"
     ]
-    # A job that was about to begin may have been queued once more: it finds nothing left to compute.
+    # A job may have been queued again just before it began; the second one has nothing to compute.
     assert sum(job["result"]["computed"] for job in built) == 1
     assert max(job["result"]["photos"] for job in built) == len(api.positions(copied_map))
     page.get_by_role("tab", name="History").click()
@@ -206,12 +206,12 @@ def test_a_confirmed_photo_becomes_an_experience_and_is_indexed_alone(page, copi
     (id,) = [photo["id"] for photo in api.state(copied_map)["photos"] if photo["name"] == name]
     page.get_by_role("tab", name="Answer").click()
     with (
-        page.expect_response(lambda response: "/coordinates?" in response.url),  # the last that is asked for
+        page.expect_response(lambda response: "/coordinates?" in response.url),  # the last request
         page.expect_response(lambda response: response.url.endswith("/localize")) as answered,
     ):
         page.locator("#ask-again").evaluate("button => button.form.requestSubmit()")
     answer = answered.value.json()
-    assert id in answer["hypotheses"][0]["experiences"]  # it is found by itself now
+    assert id in answer["hypotheses"][0]["experiences"]  # the adopted photo now matches itself
 
 
 def test_the_answer_is_shown_in_the_second_placement_too(page, copied_map, api, queries):
@@ -233,7 +233,7 @@ def test_the_answer_is_shown_in_the_second_placement_too(page, copied_map, api, 
 
 @pytest.fixture
 def camera_page(app, browser, owner, queries, tmp_path):
-    """A page of a browser whose camera sees one query of the sample, all the time."""
+    """A page of a browser whose camera shows one query of the sample all the time."""
     film = tmp_path / "camera.mjpeg"
     film.write_bytes((queries / QUERY).read_bytes())
     camera = (
@@ -261,7 +261,7 @@ def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, samp
     is_right(page, truth[QUERY])
     expect(page.locator("#video")).to_be_visible()
     with page.expect_response(lambda response: response.url.endswith("/localize") and response.ok):
-        pass  # frames are still asked about
+        pass  # frames are still localized
     is_right(page, truth[QUERY])
     assert axe.findings(page) == []
     page.locator("#live").click()
@@ -274,7 +274,7 @@ def test_the_live_camera_is_followed_and_its_last_picture_kept(camera_page, samp
 
 
 def unsure_photo(queries, path):
-    """A fifth of a query's width and height, enlarged: too little to be sure."""
+    """Write an enlarged fifth of a query's width and height: too little for a certain answer."""
     with Image.open(queries / QUERY) as photo:
         width, height = photo.width // 5, photo.height // 5
         photo.crop((0, 2 * height, width, 3 * height)).resize(photo.size).save(path)
@@ -315,7 +315,7 @@ def test_a_file_that_is_no_photo_takes_no_answer_away(context, page, sample_map,
 
 
 def test_an_unsure_answer_can_be_looked_at_thoroughly(page, sample_map, api, queries, tmp_path):
-    """Where the weights are: here the page is made to think so, and the server is asked as usual."""
+    """As with weights installed: here the option is only added to the page, and the request changed."""
     asked = []
 
     def as_usual(route):
@@ -344,7 +344,7 @@ def test_a_camera_that_was_solved_is_shown_with_its_height_and_tilt(page, sample
         "landmarks": 321,
     }
     open_page(page, sample_map, api)
-    expect(page.locator("#option-method option[value=landmarks]")).to_have_count(1)  # it makes what it lacks
+    expect(page.locator("#option-method option[value=landmarks]")).to_have_count(1)  # made on demand
     photo = {"name": QUERY, "mimeType": "image/jpeg", "buffer": (queries / QUERY).read_bytes()}
     answer = api.ask("POST", f"/maps/{sample_map}/localize", multipart={"file": photo})
     answer["hypotheses"][0] |= {"camera": camera, "radius_px": 10.0, "radius_m": 1.2, "heading_deg": 90.0}

@@ -1,4 +1,4 @@
-"""The whole way of a person with photos on the phone: sign in, make a map, take the `.cfg` away."""
+"""The whole workflow with photos on a phone: sign in, make a map, download the `.cfg`."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from webapp.files.maps.cfg import read_cfg
 
 
 def new_map(page, name, satellite):
-    """Make a map with an image on the pages; gives its edit page."""
+    """Make a map with an image on the pages, and return its edit page."""
     page.goto("/")
     page.get_by_test_id("new-map").click()
     page.get_by_test_id("map-name").fill(name)
@@ -24,7 +24,7 @@ def new_map(page, name, satellite):
 
 
 def georeference(edit, corners):
-    """Give the corners of the image on its page."""
+    """Enter the corners of the image on its page."""
     page = edit.page
     page.goto(f"/maps/{edit.slug}/image")
     if page.locator("#where").get_attribute("open") is None:
@@ -39,7 +39,7 @@ def georeference(edit, corners):
 
 
 def take_away(edit, folder):
-    """Press the button that gives the `.cfg`; gives the map in it."""
+    """Download the `.cfg` by its button, and return the map in it."""
     with edit.page.expect_download() as waiting:
         edit.page.get_by_test_id("export-cfg").click()
     waiting.value.save_as(folder / "taken.cfg")
@@ -76,7 +76,7 @@ def test_photos_without_gps_wait_and_say_why_and_a_list_places_them(
     page.get_by_test_id("list-file").set_input_files(sample_folder / "map.cfg")
     page.get_by_test_id("list-place").click()
     expect(edit.placed).to_have_text("3")
-    result = page.locator("dialog[open]")  # it can come after the photos are seen to be placed
+    result = page.locator("dialog[open]")  # it may appear after the photos are shown as placed
     expect(result).to_be_visible()
     page.keyboard.press("Escape")
     expect(result).to_have_count(0)

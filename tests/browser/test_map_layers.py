@@ -1,4 +1,4 @@
-"""Layers: the tiles of a service below the image of a map, where they belong on it."""
+"""Layers: the tiles of a service below the image of a map, at the right positions."""
 
 import io
 import math
@@ -27,11 +27,11 @@ from tests.browser.test_north_up import (
 SERVICE = "Local imagery"
 ALL_CAME = "[...document.querySelectorAll('.map-background img')].every(({complete}) => complete)"
 BEYOND = (150, 150, 150)
-"""What tiles show beyond the image."""
+"""Colour of the tiles outside the image."""
 
 
 def tile_of(zoom, column, row):
-    """Draw a tile of the world where the image of the map is painted on the ground, grey around it."""
+    """Draw a tile of a world that shows the map's image at its place, grey around it."""
     within = (np.arange(256) + 0.5) / 256
     u, v = np.meshgrid((column + within) / 2**zoom, (row + within) / 2**zoom)
     lat, lon = np.degrees(np.arctan(np.sinh(math.pi * (1 - 2 * v)))), u * 360 - 180
@@ -49,14 +49,14 @@ def tile_of(zoom, column, row):
 
 @pytest.fixture
 def addresses(tiles, page):
-    """The addresses of the service's tiles, which the page may ask for."""
+    """Pattern of the addresses of the service's tiles."""
     page.context.watch.allow(f"http://127.0.0.1:{tiles.port}")
     return re.compile(re.sub(r"\\{[zxy]\\}", r"(\\d+)", re.escape(tiles.url)))
 
 
 @pytest.fixture
 def asked(page, addresses):
-    """Stand in for the service; gives the tiles that it was asked for."""
+    """A stand-in for the service; the tiles that were requested."""
     found = []
 
     def answer(route):
@@ -77,7 +77,7 @@ def choose(page, service, *, opacity=None):
 
 
 def check_ground(edit):
-    """Without the image, the same is seen at the same places: a few pixels beside each edge, in and out."""
+    """Check that the tiles show the image at its place, a few pixels on both sides of each edge."""
     page, (width, height) = edit.page, SMALL
     expect(page.locator(".map-background img").first).to_be_attached()
     page.wait_for_function(f"() => {ALL_CAME}")

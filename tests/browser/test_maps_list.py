@@ -11,11 +11,11 @@ KEEP_MESSAGES = """
 const real = setTimeout;
 window.setTimeout = (run, ms = 0, ...given) => (ms > 5000 ? 0 : real(run, ms, ...given));
 """
-"""Messages with Undo stay, however slow the machine is."""
+"""Keep messages with Undo open, however slow the machine is."""
 
 
 def card(page, name):
-    """A map of the list."""
+    """Return the card of a map in the list."""
     return page.locator("[data-slug]").filter(has_text=name)
 
 
@@ -157,7 +157,7 @@ def test_each_undo_brings_back_what_its_message_is_about(page, api):
 
 @pytest.fixture
 def many_maps(api):
-    """More maps than the page lists at once; the one made last is listed first."""
+    """More maps than the page lists at once; the newest is listed first."""
     slugs = [api.ask("POST", "/maps", data={"name": f"Row {number:02}"})["slug"] for number in range(60)]
     yield slugs
     for slug in slugs:

@@ -1,4 +1,4 @@
-"""Files with tracks on their way into a mission: what is in them, where they will be, and what came of it."""
+"""Import of files with tracks into a mission: contents, preview of positions, and results."""
 
 import math
 import re
@@ -16,7 +16,7 @@ PHONE = {
 }
 BEGIN = 1_777_629_600
 JOBS_MS = 240_000
-"""The worker may be busy with the index of the sample."""
+"""Timeout; the worker may be busy with the index of the sample."""
 
 
 def by_id(page, id):
@@ -25,7 +25,7 @@ def by_id(page, id):
 
 @pytest.fixture
 def way(tmp_path):
-    """A straight way of 29 m in the robot's own frame, which it begins at 5, 5."""
+    """Return a straight track of 29 m in the robot frame, starting at (5, 5)."""
     path = tmp_path / "rover way.tum"
     path.write_text("".join(f"{BEGIN + n} {5 + n} 5 0 0 0 0 1\n" for n in range(30)), encoding="utf-8")
     return path
@@ -33,14 +33,14 @@ def way(tmp_path):
 
 @pytest.fixture
 def middle(api, sample_map):
-    """Latitude and longitude of the middle of the sample's image."""
+    """Return the latitude and longitude of the middle of the sample's image."""
     grid = api.state(sample_map)["georeference"]["latlon_grid"]
     assert grid["columns"] % 2 == grid["rows"] % 2 == 0
     return grid["latlon"][len(grid["latlon"]) // 2]
 
 
 def point(page, dx, dy):
-    """A place on the picture, by its distance from the middle in pixels."""
+    """Return a position on the preview by its offset from the middle, pixels."""
     box = by_id(page, "import-picture").bounding_box()
     return box["x"] + box["width"] / 2 + dx, box["y"] + box["height"] / 2 + dy
 

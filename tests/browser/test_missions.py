@@ -1,4 +1,4 @@
-"""Missions as people see them: a track from a file, a robot that is under way, its objects, the replay."""
+"""The pages of missions: a track from a file, a live robot, its objects, the replay."""
 
 import math
 import re
@@ -34,7 +34,7 @@ SECOND = {
 
 
 def pose(n, **more):
-    """A pose on a circle, one a second."""
+    """Return a pose on a circle, one per second."""
     angle = n / 30
     lat, lon = PLACE[0] + 4e-4 * math.sin(angle), PLACE[1] + 6e-4 * math.cos(angle)
     return {"type": "pose", "time": BEGIN + n, "lat": lat, "lon": lon, "height_m": 200 + n / 10, **more}
@@ -42,13 +42,13 @@ def pose(n, **more):
 
 @pytest.fixture
 def mission(api, request):
-    """Make a mission; gives its id."""
+    """Make a mission and return its id."""
     return api.ask("POST", "/missions", data={"name": request.node.name[:60]})["id"]
 
 
 @pytest.fixture
 def send(api, mission):
-    """Send records as a robot does, in order."""
+    """Send records as a robot does."""
     result = {"next": 0}
 
     def send(*records):
@@ -64,7 +64,7 @@ def send(api, mission):
 
 
 def seen(record):
-    """An object as a record."""
+    """Return the record of an object."""
     return {"type": "object", **record}
 
 
@@ -80,7 +80,7 @@ def set_moment(page, seconds):
 
 
 def wait_for_pixels(page, fits):
-    """Wait until the number of drawn pixels fits; the page's policy forbids Playwright's own way: eval."""
+    """Wait until the number of drawn pixels fits; the CSP forbids eval, which Playwright uses."""
     end = time.monotonic() + PATIENCE_S
     while not fits(drawn := page.evaluate(DRAWN)):
         assert time.monotonic() < end, drawn
@@ -88,7 +88,7 @@ def wait_for_pixels(page, fits):
 
 
 def settled_pixels(page):
-    """Wait until something is drawn and three looks in a row show the same; returns how many pixels it is."""
+    """Wait until the number of drawn pixels is the same three times in a row, and return it."""
     looks = []
 
     def fits(count):
@@ -110,7 +110,7 @@ def test_a_robot_under_way_is_seen_live(page, mission, send):
     drawn = settled_pixels(page)
     send(*(pose(n) for n in range(40, 120)), seen(SECOND))
     expect(track).to_contain_text("120")
-    # More or fewer: it depends on the moment of the first fit how much of the longer track is in sight.
+    # More or fewer: how much of the longer track is in view depends on the moment of the first fit.
     wait_for_pixels(page, lambda count: abs(count - drawn) >= 30)
     page.get_by_role("tab", name=re.compile("Objects")).click()
     expect(by_id(page, "object")).to_have_count(2)
@@ -217,7 +217,7 @@ def test_two_missions_over_each_other(page, api, mission, send):
     page.get_by_role("dialog").get_by_role("button", name="the other round").click()
     expect(by_id(page, "track")).to_have_count(2)
     expect(page).to_have_url(re.compile(f"with={other}"))
-    # a month lies between them: they begin together
+    # they are a month apart, so they are aligned to begin together
     expect(by_id(page, "moment")).to_have_attribute("max", "89")
     by_id(page, "colour-by").select_option("mission")
     expect(by_id(page, "legend")).to_contain_text("the other round")
@@ -425,7 +425,7 @@ def test_missions_are_searched_sorted_and_put_into_the_bin_together(page, api):
     expect(page.get_by_text("No mission is called that.")).to_be_visible()
     page.get_by_role("button", name="Undo").click()
     expect(page.get_by_role("button", name="Undo")).to_have_count(0)
-    expect(page.get_by_text("No mission is called that.")).to_be_visible()  # it is no place for those
+    expect(page.get_by_text("No mission is called that.")).to_be_visible()  # they do not match it
     expect(shown).to_have_count(0)
     by_id(page, "list-search").fill("zleb")
     expect(shown).to_have_count(2)

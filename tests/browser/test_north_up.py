@@ -1,4 +1,4 @@
-"""North up: the image of a map is drawn turned, and everything on it with it."""
+"""North up: the image of a map is drawn rotated, with everything on it."""
 
 import io
 import math
@@ -11,13 +11,13 @@ from tests.browser import axe
 from tests.browser.edit_page import EditPage
 
 NORTH_DEG = 35.0
-"""Where north is on the image, clockwise from its upper edge."""
+"""Direction of north on the image, clockwise from its top."""
 
 METRES_PER_PX = 0.5
 M_PER_DEG = 111_195
 AT = (50.0, 14.0)
 COLOURS = ((200, 40, 40), (40, 160, 40), (40, 60, 200), (220, 200, 40))
-"""Of the quarters of an image, row by row."""
+"""Colours of the quarters of an image, row by row."""
 
 SMALL = (840, 560)
 LARGE = (4800, 3200)
@@ -27,7 +27,7 @@ TILES_ARE_SHOWN = """
 () => [...document.querySelectorAll("img.leaflet-tile")].every((tile) =>
   tile.classList.contains("leaflet-tile-loaded") && getComputedStyle(tile).opacity === "1")
 """
-"""They have come and faded in."""
+"""Script: all tiles have loaded and faded in."""
 
 
 def quartered(path, size):
@@ -42,7 +42,7 @@ def quartered(path, size):
 
 
 def lat_lon(x, y, size):
-    """Where a map pixel is on the Earth."""
+    """Return the latitude and longitude of a map pixel."""
     dx, dy = x - size[0] / 2, y - size[1] / 2
     sine, cosine = math.sin(math.radians(NORTH_DEG)), math.cos(math.radians(NORTH_DEG))
     east, north = (dx * cosine + dy * sine) * METRES_PER_PX, (dx * sine - dy * cosine) * METRES_PER_PX
@@ -50,14 +50,14 @@ def lat_lon(x, y, size):
 
 
 def northward(size, pixels):
-    """The map pixel that is so far north of the middle."""
+    """Return the map pixel at a distance north of the middle."""
     turn = math.radians(NORTH_DEG)
     return size[0] / 2 + pixels * math.sin(turn), size[1] / 2 - pixels * math.cos(turn)
 
 
 @pytest.fixture
 def turned_map(api, tmp_path, small_photos, request):
-    """Make a map whose image is turned, with some photos; gives its slug."""
+    """Make a map whose image is not north-up, with some photos, and return its slug."""
     made = []
 
     def make(size=SMALL, *, photos=0):
@@ -78,7 +78,7 @@ def turned_map(api, tmp_path, small_photos, request):
 
 
 def place(api, slug, positions):
-    """Place the photos of a map; gives their ids."""
+    """Place the photos of a map and return their ids."""
     ids = [photo["id"] for photo in api.state(slug)["photos"]]
     changes = [{"id": id, "x_px": x, "y_px": y} for id, (x, y) in zip(ids, positions, strict=True)]
     api.ask("PATCH", f"/maps/{slug}/experiences", data={"kind": "place", "changes": changes})
@@ -94,14 +94,14 @@ def turn_north_up(edit):
 
 
 def colour_at(page, point):
-    """Colour on the screen, as the quarter that has it; None where there is none of them."""
+    """Return the quarter whose colour is at a point of the screen; None for other colours."""
     with Image.open(io.BytesIO(page.screenshot())) as shot:
         seen = shot.convert("RGB").getpixel((round(point[0]), round(point[1])))
     return next((n for n, one in enumerate(COLOURS) if max(map(abs, map(int.__sub__, seen, one))) < 12), None)
 
 
 def check_quarters(edit):
-    """The image is drawn where the map pixels are."""
+    """Check that the image is drawn at its map pixels."""
     width, height = edit.size
     for n, (u, v) in enumerate(((0.04, 0.3), (0.75, 0.03), (0.48, 0.97), (0.97, 0.6))):
         assert colour_at(edit.page, edit.screen(u * width, v * height)) == n

@@ -1,4 +1,4 @@
-"""Notes on a spot and on a photo: written, seen, taken back."""
+"""Notes on a position and on a photo: written, shown, undone."""
 
 import pytest
 from playwright.sync_api import expect
@@ -11,7 +11,7 @@ TAP = """([x, y]) => {
   const under = document.elementFromPoint(x, y);
   for (const kind of ["pointerdown", "pointerup"]) under.dispatchEvent(new PointerEvent(kind, at));
 }"""
-"""What a finger does before the focus moves."""
+"""Script: pointer events of a tap, before the focus moves."""
 
 
 def test_a_note_on_a_spot_is_written_by_a_right_click_and_undone(make_page, page):

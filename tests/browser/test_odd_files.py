@@ -1,4 +1,4 @@
-"""Files that are no good photos: each has its own sentence, and the good ones arrive."""
+"""Files that are no valid photos: each gets its own message, and the valid ones are added."""
 
 import io
 import re
@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 @pytest.fixture
 def odd(tmp_path, small_photos):
-    """Files by name: what they hold is not what their names say, or too much."""
+    """Files by name whose content contradicts their name, or is too large."""
     good = small_photos[0].read_bytes()
     picture = io.BytesIO()
     Image.new("1", (20_000, 15_000)).save(picture, "PNG")
@@ -55,16 +55,16 @@ def test_the_same_file_again_is_recognised(make_page, small_photos, api):
 
 
 def test_a_new_map_at_the_address_of_a_deleted_one_gets_all_files(make_page, small_photos, api, context):
-    context.watch.expect(404)  # the open page may ask for the map that is gone
+    context.watch.expect(404)  # the open page may request the deleted map
     edit = make_page(0)
     edit.choose_photos(small_photos[:1])
     edit.uploaded()
-    api.wait_for_jobs(edit.slug)  # one that still writes would make the folder anew
+    api.wait_for_jobs(edit.slug)  # an active job would create the folder again
     for path in (f"/maps/{edit.slug}", f"/maps/{edit.slug}?forever=true"):
         api.ask("DELETE", path)
     again = make_page(0)
     assert again.slug == edit.slug
-    again.choose_photos(small_photos[1:2])  # it has the id now that the other photo had
+    again.choose_photos(small_photos[1:2])  # it now has the id that the other photo had
     again.uploaded()
     again.choose_photos(small_photos[:2])
     again.uploaded()

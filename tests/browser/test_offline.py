@@ -1,4 +1,4 @@
-"""In the field, on a phone: photos are taken without a network, and each is answered once when it is back."""
+"""On a phone in the field: photos taken offline are answered once each when the network is back."""
 
 import time
 
@@ -37,12 +37,12 @@ window.fetch = async (...asked) => {
   return answer;
 };
 """
-"""The list of maps, asked for before there is a service worker, comes after it."""
+"""Script: delay the response with the list of maps until after the service worker is active."""
 
 
 @pytest.fixture
 def phone(open_context, owner):
-    """A phone with a service worker; what it says while its network is cut is no fault."""
+    """A phone with a service worker; errors due to the cut network are no faults."""
     context = open_context(storage_state=owner, service_workers="allow", **PHONE)
     yield context
     faults = context.watch.faults
@@ -63,7 +63,7 @@ def ready(page: Page, slug) -> None:
 
 
 def until(page: Page, script: str, value=None) -> None:
-    """Wait until a script gives true; the page's policy forbids Playwright's own way, which is eval."""
+    """Wait until a script returns true; the content security policy forbids eval, which Playwright uses."""
     end = time.monotonic() + PATIENCE_MS / 1000
     while not page.evaluate(script, value):
         assert time.monotonic() < end, script
@@ -71,7 +71,7 @@ def until(page: Page, script: str, value=None) -> None:
 
 
 def kept(page: Page, slug) -> None:
-    """Wait until the page and the map are on the device."""
+    """Wait until the page and the map are cached on the device."""
     until(page, KEPT, slug)
 
 
@@ -84,13 +84,13 @@ def photos(page: Page, state: str):
 
 
 def names(api, slug):
-    """Of the photos that the server was asked about, the newest first."""
+    """Return the names of the photos that the server has localized, the newest first."""
     return [query["name"] for query in api.ask("GET", f"/maps/{slug}/queries")["queries"]]
 
 
 @pytest.fixture
 def shots(sample_folder, api, sample_map):
-    """Three photos of the sample that have not been asked about, once the map can answer."""
+    """Three photos of the sample that were not localized yet, once the map is ready to answer."""
     api.wait_for_jobs(sample_map)
     for query in api.ask("GET", f"/maps/{sample_map}/queries")["queries"]:
         api.ask("DELETE", f"/maps/{sample_map}/queries/{query['id']}")
@@ -109,7 +109,7 @@ def test_three_photos_taken_without_a_network_are_answered_once(phone, api, shot
     expect(page.get_by_test_id("waiting")).to_have_text("waiting: 3 photos")
     page.reload()
     waiting(page, 3)
-    page.close()  # as a phone does that needs the memory
+    page.close()  # as a phone does when memory is short
     page = open_field(phone, sample_map)
     waiting(page, 3)
     assert names(api, sample_map) == []
@@ -135,7 +135,7 @@ def test_an_answer_that_got_lost_is_not_asked_for_twice(phone, api, shots, sampl
     def lose(route):
         if lost:
             return route.continue_()
-        lost.append(route.fetch().json()["id"])  # the server has answered, and nobody hears it
+        lost.append(route.fetch().json()["id"])  # the server has responded, but the response is lost
         return route.abort("connectionreset")
 
     page.route("**/localize", lose)

@@ -1,4 +1,4 @@
-"""The exported page opens without a network and shows the photos where they are."""
+"""The exported page opens without a network and shows the photos at their positions."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def page_of(source):
 
 @pytest.fixture
 def opened(browser, tmp_path):
-    """Open a page from the disk, without a network; gives it and what it asked for and complained about."""
+    """Open a page from disk, offline; return it, its requests and its errors."""
     contexts = []
 
     def show(content):

@@ -1,4 +1,4 @@
-"""A panorama in the pages: placed with one click, turned by hand, masked; and one that is asked about."""
+"""A panorama in the pages: placed with one click, turned by hand, masked; and one as a query."""
 
 import io
 import math
@@ -13,12 +13,12 @@ from tests.tasks.localize.test_panorama_query import WIDE, save, texture
 
 
 def seen(view):
-    """What a view shows, grey."""
+    """Return what a view shows, grey."""
     return np.asarray(Image.open(io.BytesIO(view.screenshot())).convert("L"), float)
 
 
 def drag(page, view, *, by):
-    """Drag what a view shows to the right."""
+    """Drag the content of a view to the right."""
     box = view.bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + 0.6 * box["height"]
     page.mouse.move(x, y)

@@ -1,4 +1,4 @@
-"""The edit page in a hand: touch, and a screen of a phone's size."""
+"""The edit page on a phone: touch, and a small screen."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The grid of photos: how many are in sight, sorting, filters, views, what is done with one or several."""
+"""The grid of photos: number in view, sorting, filters, layouts, actions on one or several."""
 
 import json
 import math
@@ -27,7 +27,7 @@ WHOLE_IN_SIGHT = """
 
 
 def names(edit: EditPage) -> list[str]:
-    """Names in the grid, in the order in which they are shown."""
+    """Return the names in the grid, in the order shown."""
     return edit.tray.evaluate_all(NAMES)
 
 
@@ -50,7 +50,7 @@ def test_twelve_photos_are_in_sight_with_one_open(sample_page):
     assert sample_page.page.evaluate(WHOLE_IN_SIGHT) >= 12
     grid = sample_page.page.locator("#tray-list")
     expect(grid).to_have_attribute("aria-activedescendant", re.compile("."))
-    grid.evaluate("grid => grid.scrollTo(0, grid.scrollHeight)")  # where the photo is no element any more
+    grid.evaluate("grid => grid.scrollTo(0, grid.scrollHeight)")  # where the photo has no element
     expect(grid).not_to_have_attribute("aria-activedescendant", re.compile("."))
 
 
@@ -231,7 +231,7 @@ def test_notes_and_tags_of_several_photos(make_page, api):
     dialog.get_by_label("#gate").uncheck()
     tree.check()
     dialog.get_by_role("button", name="Save").click()
-    expect(edit.tray).to_have_count(0)  # none has the tag of the filter any more
+    expect(edit.tray).to_have_count(0)  # none has the tag of the filter now
     notes = sorted(photo["note"] for photo in api.state(edit.slug)["photos"])
     assert notes == ["Old oak #tree\nWalk of May #north", *["Walk of May #north #tree"] * 3]
     edit.undo.click()
@@ -239,7 +239,7 @@ def test_notes_and_tags_of_several_photos(make_page, api):
 
 
 def only_dots(page, held):
-    """Let a page begin with what is drawn of its photos, and hold the request for their details."""
+    """Let a page start with only the dots of its photos, and hold the request for their details."""
 
     def begin(route):
         answer = route.fetch()

@@ -1,4 +1,4 @@
-"""The next photos: planned in the editor, and taken by a phone that is led to the spots without a network."""
+"""The next photos: planned in the editor, and taken by a phone that is guided to the spots offline."""
 
 import re
 
@@ -34,7 +34,7 @@ DENIED = """
 
 @pytest.fixture
 def planned(api, sample_folder, small_photos):
-    """The slug of a map on the Earth, and its plan of three spots."""
+    """The slug of a georeferenced map, and its plan of three spots."""
     corners = sample_folder / "corners.json"
     slug = api.make_map(
         "Planned", satellite=sample_folder / "satellite.png", photos=small_photos[:6], corners=corners
@@ -42,7 +42,7 @@ def planned(api, sample_folder, small_photos):
     ids = [photo["id"] for photo in api.state(slug)["photos"]]
     changes = [{"id": id, "x_px": 300 + 60 * n, "y_px": 300, "heading_deg": 90} for n, id in enumerate(ids)]
     api.ask("PATCH", f"/maps/{slug}/experiences", data={"kind": "place", "changes": changes})
-    api.cancel_jobs(slug)  # nobody needs the index of this map
+    api.cancel_jobs(slug)  # the index of this map is not needed
     return slug
 
 

@@ -1,4 +1,4 @@
-"""A new map begins with its photos: their GPS proposes the area, and the image places them."""
+"""A new map starts with its photos: their GPS proposes the area, and they are placed on the image."""
 
 import io
 import re
@@ -32,7 +32,7 @@ async (element) => {
 
 
 def gps(lat, lon):
-    """EXIF GPS of a position in the north and east."""
+    """Return the EXIF GPS of a position north of the equator and east of Greenwich."""
 
     def sexagesimal(value):
         minutes = value % 1 * 60
@@ -71,7 +71,7 @@ def new_page(page, context, tiles):
 
 
 def choose(page, files):
-    """Choose files as a person does: by a click that opens the dialog of the system."""
+    """Choose files by a click that opens the system's file dialog."""
     with page.expect_file_chooser() as waiting:
         page.get_by_test_id("choose-photos").click()
     waiting.value.set_files(files)
@@ -92,7 +92,7 @@ def test_photos_become_a_placed_map_by_three_clicks(new_page, api, photos, tiles
     assert axe.findings(page) == []
     assert not tiles.asked, "no service is asked for anything before the person asks"
     page.get_by_test_id("tile-fetch").click()
-    page.wait_for_url("**/edit", timeout=WORK_MS)  # the worker may be at the sample's index
+    page.wait_for_url("**/edit", timeout=WORK_MS)  # the worker may be busy with the sample's index
     edit = EditPage(page, page.url.split("/")[-2])
     expect(edit.placed).to_have_text("28")
     expect(edit.unplaced).to_have_text("2")

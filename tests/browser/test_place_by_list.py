@@ -1,4 +1,4 @@
-"""A list of positions in the editor: what would move is shown before anything does."""
+"""A list of positions in the editor: a preview is shown before anything moves."""
 
 import re
 

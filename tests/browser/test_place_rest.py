@@ -1,4 +1,4 @@
-"""Photos place themselves: of sixty, six are placed by clicks and the others are suggested and accepted."""
+"""Automatic placing: of sixty photos, six are placed by clicks; the others are suggested and accepted."""
 
 import math
 import re
@@ -12,12 +12,12 @@ from tests.browser.edit_page import EditPage
 from webapp.files.maps.folder import read_map
 
 BY_HAND = (3, 12, 21, 30, 40, 55)
-"""Spread along the way."""
+"""Spread along the path."""
 
 LEAST_SUGGESTED = 30
 MEDIAN_PX = 40.0
-"""Of the sample's image, on which neighbours are 40 pixels apart. About 50 are suggested, with a median of 3;
-but structure from motion on several threads differs a little each time."""
+"""Largest median error; neighbours on the sample's image are 40 pixels apart. About 50 are suggested, with a
+median of 3; but structure from motion on several threads differs a little each time."""
 JOINED_WITHIN_MS = 900_000
 
 
@@ -34,7 +34,7 @@ def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
         edit.click(*truth[photos[number].name])
         edit.saved()
     expect(edit.unplaced).to_have_text("54")
-    api.cancel_jobs(slug)  # nobody needs the index of this map
+    api.cancel_jobs(slug)  # the index of this map is not needed
     page.locator("#place-menu summary").click()
     page.locator("#place-the-rest").click()
     page.get_by_test_id("rest-find").click()
@@ -43,7 +43,7 @@ def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
     count = suggested.count()
     assert count >= LEAST_SUGGESTED
     assert len(api.positions(slug)) == 6, "so far it is only suggested"
-    edit.open()  # who closed the page is led back to the result
+    edit.open()  # after closing the page, the bar leads back to the result
     page.get_by_test_id("rest-look").click()
     expect(suggested).to_have_count(count)
     expect(page.locator("#rest-bar")).to_be_hidden()
@@ -71,7 +71,7 @@ def test_sixty_photos_are_placed_by_six_clicks(page, api, sample_folder):
 
 
 def look_at_the_landmarks(page, api, slug):
-    """The points that the photos share, and the cameras: a click on one leads to its photo."""
+    """Check the page of the landmarks: points and cameras; a click on a camera leads to its photo."""
     page.goto(f"/maps/{slug}/landmarks")
     scene = page.get_by_test_id("scene")
     expect(scene).to_have_attribute("data-points", re.compile(r"\d{4,}"), timeout=JOINED_WITHIN_MS)
@@ -97,7 +97,7 @@ def look_at_the_landmarks(page, api, slug):
 
 
 def spot_from_above(at, everyone, box):
-    """Where something is on the canvas that shows all cameras from above, with a margin around them."""
+    """Return the position on the canvas in the view from above, which fits all cameras with a margin."""
     low, high = np.min(everyone, axis=0), np.max(everyone, axis=0)
     margin = 0.08 * np.linalg.norm(high - low)
     wide, tall = 1.15 * (high - low + 2 * margin)[:2]

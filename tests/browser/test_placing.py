@@ -6,7 +6,7 @@ from tests.browser.edit_page import spots
 
 
 def near(there, wanted, within=1.5):
-    """Return whether all positions are where they were put, to a pixel and a half."""
+    """Return whether all positions are as placed, to 1.5 pixels."""
     return all(
         abs(a - b) <= within
         for place, want in zip(there, wanted, strict=True)

@@ -1,4 +1,4 @@
-"""A map on paper: chosen in a dialog, seen before, downloaded; and what the browser's own Print shows."""
+"""Printing a map: dialog, preview and download; and the browser's own print view."""
 
 import re
 

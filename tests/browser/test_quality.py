@@ -1,4 +1,4 @@
-"""How well photos are found on a map, tried by a click."""
+"""Evaluating how well photos are localized on a map, started by a click."""
 
 from playwright.sync_api import expect
 

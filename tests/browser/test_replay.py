@@ -18,7 +18,7 @@ from tests.browser.app import expmap
 from tests.browser.drawn import DRAWN
 
 QUICK = 20
-"""Times as fast as it was: 395 s take 20."""
+"""Replay speed: 395 s take 20."""
 ENDS_WITHIN_S = 240
 SEEN = """time,id,class,lat,lon,confidence
 1432235500,barrel 1,barrel,42.37600,-71.14745,0.9
@@ -37,7 +37,7 @@ def bag(shared_data):
 
 @pytest.fixture
 def replay(app, request, tmp_path):
-    """Begin a replay as a person does; gives the process."""
+    """Start a replay as users do, and return the process."""
     token = expmap("account", "token", "--name", request.node.name, library=app.library).strip()
     begun = []
 
@@ -58,13 +58,13 @@ def replay(app, request, tmp_path):
 
 @pytest.fixture
 def new(api):
-    """Make a mission; gives its id."""
+    """Make a mission and return its id."""
     return lambda name: api.ask("POST", "/missions", data={"name": name})["id"]
 
 
 @pytest.fixture
 def imported(app, new, bag):
-    """Import the bag; gives the id of the mission."""
+    """Import the bag and return the id of the mission."""
 
     def read(*words):
         id = new("Imported")
@@ -81,7 +81,7 @@ def ended(process):
 
 
 def facts(api, mission):
-    """What the API says of the only track, without what belongs to this one mission."""
+    """Return the API's facts of the only track, without those specific to this mission."""
     (track,) = api.ask("GET", f"/missions/{mission}")["tracks"]
     return {name: value for name, value in track.items() if name != "id"}
 
@@ -92,7 +92,7 @@ def rows(api, mission):
 
 
 def distance_m(bag):
-    """Sum of the geodesics between the fixes, without any of the program's own code."""
+    """Return the sum of the geodesics between the fixes, computed without the program's code."""
     with AnyReader([bag]) as reader:
         wanted = [c for c in reader.connections if c.topic == "/fix"]
         fixes = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(wanted)]

@@ -1,4 +1,4 @@
-"""A secret link, as its owner makes it and a visitor opens it, until it is taken back."""
+"""A secret link: created by the owner, opened by a visitor, and revoked."""
 
 import pytest
 from playwright.sync_api import expect
@@ -10,13 +10,13 @@ PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobil
 
 @pytest.fixture
 def visitor(open_context):
-    """A page of somebody who has no account."""
+    """A page of a visitor without an account."""
     return open_context().new_page()
 
 
 @pytest.fixture
 def make_link(page, sample_map):
-    """Share the sample map on its settings page; gives the address."""
+    """Share the sample map on its settings page and return the address."""
 
     def make(*wishes):
         page.goto(f"/maps/{sample_map}/settings")

@@ -1,4 +1,4 @@
-"""A shared mission as a visitor sees it: live, in a frame, until the link is taken back."""
+"""A shared mission as a visitor sees it: live, in a frame, until the link is revoked."""
 
 import pytest
 from playwright.sync_api import expect
@@ -11,7 +11,7 @@ PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobil
 
 @pytest.fixture
 def shared(api, small_photos):
-    """A mission under way with two photos; gives how to send more, and its share."""
+    """A live mission with two photos: a function to send more, and its share."""
     id = api.ask("POST", "/missions", data={"name": "Round the yard"})["id"]
     result = {"next": 0}
 
@@ -37,7 +37,7 @@ def seen(id, kind):
 
 @pytest.fixture
 def visitor(open_context):
-    """A page of somebody who has no account."""
+    """A page of a visitor without an account."""
     return open_context().new_page()
 
 

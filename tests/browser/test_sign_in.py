@@ -1,4 +1,4 @@
-"""Signing in by a link that works once, by a password, and out again."""
+"""Signing in by a one-time link or a password, and signing out."""
 
 from playwright.sync_api import expect
 

@@ -1,4 +1,4 @@
-"""Street-level photos: the area is drawn on the image, they are counted, added, and credited."""
+"""Street-level photos: an area is drawn on the image; its photos are counted, added, and credited."""
 
 import json
 

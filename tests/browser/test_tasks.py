@@ -1,4 +1,4 @@
-"""The list of tasks as rescuers use it: one at a desk, one with a phone, each sees what the other does."""
+"""The list of tasks, used by one rescuer at a desk and one with a phone, with shared updates."""
 
 import pytest
 from playwright.sync_api import expect
@@ -26,7 +26,7 @@ def seen(n, kind):
 
 @pytest.fixture
 def mission(api):
-    """A mission that has ended, with objects; gives its id."""
+    """The id of an ended mission with objects."""
     id = api.ask("POST", "/missions", data={"name": "Search in the yard"})["id"]
     found = [seen(n, kind) for n, kind in enumerate(CLASSES)]
     records = [*(pose(n) for n in range(40)), *found, {"type": "end"}]
@@ -43,7 +43,7 @@ def test_tasks_are_done_with_a_phone_and_seen_at_once(page, open_context, owner,
     phone.goto(f"/missions/{mission}")
     phone.get_by_test_id("tab-tasks").tap()
     phone.get_by_role("button", name="Confirm: victim #2").tap()
-    expect(tasks.first).to_contain_text("victim #2")  # what is confirmed comes first
+    expect(tasks.first).to_contain_text("victim #2")  # confirmed ones come first
     expect(tasks.first).to_contain_text("Confirmed")
     assert axe.findings(page) == []
     assert axe.findings(phone) == []

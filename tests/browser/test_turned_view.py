@@ -1,4 +1,4 @@
-"""What people do on a turned image, north up: floors, distances, notes, keys, fingers, other pages."""
+"""Actions on a rotated image, north up: floors, distances, notes, keys, touch, other pages."""
 
 import math
 
@@ -42,12 +42,12 @@ def north_up(turned_map, page):  # noqa: F811
 
 
 def scale_of(edit):
-    """Pixels of the screen for each of the image."""
+    """Return the screen pixels per image pixel."""
     return math.dist(edit.screen(0, 0), edit.screen(100, 0)) / 100
 
 
 def turn_of(image):
-    """How an image is drawn turned, degrees clockwise."""
+    """Return the rotation of an image on the screen, degrees clockwise."""
     return math.degrees(image.evaluate(TURN))
 
 
@@ -116,7 +116,7 @@ def test_a_note_is_dragged_on_the_turned_image(north_up, page, api):
 def test_arrow_keys_move_the_crosshair_as_it_is_seen(north_up, page, api):
     edit = north_up()
     page.keyboard.press("m")
-    expect(page.locator(".ed-crosshair:not([hidden])")).to_have_count(1)  # it has no size of its own
+    expect(page.locator(".ed-crosshair:not([hidden])")).to_have_count(1)  # the element has no size
     for _ in range(5):
         page.keyboard.press("Shift+ArrowRight")
     page.keyboard.press("Enter")

@@ -1,4 +1,4 @@
-"""Two tabs on one map: what one does appears in the other, and nobody's work is lost unsaid."""
+"""Two tabs on one map: changes of one appear in the other, and no work is lost silently."""
 
 import math
 
@@ -19,7 +19,7 @@ def test_a_conflict_is_reported_and_nothing_is_overwritten(make_page, context, a
     one = make_page(2, placed=True)
     two = EditPage(context.new_page(), one.slug).open()
     context.watch.expect(409, 412)
-    two.page.route("**/changes?*", lambda route: None)  # it hears nothing of the other for a while
+    two.page.route("**/changes?*", lambda route: None)  # it receives no changes for a while
     one.drag(spots(1)[0], (300, 500))
     one.saved()
     with two.page.expect_response("**/experiences*") as refused:
@@ -29,7 +29,7 @@ def test_a_conflict_is_reported_and_nothing_is_overwritten(make_page, context, a
     expect(two.error).to_be_visible()
     (first, _) = api.state(one.slug)["photos"]
     assert math.dist((first["x_px"], first["y_px"]), (300, 500)) < 2
-    two.click(300, 500)  # where the other one has put it: it is shown there, and can be moved again
+    two.click(300, 500)  # shown where the other tab placed it, and can be moved again
     two.drag((300, 500), (700, 600))
     two.saved()
     (first, _) = api.state(one.slug)["photos"]

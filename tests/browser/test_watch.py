@@ -1,4 +1,4 @@
-"""The tests of the pages notice what nobody should meet."""
+"""The watch of browser contexts detects faults."""
 
 import re
 import threading
@@ -59,13 +59,13 @@ def pages():
 
 @pytest.fixture
 def watched(pages, browser):
-    """Open a page of a watched context; gives the watch and the page."""
+    """Open a page of a watched context and return the watch and the page."""
     context = browser.new_context(base_url=pages)
     watch, page = Watch(context, pages), context.new_page()
 
     def visit(path):
         page.goto(path)
-        page.wait_for_timeout(100)  # the browser reports what it noticed a little later
+        page.wait_for_timeout(100)  # the browser reports it a little later
         return watch, page
 
     yield visit

@@ -1,4 +1,4 @@
-"""Looks on while a test uses a page: what a person never should meet fails the test."""
+"""Watches pages during a test: errors that users should never see fail it."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ addEventListener("securitypolicyviolation", ({violatedDirective, blockedURI, sou
   console.error(`policy: ${violatedDirective} ${blockedURI} ${sourceFile}:${lineNumber}`));
 """
 HARMLESS = ("Service Worker registration blocked by Playwright", "GL Driver Message (OpenGL, Performance")
-"""The second is of WebGL in software."""
+"""The second one comes from WebGL in software."""
 STATUS = re.compile(r"Failed to load resource: the server responded with a status of (\d+)")
 
 
@@ -44,7 +44,7 @@ class Watch:
         self._allowed.append(url)
 
     def check(self) -> None:
-        """Raise when something happened."""
+        """Raise an error if there were faults."""
         assert not self.faults, "\n".join(self.faults)
 
     def _ours(self, address: str) -> bool:
@@ -79,8 +79,8 @@ BROWSER_OPTIONS: Sequence[str] = (
     "--disable-sync",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1, EXCLUDE localhost",
 )
-"""What chromium is started with: nothing goes to the network, neither of its own nor of a page.
+"""Options of chromium that block all network access, of the browser and of pages.
 
-A route for foreign addresses would do that, too, but a context with a route has no cache: each page would
-load all scripts again.
+A route for foreign addresses would do so, too, but a context with a route has no cache: each page would load
+all scripts again.
 """

@@ -11,7 +11,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def expmap(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command in this process; gives exit code, standard output and standard error."""
+    """Run the command in this process and return exit code, standard output and standard error."""
 
     def call(*arguments: object) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as ended:

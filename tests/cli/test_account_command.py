@@ -10,7 +10,7 @@ from webapp.store.library import open_library
 
 @pytest.fixture
 def library(tmp_path, monkeypatch):
-    """The library that the commands work on."""
+    """The library of the commands."""
     monkeypatch.setenv("EXPMAP_LIBRARY", str(tmp_path / "library"))
     library = open_library(tmp_path / "library")
     yield library
@@ -54,7 +54,7 @@ def test_accounts_are_added_and_listed(expmap, library):
 
 
 def test_a_library_can_begin_with_a_token(expmap, tmp_path):
-    """As where a script sets up a server that is started afterwards."""
+    """For example, when a script sets up a server before it is started."""
     token = expmap("account", "token", "--name", "robot", "--library", tmp_path / "new")[1].strip()
     library = open_library(tmp_path / "new")
     with library.database.read() as session:

@@ -1,4 +1,4 @@
-"""`expmap map blur`: what it prints, and what it changes in a folder and in a library."""
+"""`expmap map blur`: output, and changes in a folder and in a library."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`expmap build` as it is typed."""
+"""`expmap build` on the command line."""
 
 import json
 import sys

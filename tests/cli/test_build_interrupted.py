@@ -1,4 +1,4 @@
-"""`expmap build` stopped by Ctrl-C and by kill -9: nothing is lost, and nobody is left behind."""
+"""`expmap build` stopped by Ctrl-C and by kill -9: nothing is lost, and no process is left."""
 
 import json
 import os
@@ -19,7 +19,7 @@ PHOTOS = 24
 
 @pytest.fixture(scope="module")
 def slow_map(make_map: Callable[[Path, int], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map whose photos take a while."""
+    """A map whose photos take a while to describe."""
     cfg = make_map(tmp_path_factory.mktemp("slow"), PHOTOS)
     for photo in cfg.parent.glob("photos/*.jpg"):
         cv2.imwrite(str(photo), cv2.resize(cv2.imread(str(photo)), (800, 600)))
@@ -33,7 +33,7 @@ def command(cfg: Path, index: Path) -> list[str]:
 
 @contextmanager
 def start(cfg: Path, index: Path) -> Iterator[subprocess.Popen]:
-    """Start a build as the leader of a process group of its own, as a shell does."""
+    """Start a build as the leader of a new process group, as a shell does."""
     with subprocess.Popen(
         command(cfg, index),
         stdout=subprocess.PIPE,
@@ -69,14 +69,14 @@ def wait_for(happened: Callable[[], bool], *, seconds: float = 120.0) -> None:
 
 
 def alive(group: int) -> list[str]:
-    """Processes of a group, zombies apart."""
+    """Return the processes of a group without zombies."""
     table = subprocess.run(["ps", "-A", "-o", "pgid=,pid=,stat="], capture_output=True, text=True, check=True)
     rows = [line.split() for line in table.stdout.splitlines()]
     return [pid for pgid, pid, state in rows if int(pgid) == group and not state.startswith("Z")]
 
 
 def workers(group: int) -> list[int]:
-    """Processes of a group that describe photos."""
+    """Return the processes of a group that describe photos."""
     table = subprocess.run(
         ["ps", "-A", "-ww", "-o", "pgid=,pid=,args="], capture_output=True, text=True, check=True
     )
@@ -85,7 +85,7 @@ def workers(group: int) -> list[int]:
 
 
 def lasting(index: Path) -> dict[str, bytes]:
-    """The files of an index by name; names are hashes of what is in them, but those of codes."""
+    """Return the files of an index by name; names are hashes of the content, except those of codes."""
     (folder,) = index.glob("*/sift-*")
     return {
         p.name: p.read_bytes() for p in folder.iterdir() if p.suffix in (".features", ".ivf", ".codebook")
@@ -145,8 +145,8 @@ def test_killed_again_and_again_it_ends_with_the_same_index(slow_map, undisturbe
         target = len(kept) + rng.randint(1, 5)
         with start(slow_map, tmp_path) as build:
             wait_for(lambda: len(finished_photos(tmp_path)) >= target)  # noqa: B023
-            build.kill()  # the parent alone, as the system does when memory is short
-        # Nobody stopped the workers, and they end all the same.
+            build.kill()  # only the parent, as the system does when memory is short
+        # The workers were not stopped, but end by themselves.
         wait_for(lambda: not alive(build.pid))
         now = finished_photos(tmp_path)
         assert kept <= now

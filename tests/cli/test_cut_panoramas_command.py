@@ -1,4 +1,4 @@
-"""`expmap map cut-panoramas` as a person and as a script see it; what is cut is invented."""
+"""`expmap map cut-panoramas` for people and scripts; the cutting itself is replaced."""
 
 import json
 
@@ -10,7 +10,7 @@ from webapp.tasks.maps.cut_panoramas import CutOptions, CutPhoto
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch):
-    """What the command asks for."""
+    """What the command requests."""
     found = {}
 
     def cut(folder, out, *, options, **_):

@@ -1,4 +1,4 @@
-"""`expmap evaluate` as it is typed."""
+"""`expmap evaluate` on the command line."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`expmap foxglove` as Foxglove sees it: topics of a server, and MCAP files."""
+"""`expmap foxglove` for Foxglove: topics of a server, and MCAP files."""
 
 import json
 import os
@@ -39,7 +39,7 @@ def mission(expmap, tmp_path, monkeypatch):
 
 
 class Served:
-    """The command as a process, and the port it says."""
+    """The command as a process, and the port it prints."""
 
     def __init__(self, *words):
         command = [sys.executable, "-m", "webapp", "foxglove", *map(str, words), "--port", "0"]
@@ -146,7 +146,7 @@ def test_a_mission_that_is_not_there_and_a_port_that_is_taken_are_told(expmap, m
 
 
 class Interrupting:
-    """Gets Ctrl-C while it is destroyed, where Python ignores exceptions."""
+    """Receives Ctrl-C in its destructor, where Python ignores exceptions."""
 
     def __del__(self):
         signal.raise_signal(signal.SIGINT)

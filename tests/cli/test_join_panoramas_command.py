@@ -1,4 +1,4 @@
-"""`expmap map join-panoramas` as a person and as a script see it; what is joined is invented."""
+"""`expmap map join-panoramas` for people and scripts; the joining itself is replaced."""
 
 import json
 
@@ -10,7 +10,7 @@ from webapp.tasks.maps.join_panoramas import JoinedPanorama, JoinOptions
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch):
-    """What the command asks for."""
+    """What the command requests."""
     found = {}
     (tmp_path / "rig.json").write_text('{"cameras": [{"photos": "a/*.jpg", "yaw_deg": 10}]}')
 

@@ -1,4 +1,4 @@
-"""`expmap landmarks points`: control points from a table and to one, in a folder and in a library."""
+"""`expmap landmarks points`: control points from and to a table, in a folder and in a library."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ well;3;4;;;;;
 
 @pytest.fixture
 def cfg(tmp_path, make_map):
-    """A map of three photos, in a folder of its own."""
+    """A map of three photos in a separate folder."""
     cfg = make_map(tmp_path / "there", 3)
     for number in range(3):
         Image.new("RGB", (12, 8), (80 * number, 0, 0)).save(cfg.parent / "photos" / f"{number}.jpg")

@@ -1,4 +1,4 @@
-"""`expmap landmarks build` as a person and as a script see it, of an invented reconstruction."""
+"""`expmap landmarks build` for people and scripts, with a synthetic reconstruction."""
 
 import json
 from pathlib import Path

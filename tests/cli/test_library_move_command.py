@@ -1,4 +1,4 @@
-"""`expmap library move`: one line, an exit code, and what to do next."""
+"""`expmap library move`: one line of output, an exit code, and a hint on the next step."""
 
 import pytest
 

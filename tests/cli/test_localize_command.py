@@ -1,4 +1,4 @@
-"""`expmap localize` as it is typed: text, JSON, pictures, exit codes."""
+"""`expmap localize` on the command line: text, JSON, pictures, exit codes."""
 
 import json
 import re
@@ -35,7 +35,7 @@ SECONDS = {"read", "extract", "retrieve", "verify", "position", "total"}
 
 @pytest.fixture(scope="module")
 def cfg(make_map, tmp_path_factory) -> Path:
-    """A map that nobody changes; its index is built, so that no test depends on which one was first."""
+    """A read-only map with its index, so that tests do not depend on their order."""
     cfg = make_map(tmp_path_factory.mktemp("map"), 6)
     build_map.build_map(cfg, OpenOptions(features="sift"), settings=Settings(), progress=Progress())
     return cfg

@@ -27,7 +27,7 @@ COMMANDS = [
 
 @pytest.fixture
 def expmap(capsys):
-    """Run the command in this process; gives exit code, standard output and standard error."""
+    """Run the command in this process and return exit code, standard output and standard error."""
 
     def call(*arguments):
         with pytest.raises(SystemExit) as ended:
@@ -39,7 +39,7 @@ def expmap(capsys):
 
 
 def run(*arguments, **options):
-    """Run the command in a process of its own."""
+    """Run the command in a separate process."""
     words = [sys.executable, *arguments]
     return subprocess.run(words, capture_output=True, text=True, timeout=300, **options)
 
@@ -75,7 +75,7 @@ def test_lists_of_commands_say_what_each_says_of_itself():
 
 @pytest.mark.parametrize("words", [["--version"], ["--help"], ["map", "--help"]])
 def test_help_does_not_load_what_computes(words):
-    """The heavy libraries are loaded only for a command that works with them."""
+    """Heavy libraries are loaded only for a command that needs them."""
     code = f"import sys; from webapp.app.main import main; main({words})"
     done = run("-X", "importtime", "-c", code)
     assert "expmap" in done.stdout

@@ -1,4 +1,4 @@
-"""`expmap map check` as a person and as a script see it."""
+"""`expmap map check` for people and scripts."""
 
 import json
 from pathlib import Path

@@ -18,7 +18,7 @@ from webapp.tasks.maps import adopt_map
 
 @pytest.fixture
 def cfg(tmp_path, make_map):
-    """A map of three photos, in a folder of its own."""
+    """A map of three photos in a separate folder."""
     cfg = make_map(tmp_path / "there", 3)
     for number in range(3):
         Image.new("RGB", (12, 8), (80 * number, 0, 0)).save(cfg.parent / "photos" / f"{number}.jpg")

@@ -1,4 +1,4 @@
-"""`expmap map from-photos` in the terminal."""
+"""`expmap map from-photos` on the command line."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`expmap map plan` as a person, a phone and a script see it."""
+"""`expmap map plan` for people, phones and scripts."""
 
 import json
 from dataclasses import replace
@@ -23,7 +23,7 @@ def cfg(tmp_path, make_map):
 
 
 def evaluation(lost):
-    """What `evaluate --self --json` prints of the row, some photos of which are not found."""
+    """Output of `evaluate --self --json` for the row, some photos of which are not found."""
     queries = [
         {
             "path": f"photos/{n}.jpg",

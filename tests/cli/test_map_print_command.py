@@ -1,4 +1,4 @@
-"""`expmap map print`: files of the right kind and size, and errors that say what to do."""
+"""`expmap map print`: files of the right format and size, and errors with hints."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""`expmap map write-exif` as a person and as a script see it."""
+"""`expmap map write-exif` for people and scripts."""
 
 import json
 from dataclasses import replace
@@ -19,7 +19,7 @@ TURNED = Georeference("EPSG:4326", (1e-5, 2e-6, 26.5, 2e-6, -1e-5, 60.4, 0, 0, 1
 
 @pytest.fixture
 def cfg(tmp_path: Path) -> Path:
-    """A map file on the Earth with one photo next to it."""
+    """A georeferenced map file with one photo next to it."""
     Image.new("RGB", (40, 30)).save(tmp_path / "s.png")
     Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg")
     path = tmp_path / "map.cfg"

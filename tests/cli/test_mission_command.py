@@ -16,7 +16,7 @@ GPX = (
 
 @pytest.fixture
 def mission(expmap, tmp_path, monkeypatch):
-    """Run `expmap mission` on a library; gives exit code, standard output and standard error."""
+    """Run `expmap mission` on a library and return exit code, standard output and standard error."""
     monkeypatch.setenv("EXPMAP_LIBRARY", str(tmp_path / "library"))
 
     def call(*arguments):

@@ -1,4 +1,4 @@
-"""`expmap models`, and what is said where weights are missing."""
+"""`expmap models`, and messages about missing weights."""
 
 import json
 
@@ -10,7 +10,7 @@ from webapp.files.localize.models import MODELS
 
 @pytest.fixture(autouse=True)
 def models(tmp_path, monkeypatch):
-    """No weights are here."""
+    """A folder of models without weights."""
     folder = tmp_path / "models"
     monkeypatch.setenv("EXPMAP_MODELS", str(folder))
     return folder

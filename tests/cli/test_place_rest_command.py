@@ -1,4 +1,4 @@
-"""`expmap map place-rest` as a person and as a script see it; what it prints is of invented suggestions."""
+"""`expmap map place-rest` for people and scripts, with synthetic suggestions."""
 
 import json
 from dataclasses import replace
@@ -22,7 +22,7 @@ from webapp.tasks.landmarks.place_rest import (
 from webapp.tasks.maps import adopt_map
 
 FIRST, SECOND = MapPixel(100.0, 90.0), MapPixel(40.0, 300.0)
-"""Where photos are that their GPS has placed."""
+"""Positions of photos placed by GPS."""
 
 REPORT = RestReport(
     suggested=(
@@ -45,7 +45,7 @@ REPORT = RestReport(
 
 
 def take_off(cfg):
-    """Put all photos but the first two of a map into its tray."""
+    """Move all photos but the first two of a map to its tray."""
     the_map = read_map(cfg)
     tray = tuple(UnplacedPhoto(e.id, e.photo) for e in the_map.experiences[2:])
     write_map(cfg, replace(the_map, experiences=the_map.experiences[:2], unplaced=tray))
@@ -53,7 +53,7 @@ def take_off(cfg):
 
 @pytest.fixture
 def cfg(tmp_path, make_map, monkeypatch):
-    """A map of two placed photos and three in the tray, for which there are suggestions."""
+    """A map of two placed photos and three in the tray with suggestions."""
     cfg = make_map(tmp_path / "library" / "park", 5)
     take_off(cfg)
     monkeypatch.setattr(place_rest, "suggest_rest", lambda *_, **__: REPORT)
@@ -76,7 +76,7 @@ def test_photos_placed_by_gps_are_moved_when_asked(expmap, cfg):
     moved, stayed = read_map(cfg).experiences
     assert (moved.position, moved.heading_deg, moved.by_gps) == ((95.0, 90.0), 12.0, False)
     assert moved.radius_px == 10.0
-    assert stayed.position == the_map.experiences[1].position  # somebody has placed it
+    assert stayed.position == the_map.experiences[1].position  # placed by hand
 
 
 def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):

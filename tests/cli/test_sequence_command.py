@@ -1,4 +1,4 @@
-"""`--sequence` as it is typed."""
+"""`--sequence` on the command line."""
 
 import json
 from datetime import datetime, timedelta
@@ -27,7 +27,7 @@ def cfg(make_map, tmp_path_factory) -> Path:
 
 @pytest.fixture
 def dated(cfg, tmp_path):
-    """Three photos of the map, named against the order in which they were taken; the last comes late."""
+    """Four photos of the map: three named in the reverse order of their times, and one 20 s later."""
     paths = []
     for number, (name, after_s) in enumerate((("c", 0), ("b", 2), ("a", 4), ("d", 24))):
         path = tmp_path / f"{name}.jpg"

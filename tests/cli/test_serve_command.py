@@ -31,7 +31,7 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run
 
 
 def new_library(path):
-    """Make a library with an owner and a map, in which nothing has to be made first."""
+    """Make a library with an owner and a map, so that the start creates nothing."""
     library = open_library(path)
     with library.database.write() as session:
         maps.create(session, "Park", account_id=accounts.ensure_owner(session).id)
@@ -56,7 +56,7 @@ def command(folder, *options):
 
 @contextmanager
 def served(folder, port):
-    """Serve a library; gives the process, its address and the link to sign in."""
+    """Serve a library and return the process, its address and the link to sign in."""
     words = command(folder, "--port", str(port))
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=ROOT) as server:
         try:
@@ -74,7 +74,7 @@ def served(folder, port):
 
 
 def processes(folder, what=""):
-    """Ids of the processes that work with a library, by their parents."""
+    """Return the ids of the processes of a library with those of their parents."""
     table = subprocess.run(
         ["ps", "-A", "-ww", "-o", "pid=,ppid=,stat=,args="], capture_output=True, text=True
     )
@@ -87,14 +87,14 @@ def processes(folder, what=""):
 
 
 def web(folder):
-    """Ids of gunicorn's master, and of its workers."""
+    """Return the ids of gunicorn's master and its workers."""
     all_ = processes(folder, "webapp.jobs.webserver")
     masters = [pid for pid, parent in all_.items() if parent not in all_]
     return masters[0] if masters else None, [pid for pid in all_ if pid not in masters]
 
 
 def answers(url):
-    """Whether somebody answers, be all well or not: the background worker may be starting."""
+    """Return whether the server responds, healthy or not: the background worker may be starting."""
     try:
         with urllib.request.urlopen(url + "/healthz", timeout=60) as response:
             return response.status == 200
@@ -160,7 +160,7 @@ def test_it_says_that_it_is_not_ready_finishes_its_requests_and_ends(folder, por
         wait_for(lambda: failing_health(url) == "draining")
         assert urllib.request.urlopen(url + "/livez", timeout=60).status == 200
         assert urllib.request.urlopen(url + "/sign-in", timeout=60).status == 200
-        server.send_signal(signal.SIGTERM)  # no need to wait for longer
+        server.send_signal(signal.SIGTERM)  # no need to wait longer
         wait_for(lambda: not answers_quickly(url))
         slow.sendall(b"=jana")
         slow.settimeout(60)
@@ -180,7 +180,7 @@ def test_killed_processes_are_replaced(folder, port):
         os.kill(background, signal.SIGKILL)
         wait_for(lambda: processes(folder, "webapp worker").keys() - {background})
         os.kill(master, signal.SIGKILL)
-        # The socket is the supervisor's: whoever asks now has to wait, and is not refused.
+        # The supervisor holds the socket: connections wait instead of being refused.
         assert answers(url)
         wait_for(lambda: web(folder)[0] not in (None, master))
         assert server.poll() is None

@@ -1,4 +1,4 @@
-"""`expmap settings`, the file of settings, and options that go before both."""
+"""`expmap settings`, the settings file, and options that override both."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from webapp.configuration import CONFIG
 
 @pytest.fixture(autouse=True)
 def no_config(monkeypatch):
-    """Forget the file that a command has named."""
+    """Forget the settings file named by a command."""
     monkeypatch.setenv(CONFIG, "")
 
 

@@ -1,4 +1,4 @@
-"""`expmap map street-photos` as a person and as a script see it."""
+"""`expmap map street-photos` for people and scripts."""
 
 import json
 from dataclasses import replace

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class DaskCluster:
-    """Starts them; each can be killed alone."""
+    """Starts scheduler and workers, which can be killed separately."""
 
     def __init__(self, folder: Path, *, workers: int) -> None:
         self._folder = folder
@@ -59,7 +59,7 @@ class DaskCluster:
         return process
 
     def wait(self, workers: int, seconds: float = 30.0) -> None:
-        """Wait until so many workers are there."""
+        """Wait for a number of workers."""
         from distributed import Client
 
         until = time.monotonic() + seconds

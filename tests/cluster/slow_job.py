@@ -1,4 +1,4 @@
-"""Parts that are computed by Dask: a job of which each takes long, and one that counts its threads."""
+"""Jobs with parts computed by Dask: one with slow parts, and one that counts its threads."""
 
 import time
 from pathlib import Path

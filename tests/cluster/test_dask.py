@@ -1,4 +1,4 @@
-"""Maps are built by Dask as they are here, whatever dies meanwhile."""
+"""Maps built by Dask equal those built locally, whatever process is killed meanwhile."""
 
 import os
 import re
@@ -53,7 +53,7 @@ def on_dask(quick, cluster):
 
 
 class Calls(Progress):
-    """Calls a function once after so many steps."""
+    """Calls a function once after a number of steps."""
 
     def __init__(self, steps, call):
         self.left, self.call, self.stop, self.notes = steps, call, False, []
@@ -72,7 +72,7 @@ class Calls(Progress):
 
 
 def lasting(folder: Path):
-    """All that is computed from a map, without times: bytes, or what stands in a JSON file."""
+    """Return all that is computed from a map, without times: bytes, or the content of JSON files."""
     found = {}
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.suffix in (".features", ".ivf", ".codebook", ".arrays"):
@@ -102,7 +102,7 @@ def test_the_same_bytes_and_answers_as_here(tmp_path, sample_folder, quick, on_d
 
 
 def answers(cfg, options, *, settings):
-    """What an evaluation says of the map's own photos, without times."""
+    """Return the evaluation of the map's own photos, without times."""
     pipeline = open_pipeline(cfg, options, settings=settings, progress=Progress())
     (done,) = evaluate.evaluate_self(
         with_hidden_photos(pipeline),

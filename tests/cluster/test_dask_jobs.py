@@ -1,4 +1,4 @@
-"""Jobs of a library whose work is done by Dask: cancelled from a page, and with photos in S3."""
+"""Jobs of a library that are computed by Dask: cancelled from a page, and with photos in S3."""
 
 import os
 import shutil
@@ -33,7 +33,7 @@ LASTING = (".features", ".ivf", ".codebook")
 
 @contextmanager
 def cluster(folder: Path):
-    """A scheduler with two workers, in the environment as it is now."""
+    """A scheduler with two workers, with the present environment."""
     started = DaskCluster(folder, workers=2)
     try:
         started.wait(2)
@@ -44,7 +44,7 @@ def cluster(folder: Path):
 
 @contextmanager
 def working(worker: Worker):
-    """A worker at work."""
+    """A running worker."""
     thread = threading.Thread(target=worker.run)
     thread.start()
     try:
@@ -94,13 +94,13 @@ def test_a_job_is_cancelled_from_a_page_and_the_workers_are_free(tmp_path, new_l
 
 
 def tasks(dask_scheduler):
-    """Count what the scheduler knows of."""
+    """Count the tasks of the scheduler."""
     return len(dask_scheduler.tasks)
 
 
 @pytest.fixture
 def on_postgresql(postgresql):
-    """Address of a database: one in SQLite has no object storage."""
+    """Address of a database: SQLite does not support object storage."""
     url = postgresql.new_database(empty=True)
     yield url
     postgresql.drop(url)

@@ -1,4 +1,4 @@
-"""`expmap cluster demo`: all starts, a killed web server is replaced by the other one, nothing is left."""
+"""`expmap cluster demo`: everything starts, the other web server replaces a killed one, nothing is left."""
 
 import os
 import re
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def processes():
-    """All that run: their parents and their commands, by their ids."""
+    """Return all processes: parents and commands by id."""
     words = ["ps", "-A", "-ww", "-o", "pid=,ppid=,stat=,args="]
     rows = (line.split(maxsplit=3) for line in subprocess.check_output(words, text=True).splitlines())
     return {
@@ -34,7 +34,7 @@ def processes():
 
 
 def descendants(pid):
-    """A process, and those that it has started."""
+    """Return a process and its descendants."""
     found, table = {pid}, processes()
     while more := {one for one, (parent, _) in table.items() if parent in found} - found:
         found |= more
@@ -49,7 +49,7 @@ def kill(pids):
 
 @pytest.fixture
 def demo(ready_sample, tmp_path):
-    """The demo with the sample: its process, what it has printed, and a file with its messages."""
+    """The demo with the sample: its process, its output, and a file with its messages."""
     said = tmp_path / "said"
     words = [*COMMAND, "--port", "0", "--map", ready_sample]
     with (

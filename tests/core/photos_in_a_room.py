@@ -1,4 +1,4 @@
-"""Photos of random points with known poses, as pairs and views."""
+"""Photos of random points with known camera poses, as pairs and views."""
 
 import math
 
@@ -14,7 +14,7 @@ RAY_SIGMA = 2.0 / 450.0
 
 
 def tilted(heading, pitch=0.0):
-    """Camera-from-world rotation of a camera that looks up by `pitch`."""
+    """Return the camera-from-world rotation of a camera pitched up by `pitch`."""
     c, s = math.cos(pitch), math.sin(pitch)
     return np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ so3.from_heading(np.array(heading))
 
@@ -29,14 +29,14 @@ class Scene:
         self.points = np.column_stack([far * np.sin(angle), height, far * np.cos(angle)])
 
     def rays(self, rotation, position):
-        """Rays (n, 2) of all points, and which are in the picture."""
+        """Return the rays (n, 2) of all points, and which are in the picture."""
         world = np.array([position[0], 0.0, -position[1]])
         at = (self.points - world) @ rotation.T
         ray = at[:, :2] / np.where(at[:, 2:] == 0.0, 1e-9, at[:, 2:])
         return ray, (at[:, 2] > 1.0) & (np.abs(ray) < 0.75).all(1)
 
     def seen_by_both(self, one, two, most=80, noise=0.0):
-        """Numbers (m,) of points in both pictures, and their rays (m, 2) in each."""
+        """Return the indices (m,) of points in both pictures, and their rays (m, 2) in each."""
         a, in_a = self.rays(*one)
         b, in_b = self.rays(*two)
         both = np.flatnonzero(in_a & in_b)
@@ -44,12 +44,12 @@ class Scene:
         return both, *(x[both] + self.rng.normal(0, noise, (len(both), 2)) for x in (a, b))
 
     def inverse_depths(self, camera, points):
-        """One over how far away points are, along the viewing direction."""
+        """Return the inverse depths of points."""
         world = np.array([camera[1][0], 0.0, -camera[1][1]])
         return 1.0 / ((self.points[points] - world) @ camera[0][2])
 
     def relative(self, one, two):
-        """Rotation and unit shift of camera two from camera one."""
+        """Return the rotation and unit translation of camera two relative to camera one."""
         rotation = two[0] @ one[0].T
         gap = np.array([one[1][0] - two[1][0], 0.0, -(one[1][1] - two[1][1])])
         return rotation, two[0] @ gap / np.linalg.norm(gap)
@@ -80,7 +80,7 @@ class Scene:
         return concatenate([p for n in numbers if (p := self.pair(n, cameras)) is not None])
 
     def view(self, photo, camera, query, noise=0.001, depths=False):
-        """What a photo shows of a query; with depths, those of every second match are known."""
+        """Return the matches of a photo with a query; with depths, those of every second match are known."""
         points, ours, theirs = self.seen_by_both(query, camera, noise=noise)
         inverse = np.full(len(points), np.nan)
         if depths:

@@ -1,4 +1,4 @@
-"""Parts of pictures that nobody can recognise any more."""
+"""Parts of pictures are blurred beyond recognition."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Which column of a table holds what."""
+"""Recognising the columns of a table."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Windows over a photo, and what they find joined."""
+"""Windows over a photo, and merging of their detections."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def test_hidden_is_what_is_mostly_covered_by_one_box_or_by_several():
     face = BlurBox(0.4, 0.4, 0.2, 0.2)
     left, right = BlurBox(0.3, 0.3, 0.2, 0.4), BlurBox(0.5, 0.3, 0.2, 0.4)
     assert not is_hidden(face, [])
-    assert not is_hidden(face, [BlurBox(0.49, 0.49, 0.02, 0.02)])  # the middle alone
+    assert not is_hidden(face, [BlurBox(0.49, 0.49, 0.02, 0.02)])  # only the middle
     assert not is_hidden(face, [left])
     assert is_hidden(face, [left, right])
     assert is_hidden(face, [BlurBox(0.4, 0.4, 0.2, 0.16)])

@@ -1,4 +1,4 @@
-"""Faces become boxes that hide them; the network itself is a stand-in."""
+"""Faces become boxes for blurring; the network is a stand-in."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from webapp.core.faces import YuNet
 
 @pytest.fixture
 def found(monkeypatch):
-    """What the network finds: rows of OpenCV."""
+    """Return detections of the network, as rows of OpenCV."""
     rows = []
 
     class Network:
@@ -51,7 +51,7 @@ def test_small_faces_of_a_large_photo_are_seen_at_full_size(found, monkeypatch):
 
     def bright(self, pixels):
         y, x = np.nonzero(pixels[:, :, 0] > 250)
-        if len(x) < 300:  # too small here
+        if len(x) < 300:  # too small at this scale
             return 1, None
         return 1, np.array([row(x.min(), y.min(), np.ptp(x) + 1, np.ptp(y) + 1, 0.8)], np.float32)
 

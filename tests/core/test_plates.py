@@ -1,4 +1,4 @@
-"""Number plates: where the network looks, what it means, and the real loading on a model made here."""
+"""Number plates: input and output of the network, and loading of a model made here."""
 
 import numpy as np
 import pytest

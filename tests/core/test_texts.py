@@ -1,4 +1,4 @@
-"""Texts of people may have every letter, and no control characters."""
+"""Texts of users may have any letter, but no control characters."""
 
 import pytest
 

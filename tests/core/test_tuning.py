@@ -1,4 +1,4 @@
-"""The numbers that steer localization can be varied by name."""
+"""The parameters of localization can be varied by name."""
 
 import pytest
 

@@ -1,7 +1,7 @@
-"""Known vulnerabilities of what is used, changed scripts of others, unusual licences: `make audit`.
+"""Known vulnerabilities of dependencies, modified third-party scripts, unusual licences: `make audit`.
 
-What needs the network is skipped, with a line that says so, where there is none. The exit code is 1 where
-something was found.
+Without a network, checks that need it are skipped with a message. The exit code is 1 if something was
+found.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SECONDS = 300.0
 
 
 class Vendored(NamedTuple):
-    """A script of others that is kept here as its makers published it."""
+    """A third-party script, kept here as published."""
 
     path: str
     package: str
@@ -73,7 +73,7 @@ VENDORED = (
         "29348999450cdf2849a8e70b7912fc2da85a849da39c0d0d5394f51d4a9ed95c",
     ),
 )
-"""Checksums are of what npm has, unpacked."""
+"""Checksums of the unpacked npm packages."""
 
 PERMISSIVE = frozenset(
     {
@@ -95,16 +95,16 @@ PERMISSIVE = frozenset(
         *("MPL-2.0", "Mozilla Public License 2.0 (MPL 2.0)"),
     }
 )
-"""As packages state them."""
+"""As stated by packages."""
 
 _AND = r" AND | OR | WITH "
 
 FOR_TESTS = PERMISSIVE | {"GNU Library or Lesser General Public License (LGPL)", "LGPL-3.0-only"}
-"""Of what is not part of an installation with the extra `all`."""
+"""Packages that are not part of an installation with the extra `all`."""
 
 
 def main() -> None:
-    """Check everything, print what was found and what was skipped."""
+    """Run all checks, print findings and what was skipped."""
     found = [*changed_scripts(), *unusual_licences(), *vulnerable_packages(), *vulnerable_scripts()]
     problems = [line for line in found if not line.startswith("SKIPPED")]
     sys.stdout.write("\n".join(found or ["nothing was found"]) + "\n")
@@ -112,7 +112,7 @@ def main() -> None:
 
 
 def changed_scripts(root: Path = ROOT) -> Iterator[str]:
-    """Compare vendored scripts with what their makers published."""
+    """Compare vendored scripts with the published ones."""
     for script in VENDORED:
         data = (root / script.path).read_bytes()
         content = gzip.decompress(data) if script.path.endswith(".gz") else data
@@ -121,7 +121,7 @@ def changed_scripts(root: Path = ROOT) -> Iterator[str]:
 
 
 def unusual_licences() -> Iterator[str]:
-    """List installed packages whose licence is not one of those that go with this program's."""
+    """List installed packages whose licence is not one of those compatible with this program's."""
     shipped = _shipped("experience-map", {"all"})
     for package in distributions():
         name = canonicalize_name(package.name)
@@ -144,7 +144,7 @@ def licences(package: Distribution) -> list[str]:
 
 
 def _shipped(name: str, extras: set[str]) -> set[str]:
-    """Name what an installation with these extras brings."""
+    """Return the packages of an installation with these extras."""
     seen: set[str] = set()
     todo = [(name, extras)]
     while todo:
@@ -160,7 +160,7 @@ def _shipped(name: str, extras: set[str]) -> set[str]:
 
 
 def vulnerable_packages() -> Iterator[str]:
-    """Ask pip-audit, in an environment of its own, about the pinned versions."""
+    """Check the pinned versions with pip-audit, in a separate environment."""
     environment = ROOT / ".venv" / "audit"
     install = [
         [sys.executable, "-m", "venv", environment],
@@ -188,7 +188,7 @@ def vulnerable_packages() -> Iterator[str]:
 
 
 def vulnerable_scripts() -> Iterator[str]:
-    """Ask npm about vendored scripts, and about what checks the scripts of the pages."""
+    """Check vendored scripts, and the tools that check the pages' scripts, with npm."""
     tools = json.loads((ROOT / "tests" / "js" / "package.json").read_text("utf-8"))["devDependencies"]
     wanted = {**tools, **{script.package: script.version for script in VENDORED}}
     with tempfile.TemporaryDirectory() as folder:
@@ -212,7 +212,7 @@ def _skipped(what: str, failed: subprocess.CompletedProcess[str]) -> str:
 
 def _run(command: list[str | Path], *, cwd: str | None = None) -> subprocess.CompletedProcess[str]:
     words = [str(word) for word in command]
-    # the pins of the project are not those of pip-audit
+    # the project's pins do not apply to pip-audit itself
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
     try:
         return subprocess.run(

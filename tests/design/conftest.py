@@ -37,14 +37,14 @@ class Module:
         return [*self.name.split("."), ""][1]
 
     def imported(self) -> Iterator[str]:
-        """Names of modules it imports anywhere in it, and of what it takes from them."""
+        """Yield the names of imported modules, and of objects imported from them."""
         for node in ast.walk(self.tree):
             if isinstance(node, ast.Import):
                 yield from (alias.name for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
                 place = f"{self.path}:{node.lineno}"
                 assert node.module, f"{place}: name the module to import from"
-                # The robot's client is installed alone too, as a package of another name.
+                # The robot's client is also a separate distribution, under another package name.
                 assert node.level <= (self.layer == "robot"), f"{place}: a relative import"
                 source = f"webapp.robot.{node.module}" if node.level else node.module
                 yield source
@@ -80,7 +80,7 @@ def tracked() -> list[Path]:
 
 @pytest.fixture(scope="session")
 def commands() -> dict[str, click.Command]:
-    """All commands that do something, by the words that call them."""
+    """All commands without groups, by their command line."""
     return dict(_commands(command_root, "expmap"))
 
 
@@ -96,7 +96,7 @@ def _commands(command: click.Command, words: str) -> Iterator[tuple[str, click.C
 
 
 def run(*command: object, cwd: Path) -> str:
-    """Run a program without the environment that would let it find the source tree; gives its output."""
+    """Run a program in an environment in which it cannot find the source tree; return its output."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "EXPMAP", "PIP"))}
     words = [str(word) for word in command]
     done = subprocess.run(words, cwd=cwd, env=kept, capture_output=True, text=True, timeout=600)
@@ -106,7 +106,7 @@ def run(*command: object, cwd: Path) -> str:
 
 @pytest.fixture(scope="session")
 def wheel(project: Path, common_folder: Path) -> Path:
-    """The wheel, built from the source tree with what is installed here, once for all test processes."""
+    """The wheel, built from the source tree with installed packages, once for all test processes."""
     folder, part = common_folder / "wheel", common_folder / "wheel.part"
     with FileLock(common_folder / "wheel.lock"):
         if not folder.exists():

@@ -1,6 +1,6 @@
-"""Imports the modules named on its command line and prints, as JSON, what each did besides.
+"""Imports the modules named on its command line and prints the side effects of each as JSON.
 
-Run in a process of its own: its guards cannot be taken off again.
+Run it in a separate process: its guards cannot be removed.
 """
 
 import contextlib
@@ -29,18 +29,18 @@ current = ""
 
 
 def note(what: str) -> None:
-    """Write down what the module being imported did."""
+    """Record a side effect of the module being imported."""
     noticed.append(f"{current}: {what}")
 
 
 def asks_for_ipv6() -> bool:
-    """Return whether it is urllib3, which binds a socket to see whether there is IPv6, and closes it."""
+    """Return whether the caller is urllib3, which binds a socket to check for IPv6, and closes it."""
     frame = sys._getframe(2)
     return frame.f_globals.get("__name__") == "urllib3.util.connection"
 
 
 def watch(event: str, args: tuple[object, ...]) -> None:
-    """See files written, connections made and processes started, by whoever it is."""
+    """Audit hook that notes written files, connections and started processes."""
     if event == "open":
         mode, flags = args[1], args[2]
         writes = any(letter in mode for letter in "wax+") if isinstance(mode, str) else False
@@ -53,7 +53,7 @@ def watch(event: str, args: tuple[object, ...]) -> None:
 
 
 class Environment(os._Environ):  # type: ignore[name-defined]
-    """The environment, which notes when this program's own modules read it."""
+    """An environment that notes when modules of this program read it."""
 
     def __getitem__(self, key):
         """Give a variable."""
@@ -66,7 +66,7 @@ class Environment(os._Environ):  # type: ignore[name-defined]
 
 
 def main() -> None:
-    """Import everything that was asked for."""
+    """Import all requested modules."""
     global current
     os.environ.__class__ = Environment
     folder = Path.cwd()

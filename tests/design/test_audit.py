@@ -1,4 +1,4 @@
-"""What `make audit` looks at without the network, and what it says where there is none."""
+"""Checks of `make audit` without a network, and its messages then."""
 
 import json
 import shutil

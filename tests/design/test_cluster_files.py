@@ -1,4 +1,4 @@
-"""The files for several machines agree with the program: Compose, services of systemd, proxies."""
+"""The files for several machines agree with the program: Compose, systemd units, proxies."""
 
 import re
 import shlex
@@ -19,7 +19,7 @@ _OPTIONS = {
     },
     "Install": {"WantedBy"},
 }
-"""Of systemd, those that are used."""
+"""Options of systemd that are used."""
 
 VARIABLES = {name for setting in settings_table().values() for name in setting.variables}
 
@@ -35,14 +35,14 @@ def compose(project):
 
 
 def blocks(page, begin):
-    """Blocks of code that begin with something."""
+    """Return the code blocks that begin with something."""
     return [
         block for block in re.findall(r"^```\w*\n(.*?)^```$", page, re.M | re.S) if block.startswith(begin)
     ]
 
 
 def unit(text):
-    """A unit of systemd: {section: {option: value}}."""
+    """Return a systemd unit: {section: {option: value}}."""
     parser = ConfigParser(interpolation=None, delimiters="=", strict=True)
     parser.optionxform = str
     parser.read_string(text)
@@ -50,7 +50,7 @@ def unit(text):
 
 
 def check_command(words):
-    """Whether `expmap` or `dask` has the command, and `expmap` its options."""
+    """Check that `expmap` or `dask` has the command, and `expmap` its options."""
     program, name, *rest = words
     assert program.rpartition("/")[2] in ("expmap", "dask")
     if program.endswith("dask"):
@@ -65,7 +65,7 @@ def seconds(text):
 
 
 _WORKER = "MALLOC_ARENA_MAX=1"
-"""What a worker of Dask has in its environment; see "Computing on other machines"."""
+"""Environment of a Dask worker; see "Computing on other machines"."""
 
 
 def test_the_services_of_systemd(project, page):

@@ -1,4 +1,4 @@
-"""What is imported is declared, what is declared is used, and everything is pinned for those who want it."""
+"""Imported packages are declared, declared ones are used, and all are pinned in `constraints.txt`."""
 
 import ast
 import re
@@ -22,10 +22,10 @@ PYTHONS = [{"python_version": f"3.{minor}", "python_full_version": f"3.{minor}.9
 
 
 COMPLETED_BY = {"psycopg": {"psycopg-binary"}, "moto": {"py-partiql-parser"}}
-"""What extras of other distributions bring."""
+"""Packages brought by extras of other distributions."""
 
 SHARED = {"opentelemetry": {"opentelemetry-sdk", "opentelemetry-exporter-otlp-proto-http"}}
-"""Packages that several distributions fill: those of them that are imported, which bring the others."""
+"""Namespace packages of several distributions: the imported ones, which require the others."""
 
 IN_ALL = {*EXTRAS} - {"cluster", "demo", "telemetry"}
 
@@ -38,24 +38,24 @@ def everywhere(requirement):
 
 @pytest.fixture(scope="module")
 def declared(project):
-    """The project's table in pyproject.toml."""
+    """The project table of pyproject.toml."""
     return tomllib.loads((project / "pyproject.toml").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module")
 def pins(project):
-    """Version of each pinned distribution."""
+    """The version of each pinned distribution."""
     lines = (project / "constraints.txt").read_text("utf-8").splitlines()
     return {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
 
 
 def names(requirements):
-    """Canonical names of requirements, without the project itself."""
+    """Return the canonical names of requirements, without the project itself."""
     return {canonicalize_name(Requirement(text).name) for text in requirements} - {"experience-map"}
 
 
 def packages_of(imported):
-    """Canonical names of the distributions of imported modules."""
+    """Return the canonical names of the distributions of imported modules."""
     providers = packages_distributions()
     tops = {name.split(".")[0] for name in imported} - {*sys.stdlib_module_names, "webapp"}
     shared = {name: SHARED[name] for name in tops & {*SHARED}}
@@ -63,7 +63,7 @@ def packages_of(imported):
 
 
 def guard_of(block):
-    """The extra whose import a `with` block guards."""
+    """Return the extra whose import a `with` block guards."""
     match block:
         case ast.With(
             items=[ast.withitem(context_expr=ast.Call(ast.Name("extra"), [ast.Constant(name)])), *_]
@@ -75,7 +75,7 @@ def guard_of(block):
 
 
 def imports_by_guard(tree):
-    """The modules that are imported, each with the extra whose block it is in."""
+    """Yield the imported modules, each with the extra that guards it."""
 
     def visit(node, guard, inside):
         inside = inside or isinstance(node, ast.FunctionDef)
@@ -137,7 +137,7 @@ def test_every_part_is_pinned(declared, pins):
         try:
             inner = [Requirement(text) for text in requires(name) or []]
         except PackageNotFoundError:
-            continue  # only on another system
+            continue  # not for this system
         todo |= {canonicalize_name(r.name) for r in inner if everywhere(r)} - done
         todo |= COMPLETED_BY.get(name, set()) - done
     assert done - set(pins) == set(), "needed, but not pinned"

@@ -15,13 +15,13 @@ SHARED = "Options that `build`, `localize` and `evaluate` share"
 
 
 def sections(text):
-    """Text below each heading of the second level."""
+    """Return the text below each second-level heading."""
     parts = re.split(r"^## (.+)$", text, flags=re.MULTILINE)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
 def rows(text, head):
-    """Cells of the tables whose first column has that head."""
+    """Return the cells of the tables with this header in the first column."""
     found = []
     for block in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
         lines = [re.split(r"(?<!\\)\|", line.strip().strip("|")) for line in block.splitlines()]
@@ -31,7 +31,7 @@ def rows(text, head):
 
 
 def spelled(option, command):
-    """An option as the documentation spells it: all names, and what stands after the last."""
+    """Return an option as in the documentation: all names, and the placeholder after the last."""
     *others, last = sorted(option.opts, key=len)
     value = "" if option.is_flag else option.make_metavar(click.Context(command))
     if isinstance(option.type, click.Choice):
@@ -41,13 +41,13 @@ def spelled(option, command):
 
 @pytest.fixture(scope="module")
 def chapters(project):
-    """Sections of the page about the commands."""
+    """The sections of the page about the commands."""
     return sections((project / "docs" / "commands.md").read_text("utf-8"))
 
 
 @pytest.fixture(scope="module")
 def shared():
-    """Names of the options that several commands share."""
+    """The names of the options shared by several commands."""
     decorated = options.index_options(options.map_options(lambda: None))
     return {param.name for param in decorated.__click_params__}
 
@@ -74,7 +74,7 @@ def test_shared_options_are_explained_once(commands, chapters, shared):
 
 def test_usage_names_every_argument(commands, chapters):
     for words, command in commands.items():
-        # The names of the help option are remembered by the command: other tests call it, too.
+        # The command caches the names of its help option, and other tests call it, too.
         context = click.Context(command, help_option_names=["-h", "--help"])
         usage = " ".join(command.collect_usage_pieces(context))
         assert f"{words} {usage}" in chapters[f"`{words}`"], words

@@ -15,7 +15,7 @@ from webapp import __version__
 
 @pytest.fixture(scope="module")
 def targets(project):
-    """Targets of make."""
+    """Return the targets of make."""
     return set(re.findall(r"^([a-z-]+):", (project / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
 
 
@@ -59,7 +59,7 @@ def test_hooks_before_a_commit_need_no_network(project):
 
 
 def instructions(text):
-    """Instructions of a Dockerfile: name and the rest, continued lines joined."""
+    """Return the instructions of a Dockerfile (name, arguments), continued lines joined."""
     lines = re.sub(r"\\\n\s*", " ", re.sub(r"^#.*\n", "", text, flags=re.MULTILINE)).splitlines()
     return [tuple(line.split(maxsplit=1)) for line in lines if line]
 
@@ -102,7 +102,7 @@ def test_the_composition_keeps_the_library_and_listens_here_only(project):
 
 
 def test_each_part_of_the_suite_is_run_once(project):
-    """`make test` names folders: together they are all of tests/, and none comes twice."""
+    """The folders named by `make test` cover all of tests/ without duplicates."""
     text = (project / "Makefile").read_text("utf-8")
     named = re.search(r"^QUICK\s*:= (.+)$", text, re.M)[1].split()
     pages = re.search(r"^PAGES\s*:= (.+)$", text, re.M)[1].split()

@@ -1,4 +1,4 @@
-"""Imports follow the arrows of docs/design.md; each layer does only what is its own."""
+"""Imports follow the arrows of docs/design.md; each layer does only its own tasks."""
 
 import ast
 from collections import defaultdict
@@ -16,16 +16,16 @@ BELOW = {
     "cli": {"jobs"},
     "web": {"jobs"},
 }
-"""Each layer and those right below it; what is below those may be imported too."""
+"""Each layer and those directly below it; layers below these may be imported, too."""
 
 SUBPACKAGES = {"missions", "sample"}
-"""Have layers of their own, and are imported by `app` alone."""
+"""Subpackages with separate layers, imported only by `app`."""
 
 SAMPLE = {"scene": "core", "content": "tasks", "make": "tasks", "job": "jobs", "cli": "cli", "": "tasks"}
 """Layers of the modules of the sample, which is too small for folders."""
 
 COMMON = {"", "errors", "extras", "importing", "logs", "progress", "settings", "telemetry", "threads"}
-"""For everyone ("" is the version)."""
+"""May be imported by all ("" is the version)."""
 
 ALONE = {
     "": set(),
@@ -52,16 +52,16 @@ NOT_IN_CORE = {
 
 
 SMALL = 50
-"""Lines of a module."""
+"""Largest number of lines of a small module."""
 
 
 def reachable(layer):
-    """The layer itself and all below it."""
+    """Return the layer and all below it."""
     return {layer}.union(*(reachable(below) for below in BELOW[layer]))
 
 
 def place_of(name):
-    """Subpackage and layer of an imported name; None for one that is not ours."""
+    """Return subpackage and layer of an imported name; None for other packages."""
     parts = name.split(".")
     if parts[0] != "webapp":
         return None
@@ -74,7 +74,7 @@ def place_of(name):
 
 
 def allowed(subpackage, layer):
-    """Subpackages and layers that modules of a layer may import from."""
+    """Return the subpackages and layers that modules of a layer may import from."""
     if layer == "app":
         return None
     if layer in ALONE:
@@ -87,7 +87,7 @@ def allowed(subpackage, layer):
 
 
 FIELDS = "webapp.robot.fields"
-"""The one module of the robots' client that the server may import: what a record consists of."""
+"""The only module of the robots' client that the server may import: the fields of a record."""
 
 
 def test_every_module_belongs_to_a_layer(modules):
@@ -135,7 +135,7 @@ def test_nothing_but_the_application_imports_a_subpackage(subpackage, layer):
 
 
 def test_packages_of_core_have_an_order(modules):
-    """No import back between the packages of `core`, also not by way of others."""
+    """The packages of `core` have no circular imports, also not through others."""
     imports = defaultdict(set)
     for module in modules:
         if module.layer == "core":
@@ -151,7 +151,7 @@ def test_packages_of_core_have_an_order(modules):
 
 
 def test_a_small_module_has_several_users_or_one_of_another_layer(modules):
-    """What one module alone uses, and is read in a minute, is a part of that module."""
+    """A small module used by only one other module should be part of that module."""
     names = {module.name for module in modules if module.path.name != "__init__.py"}
     users = defaultdict(set)
     for module in modules:
@@ -178,7 +178,7 @@ def test_core_is_arrays_and_values(modules):
         for module in modules
         if module.layer == "core"
         for name in module.imported()
-        # Paths that never touch a disk are values.
+        # pure paths are values, which never touch a disk
         if name.split(".")[0] in NOT_IN_CORE and name not in ("pathlib", "pathlib.PurePosixPath")
     ]
     assert broken == []
@@ -225,7 +225,7 @@ def test_only_settings_reads_the_environment(modules):
                 and node.attr in readers
                 and not (
                     isinstance(node.value, ast.Name) and node.value.id == "request"
-                )  # WSGI's, not the system's
+                )  # that of WSGI, not of the system
             )
             by_import = isinstance(node, ast.ImportFrom) and {a.name for a in node.names} & readers
             by_click = isinstance(node, ast.keyword) and node.arg in ("envvar", "auto_envvar_prefix")

@@ -1,4 +1,4 @@
-"""What is loaded: of the web nothing by who localizes photos by program; by servers only what they use."""
+"""Loaded packages: no web packages when localizing from Python; on servers only the needed ones."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
 
 
 def loaded_by(names, project):
-    """Packages that a process has after it imported modules."""
+    """Return the packages that are loaded after importing modules."""
     command = [sys.executable, "-c", IMPORT, *names]
     done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
     return set(json.loads(done.stdout))

@@ -1,4 +1,4 @@
-"""Links in the documentation lead somewhere, and the commands in it can be given."""
+"""Links in the documentation have targets, and its commands are valid."""
 
 import re
 import shlex
@@ -17,14 +17,14 @@ def pages(tracked):
 
 
 def anchors(text):
-    """Anchors of the headings of a page, as they are commonly made."""
+    """Return the anchors of the headings of a page, as usually generated."""
     plain = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
     titles = re.findall(r"^#+ (.+)$", plain, flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 def links(text):
-    """Targets of links and pictures that are not addresses."""
+    """Return the targets of links and pictures that are not URLs."""
     plain = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
     targets = re.findall(r"!?\[[^\]]*\]\(([^)\s]+)\)", plain)
     return [target for target in targets if not re.match(r"[a-z]+:", target)]
@@ -64,7 +64,7 @@ def test_every_page_can_be_reached_from_the_readme(pages, project):
 
 
 def given_commands(text):
-    """Command lines in code: whole lines of code blocks, and code in sentences."""
+    """Yield command lines in code: whole lines of code blocks, and inline code."""
     blocks = "\n".join(re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
     blocks = re.sub(r"\\\n\s*", " ", blocks)
     yield from (match.strip() for match in re.findall(r"^(?:\$ )?(expmap .+)$", blocks, flags=re.MULTILINE))
@@ -73,7 +73,7 @@ def given_commands(text):
 
 
 def problem(line):
-    """Why a command line cannot be given; None when it can. Files need not exist."""
+    """Return why a command line is invalid; None if it is valid. Files need not exist."""
     words = shlex.split(line.split("  #")[0])[1:]
     command, context = root, click.Context(root, info_name="expmap")
     while isinstance(command, click.Group):
@@ -83,7 +83,7 @@ def problem(line):
         if found is None:
             return f"no command {words[0]}"
         command, words = found, words[1:]
-        context = click.Context(command, **root.context_settings)  # click remembers which help it has
+        context = click.Context(command, **root.context_settings)  # click caches the help option
     if not words or "[OPTIONS]" in words:
         return None
     try:

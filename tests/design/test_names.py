@@ -1,4 +1,4 @@
-"""A public class has a name of its own: a search for it finds one definition."""
+"""Names of public classes are unique: a search finds one definition."""
 
 import ast
 from collections import defaultdict

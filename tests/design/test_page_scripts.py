@@ -1,4 +1,4 @@
-"""The scripts of pages keep to their folders: no import cycles, and what pages share lies in `shared/`."""
+"""The scripts of pages keep to their folders: no import cycles, and shared ones are in `shared/`."""
 
 import re
 
@@ -14,13 +14,13 @@ NETWORK = re.compile(r"\bfetch\(|XMLHttpRequest|EventSource\(|sendBeacon|WebSock
 
 @pytest.fixture(scope="module")
 def folder(project):
-    """Folder of the scripts."""
+    """The folder of the scripts."""
     return project / "static" / "js"
 
 
 @pytest.fixture(scope="module")
 def imports(folder):
-    """What each module imports, as paths below `static/js`."""
+    """Return the imports of each module, as paths below `static/js`."""
     found = {}
     for path in folder.rglob("*.js"):
         names = [name for name in IMPORT.findall(path.read_text("utf-8")) if name not in LIBRARIES]

@@ -1,4 +1,4 @@
-"""An installation without extras is the whole web application, and says what it lacks."""
+"""An installation without extras runs the whole web application, and reports missing parts."""
 
 import contextlib
 import importlib.util
@@ -31,14 +31,14 @@ $GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47
 
 @pytest.fixture(scope="module")
 def plain(project, wheel, tmp_path_factory):
-    """The scripts of an environment with the wheel and what it requires."""
+    """The scripts folder of an environment with the wheel and its requirements."""
     folder = tmp_path_factory.mktemp("plain")
     venv.create(folder / "env", with_pip=False)
     scripts = folder / "env" / "bin"
     command = [sys.executable, "-m", "pip", "--python", scripts / "python", "install", "--quiet"]
-    # What is used is compiled then; compiling the rest would take longest of all.
+    # Used modules are compiled on import; compiling all would take most of the time.
     command += ["--no-compile", "--disable-pip-version-check", "-c", project / "constraints.txt", wheel]
-    # `make` sets constraints relative to the project's folder.
+    # `make` sets a path of the constraints relative to the project's folder.
     environ = {name: value for name, value in os.environ.items() if "CONSTRAINT" not in name}
     done = subprocess.run(
         [*map(str, command)], cwd=folder, env=environ, capture_output=True, text=True, timeout=900
@@ -51,14 +51,14 @@ def plain(project, wheel, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def library(sample_folder, tmp_path_factory):
-    """A library with the sample map, as it is made anywhere."""
+    """A library with the sample map."""
     folder = tmp_path_factory.mktemp("library")
     shutil.copytree(sample_folder, folder / "sample", ignore=shutil.ignore_patterns("derived"))
     return folder
 
 
 def failed(*command, cwd, **environment):
-    """Run a command that lacks a part; returns what it prints."""
+    """Run a command that lacks an extra, and return its output."""
     env = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "EXPMAP"))} | environment
     done = subprocess.run([*map(str, command)], cwd=cwd, env=env, capture_output=True, text=True, timeout=120)
     assert done.returncode == 4, done.stdout + done.stderr

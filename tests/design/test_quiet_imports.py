@@ -1,4 +1,4 @@
-"""Importing a module does nothing that could be noticed from outside."""
+"""Importing a module has no side effects."""
 
 import json
 import os
@@ -10,7 +10,7 @@ PROBE = Path(__file__).with_name("import_probe.py")
 
 
 def run_probe(names, *, folder, path):
-    """Import modules in a process of their own; returns what was noticed."""
+    """Import modules in a separate process, and return the side effects."""
     environment = {
         **os.environ,
         "PYTHONDONTWRITEBYTECODE": "1",
@@ -23,7 +23,7 @@ def run_probe(names, *, folder, path):
 
 
 def test_importing_has_no_effect(modules, project, tmp_path):
-    # Alembic runs its environment by importing it.
+    # Alembic runs its environment module by importing it.
     names = [module.name for module in modules if module.name != "webapp.store.migrations.env"]
     assert run_probe(names, folder=tmp_path, path=[project]) == []
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""The source distribution is the project: its tests and its documentation can be run and read from it."""
+"""The source distribution contains the whole project with its tests and documentation."""
 
 import importlib.util
 import sys
@@ -14,12 +14,12 @@ pytestmark = pytest.mark.skipif(
 )
 
 ELSEWHERE = (".ci/", ".git")
-"""What belongs to the place where the project is developed; the archive has one of these: `.gitignore`."""
+"""Files of the repository that are not part of the archive, except `.gitignore`."""
 
 
 @pytest.fixture(scope="module")
 def names(project, tmp_path_factory):
-    """Files in the archive, below its one folder."""
+    """The files in the archive, below its top folder."""
     folder = tmp_path_factory.mktemp("sdist")
     run(sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", folder, project, cwd=folder)
     (built,) = folder.glob("*.tar.gz")

@@ -1,10 +1,10 @@
-"""Files, functions and parameter lists stay small enough to be read in one go.
+"""Limits on the sizes of files, functions and parameter lists.
 
 - A file has at most 400 lines.
-- A function's body, its docstring apart, has at most 60 lines; of 95 % of them at most 40. Migrations, which
-  list what changed in the tables, are not counted.
-- A function has at most 6 parameters. Those of a command are its options, and those of a view parts of its
-  address and what came with the request: they are not counted.
+- A function's body without its docstring has at most 60 lines, and 95 % of them at most 40. Migrations, which
+  list changes of the tables, are not counted.
+- A function has at most 6 parameters. Those of commands, which are options, and of views, which are parts of
+  the address and the request, are not counted.
 - Public functions take at most two parameters by position, private ones three; `self` and `cls` are not
   counted; the coordinates `x, y` count as one, and so does a `record`, a mission or a track with the
   `session` that it belongs to.
@@ -23,7 +23,7 @@ RECORDS = {"record", "mission", "mission_id", "track"}
 
 
 class Function(NamedTuple):
-    """A function or method, and where it is."""
+    """A function or method, and its location."""
 
     place: str
     node: ast.FunctionDef | ast.AsyncFunctionDef
@@ -31,18 +31,18 @@ class Function(NamedTuple):
     in_class: bool
 
     def body_lines(self) -> int:
-        """Lines from the first statement after the docstring to the end."""
+        """Return the number of lines from the first statement after the docstring to the end."""
         body = self.node.body[ast.get_docstring(self.node) is not None :]
         return self.node.end_lineno - body[0].lineno + 1 if body else 0
 
     def by_position(self) -> list[str]:
-        """Names of what can be given by position."""
+        """Return the names of the positional parameters."""
         taken = [a.arg for a in (*self.node.args.posonlyargs, *self.node.args.args)]
         bound = self.in_class and not any(_last_name(d) == "staticmethod" for d in self.node.decorator_list)
         return taken[bound:]
 
     def parameters(self) -> int:
-        """Count everything that can be given."""
+        """Return the number of all parameters."""
         rest = (self.node.args.vararg, self.node.args.kwarg)
         return len(self.by_position()) + len(self.node.args.kwonlyargs) + sum(r is not None for r in rest)
 

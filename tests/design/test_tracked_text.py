@@ -1,10 +1,10 @@
-"""No file names a place that only one machine or one company has, and none is half done."""
+"""No file contains hosts, options or paths of one machine or company, or unfinished parts."""
 
 import re
 
 import pytest
 
-# One letter of each is a class of its own, so that this file does not find itself.
+# One letter of each pattern is a character class, so that this file does not match itself.
 HOSTS = r"pyp[i]\.org|python[h]osted|registry\.npm[j]s|anacond[a]\.org|deb\.debia[n]\.org"
 OPTIONS = r"--(extra-)?index[-]url|--find[-]links|--trusted[-]host"
 FOLDERS = r"(?<![\w.*])/(wor[k]|roo[t]|hom[e]|User[s])/|C:\\User[s]"
@@ -13,7 +13,7 @@ UNFINISHED = r"\b(TOD[O]|FIXM[E]|XX[X]|NotImplemented[E]rror)\b"
 
 @pytest.fixture(scope="module")
 def texts(tracked):
-    """All tracked files that are text, by path."""
+    """All tracked text files by path."""
     found = {}
     for path in tracked:
         data = path.read_bytes()
@@ -23,7 +23,7 @@ def texts(tracked):
 
 
 def holding(texts, pattern):
-    """Lines that hold what is looked for."""
+    """Return the lines that match a pattern."""
     return [
         f"{path}:{number}: {line.strip()[:80]}"
         for path, text in texts.items()

@@ -1,4 +1,4 @@
-"""The wheel, installed elsewhere, has everything that it needs."""
+"""The wheel, installed elsewhere, is complete."""
 
 import importlib.util
 import os
@@ -42,12 +42,12 @@ for command in load(root):
     if isinstance(command, click.Group):
         load(command)
 """
-"""Loads every command, which their lists do not."""
+"""Script that loads every command, which listing them does not."""
 
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """The scripts' folder of a fresh environment with nothing in it but the wheel; libraries are borrowed."""
+    """The scripts folder of a new environment with only the wheel; libraries come from this one."""
     folder = tmp_path_factory.mktemp("fresh")
     venv.create(folder / "env", with_pip=False)
     scripts = folder / "env" / ("Scripts" if os.name == "nt" else "bin")
@@ -55,7 +55,7 @@ def installed(wheel, tmp_path_factory):
     site = Path(run(scripts / "python", "-c", ask, cwd=folder).strip())
     command = [sys.executable, "-m", "pip", "--python", scripts / "python", "install", "--quiet", "--no-deps"]
     run(*command, "--no-index", "--disable-pip-version-check", wheel, cwd=folder)
-    # After the environment's own folder, so that the wheel is found before an editable install.
+    # after the environment's own folder, so that the wheel takes precedence over an editable install
     borrowed = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
     (site / "borrowed.pth").write_text("\n".join(sorted(borrowed)) + "\n")
     return scripts

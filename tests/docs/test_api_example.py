@@ -1,4 +1,4 @@
-"""The program in the guide to the API does what the guide says, against a server as people run it."""
+"""The program in the guide to the API works as described, against a real server."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="the server does not run
 
 @pytest.fixture
 def survey(tmp_path, save_photo):
-    """The folder that the guide describes; the query shows what is at the pond."""
+    """The folder described in the guide; the query shows the pond."""
     folder = tmp_path / "survey"
     for seed, name in enumerate(PLACES):
         save_photo(folder / "photos" / name, seed)
@@ -49,11 +49,11 @@ def survey(tmp_path, save_photo):
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
-    """Address and token of a server with a library of its own."""
+    """Address and token of a server with a separate library."""
     library = open_library(tmp_path_factory.mktemp("served") / "library")
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
-        maps.create(session, "Another", account_id=owner.id)  # else the sample map is made first
+        maps.create(session, "Another", account_id=owner.id)  # so that no sample map is made
         token = accounts.new_token(session, owner, name="example")
     library.database.close()
     words = ["serve", "--library", str(library.folder), "--port", "0", "--workers", "1", "--log", "json"]
@@ -102,7 +102,7 @@ def test_the_example_makes_a_map_localizes_and_takes_the_map_away(example, serve
 
 
 def check_log(log, token):
-    """Of the server with `--log json`: a line for each request and each job, and no secret."""
+    """Check the server's log with `--log json`: a line for each request and each job, and no secrets."""
     lines = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
     requests = [line for line in lines if line.get("event") == "request"]
     assert {"POST", "PUT", "PATCH", "GET"} <= {line["method"] for line in requests}

@@ -1,4 +1,4 @@
-"""The documentation names files, folders and targets that exist, and its tour can be read in one go."""
+"""The documentation names existing files, folders and targets, and its tour is short."""
 
 import re
 
@@ -9,11 +9,11 @@ from tests.design.conftest import ROOT
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), ROOT / "README.md"])
 FOLDERS = "webapp|static|templates|tests|docs|benchmarks|maps|ros"
 MOST_LINES = 1400
-"""Of the tour."""
+"""Limit of the tour."""
 
 
 def named_paths(text):
-    """Paths in code: from the project's folder, or from that of the program where a layer comes first."""
+    """Return paths in code: relative to the project, or to the package if they begin with a layer."""
     found = re.findall(rf"`((?:{FOLDERS})/[\w./-]*)`", text)
     layers = re.findall(r"`((?:core|files|store|tasks|jobs|render|net|web|cli|missions)/[\w./-]+)`", text)
     return [*found, *(f"webapp/{path}" for path in layers)]

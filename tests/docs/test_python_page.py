@@ -1,4 +1,4 @@
-"""The programs in the guide to Python do what the guide says, and the guide names what there is."""
+"""The programs in the guide to Python work as described, and the guide lists the public names."""
 
 import os
 import re
@@ -19,7 +19,7 @@ PLACES = [(100, 100), (200, 100), (300, 100), (400, 100), (500, 100), (600, 100)
 
 @pytest.fixture(scope="module")
 def survey(tmp_path_factory, save_photo):
-    """A folder with photos in a row, a plan, their positions, and a query that shows the third place."""
+    """A folder with photos in a row, a plan, positions, and a query at the third place."""
     folder = tmp_path_factory.mktemp("survey")
     cv2.imwrite(str(folder / "plan.png"), np.full((200, 700), 200, np.uint8))
     rows = ["name;x;y"]

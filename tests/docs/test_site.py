@@ -16,7 +16,7 @@ HARMLESS = {"canonical", "alternate", "next", "prev"}
 
 
 class Loaded(HTMLParser):
-    """Collects what a page loads."""
+    """Collects the resources that a page loads."""
 
     def __init__(self):
         super().__init__()
@@ -40,7 +40,7 @@ def site(tmp_path_factory):
 
 
 def listed(entries):
-    """Pages of the navigation."""
+    """Return the pages of the navigation."""
     for entry in entries:
         for value in entry.values():
             yield from listed(value) if isinstance(value, list) else [value]
@@ -68,7 +68,7 @@ def test_pages_load_nothing_from_another_host(site):
 
 
 def test_no_page_needs_a_script_from_another_host(project_pages):
-    """The theme's scripts fetch a library for diagrams and one for formulas where a page has some."""
+    """The theme's scripts fetch libraries for diagrams and formulas if a page has any."""
     assert [path.name for path, text in project_pages if re.search(r"^```mermaid|^\$\$", text, re.M)] == []
 
 

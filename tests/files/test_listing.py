@@ -1,4 +1,4 @@
-"""Files and photos of a folder, in natural order, and names that nearly fit."""
+"""Files and photos of a folder, in natural order, and suggestions for similar names."""
 
 import unicodedata
 

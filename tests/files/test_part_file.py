@@ -1,4 +1,4 @@
-"""Bytes of an upload: in order, on the disk, or not there at all."""
+"""Bytes of an upload are in order and on disk, or not stored."""
 
 import errno
 import io

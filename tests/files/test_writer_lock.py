@@ -1,4 +1,4 @@
-"""One writer at a time, also after one was killed."""
+"""A single writer at a time, also after one was killed."""
 
 import errno
 import subprocess

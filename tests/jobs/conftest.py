@@ -52,7 +52,7 @@ def park(library):
 
 @pytest.fixture
 def queue(library):
-    """Queue a job; gives its id."""
+    """Queue a job and return its id."""
 
     def put(kind, **named):
         with library.database.write() as session:
@@ -63,7 +63,7 @@ def queue(library):
 
 @pytest.fixture
 def seen(library):
-    """The job as pages get it."""
+    """Return the job as pages get it."""
 
     def look(id):
         with library.database.read() as session:

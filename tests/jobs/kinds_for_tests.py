@@ -19,7 +19,7 @@ from webapp.tasks.maps.delete_map import delete_map
 
 
 def count(context):
-    """Leave a file a step behind, and do no step twice."""
+    """Create a file per step, and never repeat a step."""
     steps = context.arguments["steps"]
     todo = [context.library.inner / f"step-{n}" for n in range(steps)]
     todo = [path for path in todo if not path.exists()]
@@ -48,7 +48,7 @@ def mistake(context):
 
 
 def lose(context):
-    """Lose a process of its own in the first tries."""
+    """Lose a worker process in the first attempts."""
     tries = context.library.inner / "tries"
     tries.write_text(tries.read_text() + "x" if tries.exists() else "x")
     if len(tries.read_text()) <= context.arguments["times"]:
@@ -57,14 +57,14 @@ def lose(context):
 
 
 def away(context):
-    """Need something that is away until there is a file `back`."""
+    """Require something unavailable until a file `back` exists."""
     if not (context.library.inner / "back").exists():
         kind = getattr(errors, context.arguments.get("error", "StorageUnavailable"))
         raise kind("it cannot be reached", wait_s=context.arguments["wait_s"])
 
 
 def outlive(context):
-    """Write for a map that somebody deletes meanwhile."""
+    """Write for a map that is deleted meanwhile."""
     with context.library.database.write() as session:
         record = session.get(MapRecord, context.map_id)
         maps.put_into_bin(record)
@@ -76,13 +76,13 @@ def outlive(context):
 
 
 def stubborn(context):
-    """Hear nothing for longer than a worker waits."""
+    """Ignore requests to stop for longer than a worker waits."""
     (context.library.inner / "begun").touch()
     time.sleep(context.arguments["seconds"])
 
 
 def write(context):
-    """Change the map's name as soon as there is a file `go`; leaves a file `tried`, whatever the outcome."""
+    """Rename the map as soon as a file `go` exists; create a file `tried`, whatever the outcome."""
     while not (context.library.inner / "go").exists():
         time.sleep(0.02)
     try:

@@ -1,4 +1,4 @@
-"""The jobs that are part of the program, from the queue to their results."""
+"""The program's own jobs, from the queue to their results."""
 
 import json
 import threading
@@ -37,7 +37,7 @@ def test_index(library, quick, queue, seen, row):
     job = seen(id)
     assert (job["state"], job["error"]) == ("done", None)
     assert (job["result"]["photos"], job["result"]["computed"], job["result"]["failed"]) == (4, 4, [])
-    assert job["done"] == job["total"] == 12  # described, compared with the others, tried
+    assert job["done"] == job["total"] == 12  # steps: describe, compare with the others, try
     assert list(library.map_folder("row").glob("derived/**/manifest.json"))
     again = queue("index", map_id=row)
     Worker(library, quick, registry=REGISTRY).run(once=True)
@@ -48,7 +48,7 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
     asked = {"features": "xfeat", "method": "thorough"}
     id = queue("index", map_id=row, arguments=asked, key="xfeat thorough")
     worker = Worker(library, replace(quick, models=shared_models), registry=REGISTRY)
-    for _ in range(2):  # the library's own index is before it
+    for _ in range(2):  # the job of the library's own index comes first
         worker.run(once=True)
     result = seen(id)["result"]
     assert (seen(id)["state"], result["features"], result["method"]) == ("done", "xfeat", "thorough")

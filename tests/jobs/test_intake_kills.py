@@ -1,4 +1,4 @@
-"""Processes that store what robots send are killed at any moment: nothing acknowledged is lost or doubled."""
+"""Processes storing robots' records are killed at any moment: nothing acknowledged is lost or duplicated."""
 
 import subprocess
 import sys
@@ -61,5 +61,5 @@ def test_two_processes_that_are_killed_lose_and_double_nothing(library, mission)
     for sender, poses in stored.items():
         numbers = poses.times_s - 1e9
         assert numbers.tolist() == list(range(len(poses))), "in order, each once"
-        # The last batch may be stored without its sender having heard of it.
+        # The last batch may be stored without an acknowledgement to its sender.
         assert acknowledged[sender] <= len(poses) <= acknowledged[sender] + BATCH

@@ -1,4 +1,4 @@
-"""The network between a machine and PostgreSQL is cut: what is acknowledged stays, and is done once."""
+"""The network between a machine and PostgreSQL is cut: acknowledged work is kept, and done once."""
 
 import logging
 import socket
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 @pytest.fixture
 def network(database_url):
-    """What is between a machine and the server."""
+    """The proxy between a machine and the server."""
     proxy = TcpProxy(f"{make_url(database_url).query['host']}/.s.PGSQL.5432")
     yield proxy
     proxy.close()
@@ -34,7 +34,7 @@ def network(database_url):
 
 @pytest.fixture
 def far(library, database_url, network):
-    """The library as another machine has it open, across the network."""
+    """The library, opened by another machine through the network."""
     host, port = network.address
     url = make_url(database_url).set(host=host, port=port, query={})
     opened = open_library(library.folder, url=url.render_as_string(hide_password=False))
@@ -44,7 +44,7 @@ def far(library, database_url, network):
 
 @pytest.fixture
 def at_work(far, settings, registry):
-    """Start a worker across the network, with leases of so many seconds; gives it."""
+    """Start and return a worker across the network, with leases of a number of seconds."""
     started = []
 
     def run(*, lease_s):
@@ -81,7 +81,7 @@ def test_a_change_is_refused_and_not_kept(library, far, park, network):
 
 
 def test_a_change_whose_answer_is_lost_is_refused_though_it_is_kept(library, far, park, network):
-    """The client has to send it again, so that sending again must be harmless."""
+    """The client sends it again, which must be harmless."""
     network.cut_before_answer_to = b"COMMIT"
     with pytest.raises(DatabaseUnavailable, match="cannot be reached"), far.database.write() as session:
         first = jobs.enqueue(session, "fine", map_id=park).id
@@ -152,7 +152,7 @@ def test_who_is_cut_off_for_longer_than_the_lease_keeps_nothing(
 def test_a_job_whose_end_was_stored_unheard_is_done_once(
     far, at_work, queue, seen, network, wait_for, library
 ):
-    """The worker says again that it is done, and is told that nothing is left to say."""
+    """The worker reports the end again, and learns that it is already recorded."""
     id = queue("count", arguments={"steps": 1, "seconds": 0.0})
     real = jobs.finish
 
@@ -185,14 +185,14 @@ def test_who_listens_hears_again(library, far, network):
         return True
 
     with far.database.watch("a", look_s=0.0) as watch:
-        assert woken(watch)  # somebody listens now
+        assert woken(watch)  # the listener is connected now
         network.cut()
         assert woken(watch), "it has to look, as something may be announced meanwhile"
         with library.database.write() as session:
             announce(session.connection(), "a")
         network.mend()
         assert woken(watch)
-        while watch.wait(0.2):  # by the new connection, and what was before it
+        while watch.wait(0.2):  # notices of the new connection and of earlier changes
             pass
         with library.database.write() as session:
             announce(session.connection(), "a")
@@ -201,7 +201,7 @@ def test_who_listens_hears_again(library, far, network):
 
 @pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="this system has no TCP_USER_TIMEOUT")
 def test_what_is_not_acknowledged_ends_the_connection(far):
-    """Without this, who has sent a statement into a cut network would wait for a quarter of an hour."""
+    """Otherwise a statement sent into a cut network would block for a quarter of an hour."""
     with far.database.read() as session:
         driver = session.connection().connection.driver_connection
         with socket.fromfd(driver.fileno(), socket.AF_INET, socket.SOCK_STREAM) as own:

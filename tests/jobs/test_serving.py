@@ -1,4 +1,4 @@
-"""What a server begins with."""
+"""The start of a server."""
 
 import socket
 

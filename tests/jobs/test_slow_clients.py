@@ -1,4 +1,4 @@
-"""Connections on which nothing arrives: how long the web server keeps them."""
+"""Silent connections: how long the web server keeps them."""
 
 import selectors
 import socket
@@ -12,7 +12,7 @@ from webapp.jobs.slow_clients import Connection, PatientWorker
 
 @pytest.fixture
 def worker():
-    """A worker of at most ten connections that neither reads nor listens."""
+    """A worker of at most ten connections that neither reads nor accepts."""
     worker = PatientWorker.__new__(PatientWorker)
     worker.alive, worker.worker_connections, worker.nr_conns = True, 10, 0
     worker.pending_conns, worker.poller = deque(), selectors.DefaultSelector()
@@ -22,7 +22,7 @@ def worker():
 
 @pytest.fixture
 def silent(worker):
-    """A connection of that worker whose patience is over, though it may be silent for a while yet."""
+    """A connection of that worker whose time for a request is over, but not yet its idle timeout."""
     here, there = socket.socketpair()
     connection = Connection.__new__(Connection)
     connection.sock, connection.patient_until = here, time.monotonic() - 1

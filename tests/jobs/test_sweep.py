@@ -1,4 +1,4 @@
-"""Files of a map that are older than its records are written by the worker."""
+"""The worker writes files of a map that are older than its records."""
 
 import logging
 
@@ -16,7 +16,7 @@ from webapp.tasks.maps import export, photo_files
 
 @pytest.fixture
 def late(library, park):
-    """A map whose record has an image and a photo, and whose files nobody has written."""
+    """A map whose record has an image and a photo, but whose files were not written."""
     folder = library.map_folder("park")
     folder.mkdir()
     cv2.imwrite(str(folder / "plan.png"), np.zeros((20, 30), np.uint8))

@@ -1,4 +1,4 @@
-"""A collector of OpenTelemetry gets the spans of a process, the last ones too."""
+"""An OpenTelemetry collector gets all spans of a process, including the last ones."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ import pytest
 
 @pytest.fixture
 def collector():
-    """Address of a server that takes OTLP by HTTP, and what it got."""
+    """The address of a server that accepts OTLP over HTTP, and what it received."""
     service = pytest.importorskip("opentelemetry.proto.collector.trace.v1.trace_service_pb2")
     got = []
 

@@ -1,4 +1,4 @@
-"""The worker does jobs, says how they ended, and loses none when it is stopped or killed."""
+"""The worker runs jobs, records their outcome, and loses none when it is stopped or killed."""
 
 import logging
 import os
@@ -18,7 +18,7 @@ from webapp.store.schema import MapRecord
 
 @pytest.fixture(autouse=True)
 def end_of_threads(library):
-    """Wait for what a worker in this process has left behind, before the library is closed."""
+    """Wait for threads of a worker in this process before the library is closed."""
     yield
     for thread in threading.enumerate():
         if thread.name in ("export", "store"):
@@ -28,7 +28,7 @@ def end_of_threads(library):
 
 @pytest.fixture
 def work(library, settings, registry):
-    """Do all that waits, in this process."""
+    """Run all queued jobs in this process."""
     return lambda: Worker(library, settings, registry=registry).run(once=True)
 
 
@@ -92,7 +92,7 @@ def test_a_job_that_lost_a_process_continues_but_not_for_ever(work, queue, seen,
 
 
 def test_while_storage_is_away_other_jobs_are_done(library, settings, registry, queue, seen, wait_for):
-    """The pause of a job is no pause of the worker: it would outlast this test."""
+    """The pause of a job does not pause the worker: the pause is longer than this test."""
     waiting = [queue("away", key=str(n), arguments={"wait_s": 600}) for n in range(3)]
     worker = Worker(library, settings, registry=registry)
     working = threading.Thread(target=worker.run)
@@ -148,7 +148,7 @@ def test_progress_is_seen_and_cancel_heard(library, start, queue, seen, wait_for
 
 def test_after_kill_9_another_worker_continues_at_once(library, start, queue, seen, wait_for):
     id = queue("count", arguments={"steps": 12, "seconds": 0.25})
-    first, second = start(lease_s=600.0), start(lease_s=600.0)  # nobody can wait for the lease to run out
+    first, second = start(lease_s=600.0), start(lease_s=600.0)  # a lease too long to expire during the test
     wait_for(lambda: steps(library) >= 2)
     with library.database.read() as session:
         holder = jobs.find(session, id).leased_by

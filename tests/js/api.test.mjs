@@ -5,7 +5,7 @@ import "./page.mjs";
 
 const { file, get, post } = await import("../../static/js/shared/api.js");
 
-/** Answer requests one after the other with these; gives the addresses that were asked for. */
+/** Respond to requests in order with these responses; returns the requested addresses. */
 function serve(...answers) {
   const asked = [];
   globalThis.window = { dispatchEvent: () => {} };

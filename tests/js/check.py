@@ -1,7 +1,7 @@
 """Check the scripts of the pages with tsc and eslint: `python tests/js/check.py`.
 
-Needs node 20 or newer and npm on the PATH; where they are missing, or npm cannot install the pinned packages
-of `package-lock.json`, the check is skipped with a loud line.
+Needs node 20 or newer and npm on the PATH; if they are missing, or npm cannot install the pinned packages of
+`package-lock.json`, the check is skipped with a clear message.
 """
 
 import shutil
@@ -28,7 +28,7 @@ def main() -> int:
 
 
 def missing_node() -> str | None:
-    """Return why there is no usable node, None if there is one."""
+    """Return why there is no usable node, or None."""
     for name in ("node", "npm"):
         if shutil.which(name) is None:
             return f"{name} is not installed (Debian: apt install nodejs npm)"
@@ -39,7 +39,7 @@ def missing_node() -> str | None:
 
 
 def install() -> str | None:
-    """Install the pinned packages where they are not installed yet; return why that failed."""
+    """Install the pinned packages unless they are installed; return why that failed, or None."""
     lock = HERE / "package-lock.json"
     done = TOOLS / "package-lock.json.installed"
     if done.exists() and done.read_bytes() == lock.read_bytes():
@@ -57,7 +57,7 @@ def install() -> str | None:
 
 
 def run(script: str, *arguments: str) -> int:
-    """Run a tool of the packages at the root of the project."""
+    """Run a tool of the packages in the project's folder."""
     command = ["node", str(TOOLS / "node_modules" / script), *arguments]
     return subprocess.run(command, cwd=PROJECT, check=False).returncode
 

@@ -8,7 +8,7 @@ const { clamped, Georeference, imageAngle, isInside, latLngOf, latLonText, parse
 );
 
 const SATELLITE = { width: 400, height: 200 };
-/** North is up: one degree of latitude is the whole height, two of longitude the whole width. */
+/** North is up: the height is one degree of latitude, the width two degrees of longitude. */
 const NORTH_UP = { metres_per_pixel: 0.5, latlon_grid: { columns: 1, rows: 1, latlon: [[51, 14], [51, 16], [50, 14], [50, 16]] } };
 
 const near = (found, wanted, tolerance = 1e-9) => {

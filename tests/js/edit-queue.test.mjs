@@ -13,7 +13,7 @@ const state = (photos) => ({
 });
 const failure = (status, message = "no") => Object.assign(new Error(message), { status, hint: null });
 
-/** A server of one map: it applies edits, or throws what `answers` holds for the next request. */
+/** A server of one map that applies edits, or throws the next error of `answers`. */
 function begin(photos = [photo(1), photo(2)], answers = []) {
   const store = new MapStore(state(photos));
   const server = { revision: 1, photos: new Map(photos.map((one) => [one.id, one])), requests: [] };
@@ -24,7 +24,7 @@ function begin(photos = [photo(1), photo(2)], answers = []) {
     server.revision += 1;
     const changed = applied.map((fields) => ({ ...server.photos.get(fields.id), ...fields, revision: server.revision }));
     for (const one of changed) server.photos.set(one.id, one);
-    if (answer?.after) throw answer.after; // it was applied, but the answer is lost
+    if (answer?.after) throw answer.after; // it was applied, but the response is lost
     return { revision: server.revision, photos: changed, undo: null, redo: null };
   };
   server.edit = async (request) => change(request, request.changes);

@@ -1,4 +1,4 @@
-/** Rules for the scripts of pages and their tests; the packages come from where tests/js/check.py puts them. */
+/** Rules for the scripts of pages and their tests; the packages are installed by tests/js/check.py. */
 
 import { createRequire } from "node:module";
 

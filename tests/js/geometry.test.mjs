@@ -13,7 +13,7 @@ const { usable } = await import("../../static/js/shared/drop-files.js");
 const flat = { flat: (lat, lon) => [lon * 10, -lat * 10] };
 const SIZE = { width: 300, height: 200 };
 
-/** A grid that bends: pixels are not an affine function of latitude and longitude. */
+/** A curved grid: pixels are not an affine function of latitude and longitude. */
 function bent(columns = 8, rows = 8) {
   const latlon = [];
   for (let j = 0; j <= rows; j += 1) {

@@ -1,3 +1,3 @@
-/** Vendored modules come without types. */
+/** Vendored modules without types. */
 declare module "three";
 declare module "three/orbit-controls";

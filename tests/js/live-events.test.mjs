@@ -11,7 +11,7 @@ const { Live } = await import("../../static/js/missions/live-events.js");
 
 const gone = Object.assign(new Error("gone"), { status: 404 });
 
-/** A mission that has ended, so that the page asks from time to time, or one that is live; `answer` ends what was asked. */
+/** An ended mission, which the page polls from time to time, or a live one; `answer` completes the request. */
 function follow(t, { ended }) {
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const seen = { opened: 0, open: 0, asked: 0, gone: 0, answer: null };
@@ -50,7 +50,7 @@ test("a mission that has ended is asked for again and again", async (t) => {
 test("what is paused is asked for no more, though an answer was on its way", async (t) => {
   const { live, seen, mission } = follow(t, { ended: true });
   t.mock.timers.tick(15_000);
-  mission.ended_at = null; // a stream would be opened now
+  mission.ended_at = null; // live: a stream would be opened
   live.pause();
   seen.answer();
   await settled();

@@ -14,7 +14,7 @@ test("a track in metres is laid where the robot started and looked", () => {
   const [from, ahead, left] = laid([[0, 0], [71.696, 0], [0, 111.229]], PRAGUE);
   assert.deepEqual(from, [50, 14]);
   near(ahead[0], 50);
-  near(ahead[1], 14.001, 1e-6); // east: there the robot looked
+  near(ahead[1], 14.001, 1e-6); // to the east, where the robot was facing
   near(left[0], 50.001, 1e-6);
   near(left[1], 14);
 });
@@ -52,7 +52,7 @@ test("a mapping begins with what the server has found, with fields that are not 
   assert.equal(mappingText(rows), "time=1:s, lat=2:e7, lon=3:e7, qx=5:1");
 });
 
-/** A server that keeps what it is asked. */
+/** A server that records its requests. */
 class Server {
   constructor(answers) {
     this.answers = answers;

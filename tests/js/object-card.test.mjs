@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import "./page.mjs";
 
-/** As much of an element as the card needs. */
+/** A stand-in for an element, as far as the card needs it. */
 class Element extends EventTarget {
   constructor(tag) {
     super();

@@ -1,4 +1,4 @@
-/** The little of a page that modules read when they are loaded: words, colours, events, and Leaflet's positions. */
+/** The parts of a page that modules read when loaded: texts, colours, events, and Leaflet's positions. */
 
 const scale = Array.from({ length: 101 }, (_, percent) => `fill ${percent}`);
 const data = {

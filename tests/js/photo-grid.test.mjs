@@ -60,7 +60,7 @@ test("photos are sorted by time, name, place, and distance from one of them", ()
 
 test("filters leave out photos, together; clearing keeps the search", () => {
   const order = new PhotoOrder(park());
-  assert.deepEqual(order.shown(), [2, 4]); // begins with those that wait
+  assert.deepEqual(order.shown(), [2, 4]); // initially those in the tray
   order.show("all");
   order.filter({ gps: "yes" });
   assert.deepEqual(order.shown(), [2]);

@@ -7,7 +7,7 @@ const { Affine, mercator, pixelsFromMercator, tilesInView } = await import("../.
 const { Georeference } = await import("../../static/js/shared/map/coords.js");
 
 const SATELLITE = { width: 400, height: 400 };
-/** A square of web Mercator about (50 N, 14 E), so small that latitudes in it are a plane, turned by 30 degrees. */
+/** A square of web Mercator at (50 N, 14 E), rotated by 30 degrees and so small that it is nearly affine. */
 const [CENTRE, HALF, TURN] = [[50, 14], 0.001, Math.PI / 6];
 const corner = (x, y) => {
   const [east, north] = [x * Math.cos(TURN) - y * Math.sin(TURN), x * Math.sin(TURN) + y * Math.cos(TURN)];

@@ -68,7 +68,7 @@ test("a map without a turn of its own is upright", () => {
   assert.equal(turnOf({ options: { crs: turnableCrs() } }), UPRIGHT);
 });
 
-/** A map of 400 x 400 px whose north is turned clockwise from image-up, at the equator. */
+/** A map of 400 x 400 px at the equator, with north rotated clockwise from image-up. */
 function turnedMap(north) {
   const satellite = { width: 400, height: 400 };
   const place = (x, y) => {

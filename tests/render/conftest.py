@@ -1,4 +1,4 @@
-"""A small evaluation with real files: a plan, three map photos, four queries of which one is broken."""
+"""A small evaluation with real files: a plan, three map photos, four queries, one of them broken."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ def hypothesis(rank: int, at: tuple[float, float], probability: float) -> Hypoth
 
 
 def make_evaluation(folder: Path) -> Evaluation:
-    """Write the files and give the evaluation; `folder` holds both the map and the queries."""
+    """Write the files and return the evaluation; `folder` contains both the map and the queries."""
     names = ["0.jpg", "1.jpg", "2.jpg", "a & b.jpg", "q1.jpg", "q2.jpg"]
     for i, name in enumerate(names):
         cv2.imwrite(str(folder / name), np.full((80, 120, 3), 40 * i, np.uint8))
@@ -71,7 +71,7 @@ def evaluation(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
 
 @pytest.fixture(scope="session")
 def georeferenced(evaluation: Evaluation) -> Evaluation:
-    """The same on a map of half a metre a pixel, with east up."""
+    """The same on a map with half a metre per pixel and east up."""
     turned = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
     themap = replace(evaluation.subject.map, georeference=turned)
     return replace(evaluation, subject=replace(evaluation.subject, map=themap))

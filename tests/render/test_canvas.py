@@ -22,7 +22,7 @@ def test_ring_is_hollow_and_smooth(canvas: Canvas) -> None:
     canvas.ring((40, 30), 10, colour=RED, width=2)
     assert tuple(canvas.pixels[30, 50]) == RED
     assert not canvas.pixels[30, 40].any()
-    # All of the line's area is there: circumference times width.
+    # the full area of the line: circumference times width
     assert canvas.pixels[..., 0].sum() / 255 == pytest.approx(2 * np.pi * 10 * 2, rel=0.01)
 
 

@@ -17,7 +17,7 @@ def seen_luminance(colour: tuple[int, int, int], matrix: np.ndarray) -> float:
 @given(st.floats(0, 1), st.floats(0, 1))
 def test_more_probable_is_never_darker(a: float, b: float) -> None:
     low, high = sorted((a, b))
-    # Rounding to 8 bits can cost a hair.
+    # tolerance for rounding to 8 bits
     assert luminance(probability_colour(low)) <= luminance(probability_colour(high)) + 0.004
 
 

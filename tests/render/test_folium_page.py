@@ -1,4 +1,4 @@
-"""The exported page holds everything itself, and its image lies where it is on the Earth."""
+"""The exported page is self-contained, and its image is georeferenced."""
 
 import math
 from dataclasses import replace

@@ -42,7 +42,7 @@ def at(x: float, y: float, **changes: object) -> Hypothesis:
 
 
 def draw(themap: Map, result: Answer, truth: MapPixel | None = None) -> tuple[np.ndarray, MapView]:
-    """Draw, and find where the whole map is in the picture."""
+    """Draw a picture, and find the whole map in it."""
     image = themap.satellite
     drawn = np.array(
         draw_map(np.full((image.height, image.width, 3), 128, np.uint8), themap, answer=result, truth=truth)

@@ -19,7 +19,7 @@ def picture(query: np.ndarray, photo: np.ndarray, found: Evidence) -> np.ndarray
 
 
 def test_inlier_is_a_strong_line_from_keypoint_to_keypoint() -> None:
-    # 640 high is the height shown, so nothing is scaled and coordinates are the photos' own.
+    # 640 is the drawn height, so nothing is scaled and coordinates are those of the photos
     drawn = picture(grey(700, 640, 90), grey(700, 640, 90), evidence([[100, 200]], [[300, 400]], [True]))
     start, end = np.array([100, 200]), np.array([300 + 700 + GAP_PX, 400])
     for at in (0.02, 0.5, 0.98):

@@ -11,7 +11,7 @@ VOID = {"meta", "img", "path", "circle", "br", "link"}
 
 
 class Page(HTMLParser):
-    """Checks that elements close in order and collects what the page would load."""
+    """Checks the nesting of elements, and collects the resources that the page would load."""
 
     def __init__(self, html: str) -> None:
         super().__init__()

@@ -14,14 +14,14 @@ PAGE = (Path(__file__).parents[2] / "docs" / "results.md").read_text("utf-8")
 
 
 def documented(title: str) -> set[str]:
-    """Names in the first column of the table below a heading."""
+    """Return the names in the first column of the table below a heading."""
     section = PAGE.split(f"## {title}\n")[1].split("\n## ")[0]
     rows = re.findall(r"^\| (`.+?) \|", section, flags=re.MULTILINE)
     return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
 
 
 def flat(form: dict, inside: dict[str, str]) -> set[str]:
-    """Names of fields; of those that `inside` has, the inner names too, after its prefix."""
+    """Return names of fields; for those in `inside`, also the inner names, with its prefix."""
     names = set()
     for key, value in form.items():
         prefix = inside.get(key)
@@ -36,7 +36,7 @@ def flat(form: dict, inside: dict[str, str]) -> set[str]:
 
 @pytest.fixture
 def form(evaluation):
-    """What `evaluate --json` prints."""
+    """Return the output of `evaluate --json`."""
     return to_json(evaluation)
 
 

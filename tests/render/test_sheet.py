@@ -1,4 +1,4 @@
-"""A map on paper: what is on the sheet, where, and that nothing is invented."""
+"""A printed map: what is on the sheet and where, and only known facts."""
 
 import io
 from dataclasses import replace
@@ -21,7 +21,7 @@ from webapp.render.sheet.page import SheetContent, compose, draw_sheet
 WORDS = english("1 May 2026")
 SIZE = SheetOptions(orientation="landscape").page_sizes()[0]
 TURNED = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
-"""Half a metre a pixel, east is up."""
+"""Half a metre per pixel, east up."""
 
 MAP = Map(
     SatelliteImage("plan.png", 800, 500),
@@ -33,7 +33,7 @@ IMAGE = np.full((500, 800, 3), 90, np.uint8)
 
 
 class Recorded:
-    """Remembers what is drawn."""
+    """Records what is drawn."""
 
     def __init__(self):
         self.texts, self.discs, self.images = [], [], []

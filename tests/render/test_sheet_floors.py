@@ -1,4 +1,4 @@
-"""A floor of a map is printed: its plan, its photos alone, and its name."""
+"""A printed floor of a map: its plan, only its photos, and its name."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def source(tmp_path):
 
 
 def printed(source, monkeypatch, floor):
-    """What is drawn on the sheet."""
+    """Return what is drawn on the sheet."""
     seen = []
 
     def drawn(content, **_options):
@@ -77,7 +77,7 @@ def test_a_floor_that_is_not_there_is_refused(source, monkeypatch):
 
 
 def book(source, monkeypatch, *, form="pdf", **options):
-    """The pages of a PDF of all floors, as it is drawn, and the title of the document."""
+    """Return the pages of a PDF of all floors, as drawn, and the title of the document."""
     seen = {}
 
     def drawn(contents, *, title, options, words):

@@ -20,7 +20,7 @@ def poses(enu, *, sigma=None, times=None):
 
 
 def where(picture, colour):
-    """Pixels (n, 2) above the legend that have a colour: column, row."""
+    """Return the pixels (n, 2) of a colour above the legend: column, row."""
     pixels = np.asarray(picture)[:-BAND_PX]
     return np.argwhere((np.abs(pixels.astype(int) - colour) < 6).all(axis=2))[:, ::-1]
 

@@ -1,4 +1,4 @@
-"""A stand-in for the server, the application itself, and options for quick tests."""
+"""A stand-in for the server, the real application, and options for quick tests."""
 
 import dataclasses
 import threading
@@ -23,14 +23,14 @@ def quick() -> Callable[..., RobotOptions]:
 
 @pytest.fixture
 def server() -> Iterator[StandIn]:
-    """A server of the right kind, without a disk."""
+    """A stand-in server that keeps its data in memory."""
     with StandIn() as running:
         yield running
 
 
 @pytest.fixture
 def until() -> Callable[[Callable[[], object]], None]:
-    """Wait until something holds, for a minute at most."""
+    """Wait until a condition holds, for at most a minute."""
 
     def wait(holds: Callable[[], object]) -> None:
         end = time.monotonic() + 60
@@ -43,7 +43,7 @@ def until() -> Callable[[Callable[[], object]], None]:
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """The application in a thread, and a wire to it."""
+    """The application in a thread, and a proxy to it."""
     site = Site(tmp_path_factory.mktemp("served") / "library")
     http = make_server("127.0.0.1", 0, site.app, threaded=True)
     thread = threading.Thread(target=http.serve_forever, args=(0.05,))
@@ -59,5 +59,5 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 @pytest.fixture
 def mission(site: Site) -> int:
-    """A new mission; its number."""
+    """The number of a new mission."""
     return site.new_mission()

@@ -1,4 +1,4 @@
-"""Damages the database of a spool that nobody has open."""
+"""Damages the database of a spool that is not in use."""
 
 import sqlite3
 from contextlib import closing
@@ -12,7 +12,7 @@ def database(spool: Path) -> Path:
 
 
 def damage_record(spool: Path, number: int) -> None:
-    """Change the text of a record, as a flipped bit would."""
+    """Change the text of a record, like a flipped bit."""
     with closing(sqlite3.connect(database(spool))) as connection:
         (text,) = connection.execute("SELECT text FROM records WHERE number = ?", (number,)).fetchone()
         changed = text[:3] + chr(ord(text[3]) ^ 1) + text[4:]
@@ -21,13 +21,13 @@ def damage_record(spool: Path, number: int) -> None:
 
 
 def root_page(spool: Path, table: str) -> int:
-    """Number of the first page of a table, from 1."""
+    """Return the number of the first page of a table, from 1."""
     with closing(sqlite3.connect(database(spool))) as connection:
         return connection.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (table,)).fetchone()[0]
 
 
 def damage_page(spool: Path, number: int) -> None:
-    """Overwrite a page with what is no page."""
+    """Overwrite a page with invalid content."""
     data = bytearray(database(spool).read_bytes())
     data[(number - 1) * PAGE : number * PAGE] = b"\xa5" * PAGE
     database(spool).write_bytes(data)

@@ -1,4 +1,4 @@
-"""The application on a library of its own."""
+"""The application on a separate library."""
 
 from sqlalchemy import select
 
@@ -15,7 +15,7 @@ remember_rules()
 
 
 class Site:
-    """A running application, and what it has stored."""
+    """A running application, and its stored data."""
 
     def __init__(self, folder):
         self.library = open_library(folder)
@@ -34,7 +34,7 @@ class Site:
         return self.mission
 
     def poses(self, mission=None):
-        """Poses of the only track."""
+        """Return the poses of the only track."""
         with self.library.database.read() as session:
             (track,) = tracks.list_tracks(session, mission or self.mission)
             return tracks.read(session, track)
@@ -45,7 +45,7 @@ class Site:
             return found.name, found.start, found.ended_at is not None
 
     def summary(self, mission):
-        """What a robot has sent, in short."""
+        """Return a summary of what a robot has sent."""
         with self.library.database.read() as session:
             objects = select(MissionObject.object_id).where(MissionObject.mission_id == mission)
             return {

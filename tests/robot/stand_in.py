@@ -1,6 +1,6 @@
-"""A server for the robot's client that keeps to the protocol, and misbehaves on request.
+"""A server for the robot's client that follows the protocol, and misbehaves on request.
 
-As a program, `python stand_in.py PORT FILE`, it keeps what it has stored in a file: it survives being killed.
+As a program, `python stand_in.py PORT FILE`, it stores its data in a file, which survives a kill.
 """
 
 import json
@@ -14,7 +14,7 @@ Reply = tuple[int, dict, dict]
 
 
 class StandIn:
-    """Stores batches of each sender in order, exactly once; `script` may answer instead."""
+    """Stores batches of each sender in order, exactly once; `script` may respond instead."""
 
     def __init__(self, file: Path | None = None, port: int = 0) -> None:
         self.records: dict[str, list[dict]] = {}
@@ -34,7 +34,7 @@ class StandIn:
         return f"http://127.0.0.1:{self.http.server_address[1]}"
 
     def stored(self) -> list[dict]:
-        """Records of the only sender."""
+        """Return the records of the only sender."""
         (records,) = self.records.values()
         return records
 
@@ -54,7 +54,7 @@ class StandIn:
         return self.store(body)
 
     def store(self, body: dict) -> Reply:
-        """Store a batch as a server does, and answer."""
+        """Store a batch as a server does, and return the response."""
         with self._guard:
             return self._batch(body)
 
@@ -79,7 +79,7 @@ class StandIn:
 
 
 def refused(status: int, *, where: str = "", headers: dict | None = None, **more: object) -> Reply:
-    """An error in the shape of the API."""
+    """Return an error in the form of the API."""
     error = {"code": "x", "message": f"status {status}", "hint": None, "where": where, **more}
     return status, {"error": error}, headers or {}
 

@@ -1,4 +1,4 @@
-"""The client against a server that does as badly as it can."""
+"""The client with a server that fails in every way."""
 
 import hashlib
 import io
@@ -158,7 +158,7 @@ def test_offline_it_queues_and_then_catches_up(start, server, until, caplog):
         until(lambda: client.status().online is False)
         assert "refused" in client.status().problem and client.status().waiting == 20
         assert not client.close(wait_s=0.1)
-    assert [r.levelno for r in caplog.records] == [logging.WARNING]  # once, not at every try
+    assert [r.levelno for r in caplog.records] == [logging.WARNING]  # once, not at every attempt
     client = start()
     send(client, 20, begin=20)
     assert client.upload(wait_s=60) and times(server) == list(range(40))
@@ -277,7 +277,7 @@ def test_a_server_that_lacks_deleted_records_is_reported(start, server, until):
 
 
 def test_damage_that_the_server_has_already_is_no_loss(start, server, tmp_path):
-    server.script = lambda path, body: server._batch(body) and (0, {}, {})  # stores, and never answers
+    server.script = lambda path, body: server._batch(body) and (0, {}, {})  # stores, but never responds
     client = start(batch_records=5)
     send(client, 5)
     client.close(wait_s=0.2)

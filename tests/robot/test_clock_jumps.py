@@ -1,4 +1,4 @@
-"""Clocks of robot and server are set back and jump ahead: what was acknowledged is there, once, in order."""
+"""Clocks of robot and server jump back and ahead: acknowledged data is stored, once, in order."""
 
 import json
 import os
@@ -23,7 +23,7 @@ EACH = 20
 """Poses between two jumps."""
 
 JUMPS = [(0, 0), (-3650, 0), (0, 400), (400, -3650), (-1, -3650), (0, 0)]
-"""Of the robot's clock and of the server's, days."""
+"""Shifts of the robot's and of the server's clock, days."""
 
 ROBOT = """
 import sys
@@ -43,7 +43,7 @@ with RobotClient(url, token, mission=int(mission), spool=spool, options=QUICK) a
 
 @pytest.fixture(scope="module")
 def library_of_shift(tmp_path_factory):
-    """What is preloaded."""
+    """The preloaded library that shifts the clock."""
     built = tmp_path_factory.mktemp("clock") / "shifted_clock.so"
     command = ["cc", "-shared", "-fPIC", "-O1", "-o", str(built), str(SOURCE)]
     try:
@@ -65,7 +65,7 @@ def preloading(library, shift):
 
 
 def clock_file(path, days):
-    """Set a clock, all at once."""
+    """Set a clock atomically."""
     new = path.with_name(f"{path.name}.new")
     new.write_text(str(days * DAY_S))
     new.replace(path)
@@ -89,7 +89,7 @@ def made(tmp_path):
     library = open_library(tmp_path / "maps")
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
-        maps.create(session, "Another", account_id=owner.id)  # else the start makes the sample meanwhile
+        maps.create(session, "Another", account_id=owner.id)  # so that the start makes no sample
         token = accounts.new_token(session, owner, name="robot")
         walked, keyed = (missions.create(session, name, account_id=owner.id).id for name in ("a", "b"))
     library.database.close()

@@ -1,4 +1,4 @@
-"""The client installs alone, as a distribution of its own, and sends."""
+"""The client can be installed as a separate distribution, and sends."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""One table of fields: what the client takes the server takes, and the API's schema says the same."""
+"""One table of fields: client, server and the API's schema accept the same."""
 
 import json
 import math

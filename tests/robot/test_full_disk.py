@@ -1,4 +1,4 @@
-"""A disk is filled to the last byte and freed again: everything arrives, once, without a restart."""
+"""A disk is filled completely and freed again: everything arrives, once, without a restart."""
 
 import contextlib
 import hashlib
@@ -23,14 +23,14 @@ MEGABYTE = 1_000_000
 
 
 class SmallDisk:
-    """A file system of its own, and a file of somebody else on it."""
+    """A small file system with a file that fills it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._filler = folder / "somebody-else"
 
     def fill(self, *, but: int = 0) -> None:
-        """Leave so many bytes free."""
+        """Leave a number of bytes free."""
         with self._filler.open("ab", buffering=0) as file:
             for block in (1 << 20, 1 << 12, 1):
                 with contextlib.suppress(OSError):
@@ -63,7 +63,7 @@ def disk(tmp_path):
 
 
 class Walk:
-    """Poses numbered by their times; those that the client took."""
+    """Adds poses numbered by their times, and keeps those that the client accepted."""
 
     def __init__(self, client):
         self.client = client
@@ -71,7 +71,7 @@ class Walk:
         self._next = 0
 
     def go(self, count):
-        """Add poses until the disk is full; return how many were taken."""
+        """Add poses until the disk is full, and return how many were accepted."""
         before = len(self.taken)
         for _ in range(count):
             try:
@@ -110,8 +110,8 @@ def test_a_disk_filled_to_the_last_byte_and_freed(start, server, disk, until):
     server.script = lambda path, body: None
     until(lambda: client.status().waiting == 0)  # acknowledged while the disk is full
     assert times(server) == walk.taken
-    disk.fill()  # somebody else takes what the reserve has left
-    for _ in range(20):  # what the server has makes room for new records
+    disk.fill()  # others use the remaining space of the reserve
+    for _ in range(20):  # sent records free space for new ones
         assert walk.go(500) > 0
         disk.fill()
         until(lambda: client.status().waiting == 0)

@@ -28,7 +28,7 @@ def site(disk):  # noqa: F811
 
 
 def empties_its_log(library):
-    """Write what is in SQLite's log to the database, or else the room of the log is used once more."""
+    """Checkpoint SQLite's log, whose space would otherwise be reused; return whether it worked."""
     with library.database.engine.connect() as connection:
         busy, *_ = connection.exec_driver_sql("PRAGMA wal_checkpoint(TRUNCATE)").one()
     return not busy

@@ -52,7 +52,7 @@ def test_client_and_server_are_killed_ten_times(tmp_path, port, seed):
             begun = len(stored(file))
             until = time.monotonic() + 60
             while len(stored(file)) == begun < COUNT and time.monotonic() < until:
-                time.sleep(0.02)  # both are at work
+                time.sleep(0.02)  # until both are working
             time.sleep(rng.uniform(0, 0.15))
             name = ("stand_in", "walker")[kill % 2]
             running[name].kill()

@@ -1,4 +1,4 @@
-"""The client and the commands against the application itself."""
+"""The client and the commands with the real application."""
 
 import io
 import json
@@ -17,7 +17,7 @@ from webapp.robot.content import read_content
 
 @pytest.fixture
 def expmap(capsys, monkeypatch, site):
-    """Run the command with the token in the environment; gives exit code, output, errors."""
+    """Run the command with the token in the environment and return exit code, output, errors."""
     monkeypatch.setenv("EXPMAP_TOKEN", site.token)
 
     def call(*words, stdin=""):
@@ -71,7 +71,7 @@ def test_damage_that_the_server_has_already_is_found_out_by_asking(site, mission
         return RobotClient(site.url, site.token, mission=mission, spool=tmp_path / "s", options=options)
 
     with start() as robot, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("webapp.robot.spool.Spool.acknowledge", lambda *_: None)  # killed before it was noted
+        patch.setattr("webapp.robot.spool.Spool.acknowledge", lambda *_: None)  # killed before recording it
         for number in range(5):
             robot.pose(50, 14, time_s=number)
         assert not robot.upload(wait_s=0.5)
@@ -129,7 +129,7 @@ def test_a_recorded_mission_is_replayed_into_a_new_one(site, expmap, tmp_path):
     assert poses.latlon[:, 0] == pytest.approx([50 + n * 4e-6 for n in range(0, 50, 3)])
     assert poses.travelled_m[-1] == pytest.approx(48 * 4e-6 * 111_229, rel=1e-3)
     before = site.poses(number).times_s.tolist()
-    code, _, err = expmap(*words, "--new", "Walk", "--start", "50,14,90")  # again: it is all there
+    code, _, err = expmap(*words, "--new", "Walk", "--start", "50,14,90")  # repeated: all is stored
     assert code == 0 and f"continuing mission {number}" in err
     assert site.poses(number).times_s.tolist() == before
     code, _, err = expmap(*words, "--min-move", "0", "--start", "50,14,90")

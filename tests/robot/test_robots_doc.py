@@ -1,4 +1,4 @@
-"""The page for robot people says what is so, and its examples run."""
+"""The documentation for robots is correct, and its examples run."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ def blocks(language):
 
 
 def test_the_example_in_python_sends_what_it_says(site, mission, tmp_path, save_photo):
-    program, _ = blocks("python")  # the other one asks a map: tests/web/localize
+    program, _ = blocks("python")  # the other one queries a map: tests/web/localize
     (tmp_path / "example.py").write_text(program)
     save_photo(tmp_path / "door.jpg", 3)
     words = [sys.executable, "example.py", site.url, site.token, str(mission), "spool"]

@@ -1,4 +1,4 @@
-"""What is on the robot's disk survives kills; damage is found, and costs only what it damaged."""
+"""Data on the robot's disk survives kills; damage is detected, and only damaged data is lost."""
 
 import io
 import json
@@ -37,7 +37,7 @@ def filled(folder, count, *, options=None):
 
 
 def drain(spool):
-    """What an uploader would send, and the gaps; all of it is acknowledged or set aside."""
+    """Return what an uploader would send, and the gaps; everything is acknowledged or set aside."""
     texts, gaps = [], []
     while (found := spool.next_batch(records=3, size=1000)) is not None:
         if isinstance(found, Gap):
@@ -172,7 +172,7 @@ def test_a_damaged_database_is_set_aside_and_what_can_be_read_is_kept(tmp_path, 
     (note,) = read_content(folder).aside
     assert note["reason"].startswith("the database was damaged") and "damaged-1" in note["reason"]
     assert len(list((folder / "damaged-1" / "photos").iterdir())) == 1
-    if page == "records":  # its state is readable: the same sender, with a gap where the records were
+    if page == "records":  # its state is readable: the same sender, with a gap for the records
         assert (spool.identity.id, spool.state.next, spool.photos.count) == (before, 100, 1)
     else:
         assert spool.identity.id != before and (spool.next, spool.photos.count) == (0, 0)
@@ -221,7 +221,7 @@ def test_a_full_spool_forgets_what_the_server_has_and_then_refuses(tmp_path):
         spool.size <= 50_000 + PAGE and database(tmp_path / "s").stat().st_size <= 60_000 and written > 5500
     )
     assert drain(spool) == (list(range(5000, written)), [])
-    spool.append(record(written), sync=False)  # there is room again
+    spool.append(record(written), sync=False)  # there is space again
     spool.close()
 
 

@@ -1,4 +1,4 @@
-"""A robot that walks: `python walker.py URL SPOOL COUNT` sends COUNT poses, resuming where it was killed."""
+"""A simulated robot: `python walker.py URL SPOOL COUNT` sends COUNT poses, and resumes after a kill."""
 
 import dataclasses
 import sys

@@ -1,4 +1,4 @@
-"""A network that can be cut: connections break in the middle, new ones are refused."""
+"""A network that can be cut: connections break, new ones are refused."""
 
 import contextlib
 import socket
@@ -6,7 +6,7 @@ import threading
 
 
 class Wire:
-    """Passes bytes on between those who connect to `url` and a server.
+    """A proxy between clients that connect to `url` and a server.
 
     Parameters
     ----------
@@ -22,11 +22,11 @@ class Wire:
         self._is_cut = False
         self.cuts = 0
         self.passed = 0
-        """Pieces of data that went through."""
+        """Number of blocks that were passed on."""
 
     @property
     def url(self) -> str:
-        """Where clients connect to."""
+        """Return the address for clients."""
         return f"http://127.0.0.1:{self._listener.getsockname()[1]}"
 
     def __enter__(self) -> "Wire":
@@ -50,7 +50,7 @@ class Wire:
             self._open.clear()
 
     def mend(self) -> None:
-        """Let data through again."""
+        """Pass data on again."""
         with self._guard:
             self._is_cut = False
 
@@ -65,7 +65,7 @@ class Wire:
             except OSError:
                 return  # the listener was closed
             if server is not None:
-                server.settimeout(None)  # it was for connecting only
+                server.settimeout(None)  # only for connecting
             with self._guard:
                 if server is None or self._is_cut:
                     client.close()

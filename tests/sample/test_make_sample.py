@@ -1,4 +1,4 @@
-"""The sample: complete, true, the same every time, and hard to break."""
+"""The sample map: complete, correct, reproducible, and made robustly."""
 
 import csv
 import json
@@ -43,7 +43,7 @@ def small(tmp_path_factory):
 def test_the_map_is_clean(sample_folder):
     report = check_map.check_map(sample_folder / "map.cfg", settings=SETTINGS, progress=Progress())
     assert (report.photos, report.errors) == (60, 0)
-    # the queries are in a folder outside the map on purpose
+    # the queries are intentionally in a folder outside the map
     assert [f.message for f in report.findings if "'queries/" not in f.message] == []
 
 
@@ -115,7 +115,7 @@ def describe(path):
 
 
 def agreeing(first, second):
-    """Matches, best both ways, that agree on one essential matrix."""
+    """Return mutual best matches that agree on one essential matrix."""
     pairs = cv2.BFMatcher(crossCheck=True).match(first[1], second[1])
     pairs = [pair for pair in pairs if pair.distance < 260]
     if len(pairs) < 8:
@@ -192,7 +192,7 @@ def test_a_damaged_record_is_reported(tmp_path):
 
 
 class Stopping(Progress):
-    """Stops after the first picture, and counts."""
+    """A progress that stops after the first picture, and counts."""
 
     def __init__(self):
         self.done, self.total = 0, 0
@@ -216,7 +216,7 @@ def test_stopping_leaves_nothing_behind(tmp_path):
 
 
 def test_force_replaces_and_a_missing_file_is_made_again(tmp_path, monkeypatch):
-    """What is made is not the matter here, so it is made of one file."""
+    """The content is irrelevant here, so a stand-in writes only one file."""
 
     def write(folder, **_):
         folder.mkdir()

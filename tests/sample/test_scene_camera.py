@@ -1,4 +1,4 @@
-"""The camera, and what is drawn where it says."""
+"""The camera, and where things are drawn."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def picture(left, right):
 
 
 def wall(*, north=10.0, size=4.0, texture=None, two_sided=False):
-    """A wall north of the origin that faces south."""
+    """Return a wall north of the origin that faces south."""
     return Quad(
         np.array([-size / 2, north, 0.0]),
         np.array([size, 0.0, 0.0]),
@@ -57,7 +57,7 @@ def test_heading_turns_clockwise():
     east = SceneCamera((0.0, 0.0, 2.0), 90.0, 90.0, 101, 101)
     pixels, depth = east.project(np.array([[10.0, 0.0, 2.0], [10.0, -5.0, 2.0]]))
     assert pixels[0] == pytest.approx((50, 50))
-    assert pixels[1, 0] > 50  # south is to the right of who looks east
+    assert pixels[1, 0] > 50  # facing east, south is to the right
     assert depth == pytest.approx([10, 10])
 
 

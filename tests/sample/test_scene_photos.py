@@ -1,4 +1,4 @@
-"""Photos of the park: true to its geometry, alike only where the place is the same."""
+"""Photos of the park: consistent with its geometry, similar only at the same place."""
 
 import time
 from dataclasses import replace
@@ -39,7 +39,7 @@ def shoot(stage, camera, seed=0):
 
 
 def front_of(house, *, distance, aside=0.0, turn_deg=0.0):
-    """A camera in front of a house that looks at its door side."""
+    """Return a camera facing the door side of a house."""
     spot = house.centre + house.facing * (house.depth / 2 + distance) + house.side * aside
     heading = np.degrees(np.arctan2(-house.facing[0], -house.facing[1])) + turn_deg
     return SceneCamera((float(spot[0]), float(spot[1]), 1.6), float(heading), 66.0, 640, 480)
@@ -59,7 +59,7 @@ def matches(first, second):
 
 
 def off_epipolar_line(first, second, xy1, xy2):
-    """Sampson distance to the true epipolar geometry, pixels."""
+    """Return the Sampson distance to the true epipolar geometry, pixels."""
     rotation = second.camera_from_world @ first.camera_from_world.T
     shift = second.camera_from_world @ (np.array(first.position) - np.array(second.position))
     cross = np.array([[0, -shift[2], shift[1]], [shift[2], 0, -shift[0]], [-shift[1], shift[0], 0]])

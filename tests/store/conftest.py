@@ -13,7 +13,7 @@ def library(tmp_path, new_library):
 
 @pytest.fixture
 def new_account(library):
-    """Make an account; gives its record."""
+    """Make an account and return its record."""
 
     def make(name, *, is_owner=False):
         with library.database.write() as session:
@@ -27,7 +27,7 @@ def new_account(library):
 
 @pytest.fixture
 def new_photo():
-    """Give the record of a photo, not yet of any map."""
+    """Return the record of a photo that is not yet part of a map."""
 
     def make(number, **fields):
         return Photo(
@@ -45,7 +45,7 @@ def new_photo():
 
 @pytest.fixture
 def new_map(library, new_photo):
-    """Make a map with so many photos; gives its id."""
+    """Make a map with a number of photos and return its id."""
 
     def make(account, *, photos=0, name="Park"):
         with library.database.write() as session:

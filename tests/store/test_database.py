@@ -1,4 +1,4 @@
-"""Sessions commit all or nothing, and raise clear errors."""
+"""Sessions commit everything or nothing, and raise clear errors."""
 
 import sqlite3
 
@@ -99,7 +99,7 @@ def test_what_breaks_a_rule_of_the_database_stays_a_bug(library, new_account):
 
 @pytest.mark.usefixtures("sqlite_only")
 def test_a_database_that_turns_read_only_while_it_is_open_is_an_error_in_words(library, new_account):
-    """As a disk does after an error; what is there can still be read, and later written again."""
+    """As a disk does after an error; data can still be read, and later written again."""
 
     def refuse(connection):
         connection.exec_driver_sql("PRAGMA query_only=ON")

@@ -1,4 +1,4 @@
-"""PostgreSQL searches for similar photos by pgvector, as it is done in memory elsewhere."""
+"""PostgreSQL searches for similar photos with pgvector, with the same results as in memory."""
 
 import logging
 
@@ -41,7 +41,7 @@ def maps(new_account, new_map):
 
 @pytest.fixture
 def keep(library, basis_id):
-    """Keep so many vectors of a map, round a direction of its own; gives them."""
+    """Store and return vectors of a map, scattered around a random direction."""
 
     def run(map_id, count=PHOTOS):
         rng = np.random.default_rng([map_id, 0])
@@ -124,7 +124,7 @@ def test_what_changes_is_taken_over_and_what_is_gone_is_deleted(library, search,
 
 
 def _rows(library):
-    """Where each row is: another place when it was written again."""
+    """Return the location of each row, which changes when it is rewritten."""
     with library.database.read() as session:
         return {
             (map_id, bytes(content), place)
@@ -177,7 +177,7 @@ def test_an_extension_that_is_too_old_is_left_alone(search, maps, keep, caplog, 
 
 def test_a_map_may_take_longer_than_a_statement(database_url, search, maps, keep):
     keep(maps[0])
-    search.refresh()  # the index is there: each photo takes a while from now on
+    search.refresh()  # with the index, each insertion is slow
     keep(maps[0], count=1500)
     hasty = Database(f"{database_url}&options=-cstatement_timeout%3D50ms")
     try:

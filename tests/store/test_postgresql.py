@@ -1,4 +1,4 @@
-"""What only PostgreSQL has: a server that can be away, several machines, and writers that do not wait."""
+"""Features specific to PostgreSQL: an unavailable server, several machines, and parallel writers."""
 
 import os
 import subprocess
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 @pytest.fixture
 def hasty(database_url):
-    """The database of the test, for sessions that hardly wait for others."""
+    """The database of the test, for sessions with short timeouts for locks."""
     database = Database(f"{database_url}&options=-clock_timeout%3D300ms")
     yield database
     database.close()
@@ -133,7 +133,7 @@ def test_machines_whose_clocks_differ_agree_on_how_long_a_job_works(library, par
 def test_a_worker_whose_clock_is_a_minute_off_neither_takes_nor_loses_a_job(
     library, parks, monkeypatch, minutes
 ):
-    """Whichever of the two has it: the clock that is off is that of the program, not that of the server."""
+    """In both directions; the clock of the program is off, not that of the server."""
 
     class Shifted(datetime):
         @classmethod
@@ -196,7 +196,7 @@ def woken(watch):
 
 def test_who_watches_is_woken_by_what_is_kept(library, hasty):
     with hasty.watch("a", look_s=0.0) as watch, hasty.watch("b", look_s=0.0) as other:
-        assert woken(watch) and woken(other)  # somebody listens now
+        assert woken(watch) and woken(other)  # the listeners are connected now
         with pytest.raises(KeyError), library.database.write() as session:
             announce(session.connection(), "b")
             raise KeyError
@@ -213,7 +213,7 @@ def test_who_watches_is_woken_also_after_a_lost_connection(library, hasty):
         with library.database.write() as session:
             for pid in session.scalars(others).all():
                 session.execute(text(f"SELECT pg_terminate_backend({pid})"))
-        for _ in range(3):  # by the loss, by the next connection, and by what is announced
+        for _ in range(3):  # by the lost connection, by the new one, and by the notice
             with library.database.write() as session:
                 announce(session.connection(), "a")
             assert woken(watch)
@@ -369,7 +369,7 @@ def test_a_command_without_the_server_ends_with_one_line(tmp_path):
 
 
 def test_a_job_outlives_the_database(library, parks, postgresql):
-    """What has been acknowledged as leased is known after a restart."""
+    """An acknowledged lease survives a restart."""
     with library.database.write() as session:
         jobs.enqueue(session, "index", map_id=parks[0])
     with library.database.write(locks_rows=True) as session:

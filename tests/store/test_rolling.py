@@ -1,4 +1,4 @@
-"""Machines are updated one after the other: programs of two versions on one database."""
+"""Rolling updates: programs of two versions on one database."""
 
 import ast
 from pathlib import Path
@@ -16,7 +16,7 @@ _EXPANDING = {"create_table", "create_index", "drop_index", "add_column", "batch
 
 @pytest.fixture
 def newer(library):
-    """Make the tables newer, as the next version of the program does that has added a column."""
+    """Upgrade the tables as a newer version with an additional column would."""
 
     def make(*, since):
         database = library.database
@@ -65,7 +65,7 @@ def test_migrations_that_count_as_expanding_only_expand():
 
 
 def check_expanding(source):
-    """Whether a migration adds only what older programs need not write."""
+    """Check that a migration adds only what older programs need not write."""
     for call in (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)):
         if not isinstance(call.func, ast.Attribute):
             continue

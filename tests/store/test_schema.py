@@ -1,4 +1,4 @@
-"""The migrations make just the tables that the program has, from nothing and from version 0.7.0."""
+"""The migrations create exactly the program's tables, from nothing and from version 0.7.0."""
 
 import sqlite3
 from pathlib import Path
@@ -42,7 +42,7 @@ def test_opening_again_changes_nothing(library, database_url, new_account):
 
 @pytest.fixture
 def released(tmp_path):
-    """A database as version 0.7.0 has made it, with a map and a mission that are shared; gives it open."""
+    """An open database as made by version 0.7.0, with a shared map and a shared mission."""
     path = tmp_path / "library.db"
     with sqlite3.connect(path) as raw:
         raw.executescript(Path(__file__).with_name("library_0_7_0.sql").read_text("utf-8"))
@@ -135,7 +135,7 @@ def test_tables_of_short_rows_keep_what_they_have_and_need_no_index(released):
 
 
 def _add_orphan(database):
-    """Add a member of a map that is not there, as a program does that does not check foreign keys."""
+    """Add a member of a missing map, as a program without checks of foreign keys could."""
     with sqlite3.connect(database.engine.url.database) as raw:
         raw.execute("INSERT INTO member VALUES (99, 1, 'viewer')")
     raw.close()

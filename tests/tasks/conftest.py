@@ -1,4 +1,4 @@
-"""What the tests of building and opening a map share."""
+"""Fixtures of the tests of building and opening a map."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +24,7 @@ def quick() -> Settings:
 
 @pytest.fixture(scope="session")
 def build(quick: Settings) -> Build:
-    """Build the index of a map, for the method without calibration."""
+    """Build the index of a map, for a method without calibration."""
 
     def run(cfg: Path, *, progress: Progress | None = None, jobs: int = 1, **options: object) -> BuildReport:
         asked = OpenOptions(method="vote", jobs=jobs, **options)
@@ -35,7 +35,7 @@ def build(quick: Settings) -> Build:
 
 @pytest.fixture
 def described(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the photos whose features are computed."""
+    """The names of the photos whose features were computed."""
     names = []
     describe = extract_photo._describe
 
@@ -49,7 +49,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.fixture(scope="session")
 def lasting() -> Callable[[Path], dict[str, bytes]]:
-    """Read the files of an index, but the manifest."""
+    """Read the files of an index except the manifest."""
 
     def read(folder: Path) -> dict[str, bytes]:
         kinds = (".features", ".ivf", ".codebook")
@@ -72,7 +72,7 @@ def edit() -> Callable[[Path, Callable[[list[str]], object]], None]:
 
 @pytest.fixture(scope="session")
 def found(quick: Settings) -> Callable[..., list[tuple[int, float]]]:
-    """Ids and probabilities that `vote` answers for a photo."""
+    """Return the ids and probabilities of the answer of `vote` for a photo."""
 
     def run(cfg: Path, photo: Path, **options: object) -> list[tuple[int, float]]:
         asked = OpenOptions(method="vote", jobs=1, **options)

@@ -17,7 +17,7 @@ remember_rules()
 
 
 class Browser(FlaskClient):
-    """A client that sends the CSRF token with everything that changes something."""
+    """A client that sends the CSRF token with all changing requests."""
 
     csrf = True
 
@@ -59,7 +59,7 @@ def owner(library):
 
 @pytest.fixture
 def new_account(library):
-    """Make an account by its name; gives its record."""
+    """Make an account with a name, and return its record."""
 
     def make(name):
         with library.database.write() as session:
@@ -70,7 +70,7 @@ def new_account(library):
 
 @pytest.fixture
 def sign_in(app):
-    """Give a browser in which an account is signed in."""
+    """Return a browser in which an account is signed in."""
 
     def make(account):
         client = app.test_client()
@@ -91,13 +91,13 @@ def client(sign_in, owner):
 
 @pytest.fixture
 def stranger(app):
-    """A browser in which nobody is signed in."""
+    """A browser that is not signed in."""
     return app.test_client()
 
 
 @pytest.fixture
 def new_map(library):
-    """Make a map without photos; shared with others as {account: role}. Gives its slug."""
+    """Make a map without photos, shared with others as {account: role}, and return its slug."""
 
     def make(account, *, name="Park", shared=None):
         with library.database.write() as session:

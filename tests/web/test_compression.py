@@ -1,4 +1,4 @@
-"""Answers of text are compressed for those who take it."""
+"""Text responses are compressed for clients that accept it."""
 
 import gzip
 

@@ -1,4 +1,4 @@
-"""The manifest, the service worker and what it keeps."""
+"""The manifest, the service worker and its cache."""
 
 import json
 import re
@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture
 def worker(stranger):
-    """What the service worker begins with: version and files."""
+    """Return the version and files at the start of the service worker."""
     answer = stranger.get("/sw.js")
     assert answer.status_code == 200 and answer.mimetype == "text/javascript"
     return json.loads(re.match(r"const SHELL = (.*);\n", answer.text)[1])

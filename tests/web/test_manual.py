@@ -1,4 +1,4 @@
-"""The manual in the program, and the chapter that each page leads to."""
+"""The manual in the program, and the chapters that pages link to."""
 
 import re
 

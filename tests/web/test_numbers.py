@@ -1,4 +1,4 @@
-"""Numbers of records that are too large for a column are refused alike on every database."""
+"""Integers that are too large for a column are refused in the same way on every database."""
 
 import re
 
@@ -7,14 +7,14 @@ from marshmallow import fields, validate
 
 LARGEST = 2**31 - 1
 OF_NO_RECORD = {"x", "y", "z"}
-"""Parts of an address: of a tile."""
+"""Integers that are no ids of records: coordinates of a tile."""
 
 SIZES = {"size_bytes", "width", "height"}
-"""What is compared with other limits than that of a column."""
+"""Fields with other limits than that of a column."""
 
 
 def integers(schema):
-    """Go through the integers of a schema and of those in it: name and largest value."""
+    """Yield name and largest value of the integers of a schema, recursively."""
     for name, field in schema.fields.items():
         inner = field.inner if isinstance(field, fields.List) else field
         if isinstance(inner, fields.Nested):
@@ -25,7 +25,7 @@ def integers(schema):
 
 
 def requests(app):
-    """Go through the schemas of all requests."""
+    """Yield the schemas of all requests."""
     for view in app.view_functions.values():
         spec = getattr(view, "_spec", {})
         for schema in (spec.get("body"), *(one[0] for one in spec.get("args", ()))):

@@ -1,4 +1,4 @@
-"""The OpenAPI document is complete; whatever is sent, answers match it, and respect who may see what."""
+"""The OpenAPI document is complete; responses to any request match it and respect permissions."""
 
 import io
 import itertools
@@ -39,7 +39,7 @@ from webapp.web.openapi import PATH
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 PLAIN = {"Accept-Encoding": "identity"}
-"""Schemathesis asks the application itself for compressed answers, which it cannot read then."""
+"""Schemathesis requests compressed responses from the application, but cannot decompress them."""
 
 CHECKS = [
     not_a_server_error,
@@ -63,13 +63,13 @@ NUMBERS = [0, 1, 10**4, 2**31 - 1, 2**31, 2**63 - 1, 2**63, 10**40]
 
 @pytest.fixture
 def settings(tmp_path):
-    """Let streams of events end at once."""
+    """Settings with which event streams end at once."""
     return Settings(library=tmp_path / "library", missions=MissionSettings(stream_s=0.0))
 
 
 @pytest.fixture(autouse=True)
 def not_in_anger(app):
-    """Answer mistakes of the program as the server does, instead of raising them here."""
+    """Turn errors of the program into responses, as on the server, instead of raising them."""
     app.testing = False
 
 
@@ -93,7 +93,7 @@ def operations(api):
 
 
 def picture():
-    """A JPEG file."""
+    """Return a JPEG file."""
     file = io.BytesIO()
     Image.new("RGB", (40, 30)).save(file, "JPEG")
     return file.getvalue()
@@ -101,7 +101,7 @@ def picture():
 
 @pytest.fixture
 def add_mission(library, settings, owner):
-    """Make a mission on a map with a track, an object and a photo; gives their ids by parameter."""
+    """Make a mission on a map with a track, an object and a photo, and return their ids by parameter."""
 
     def make(map_id):
         with library.database.write() as session:
@@ -132,7 +132,7 @@ def add_mission(library, settings, owner):
 
 @pytest.fixture
 def fresh(library, owner, make_map, add_mission):
-    """Make a map with photos, a placement, a query, an upload, a job, a mission; gives its slug and ids."""
+    """Make a map with photos, a placement, a query, an upload, a job, a mission; return its slug and ids."""
     numbers = itertools.count()
 
     def make():
@@ -182,7 +182,7 @@ def token(library):
 
 
 def cases(operation, slug, ids, modes=GenerationMode):
-    """Requests to an address of a map: well-formed ones and others; ids that exist, and some that cannot."""
+    """Return a strategy of requests to an address of a map, valid or not; existing and impossible ids."""
     made = st.one_of(operation.as_strategy(generation_mode=mode) for mode in modes)
 
     @st.composite
@@ -206,7 +206,7 @@ def cases(operation, slug, ids, modes=GenerationMode):
 
 
 def each(strategy, *, examples, call):
-    """Call with so many examples of a strategy."""
+    """Call a function with a number of examples of a strategy."""
 
     @hypothesis.settings(
         max_examples=examples,
@@ -223,7 +223,7 @@ def each(strategy, *, examples, call):
 
 
 def state(library, slug):
-    """What nobody may change who must not: the records of a map, of its photos and of its mission."""
+    """Return what must not change without permission: the records of a map, its photos and its mission."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
         rows = session.query(Photo).filter_by(map_id=record.id).order_by(Photo.id)
@@ -268,7 +268,7 @@ def test_every_operation_says_what_it_takes_gives_and_fails_with(document):
 
 
 def test_schemas_have_names_of_their_own(document):
-    """A number at the end is what a second schema of the same name gets."""
+    """A number is appended to a second schema of the same name."""
     assert [name for name in document["components"]["schemas"] if name[-1].isdigit()] == []
 
 
@@ -279,7 +279,7 @@ def test_the_document_is_the_same_for_everyone(app, document):
 
 
 def test_who_asks_for_the_document_at_the_same_time_gets_all_of_it(app, owner, sign_in):
-    """A process makes it for the first one who asks."""
+    """A process creates it at the first request."""
     browsers = [sign_in(owner) for _ in range(8)]
     with ThreadPoolExecutor(8) as pool:
         documents = [*pool.map(lambda browser: browser.get("/api/v1/openapi.json").json, browsers)]
@@ -304,7 +304,7 @@ def test_whatever_the_owner_sends_is_answered_as_the_document_says(operations, f
     def call(case):
         answer = case.call_and_validate(headers=headers, checks=CHECKS)
         seen.add(answer.status_code)
-        if answer.status_code == 401:  # one can revoke one's own token
+        if answer.status_code == 401:  # requests may have revoked their own token
             headers["Authorization"] = f"Bearer {token(owner)}"
 
     slug, ids = fresh()
@@ -405,7 +405,7 @@ def test_viewers_change_nothing(operations, fresh, library, new_account, token):
 def test_the_roles_of_every_operation_are_asked_for_before_what_was_sent(
     operations, fresh, new_account, token
 ):
-    """A viewer gets as far as the role with a request that is well-formed: no 422 hides what is missing."""
+    """With a valid request, a viewer gets to the check of the role: no 422 hides a missing one."""
     slug, ids = fresh()
     headers = {"Authorization": f"Bearer {token(new_account('Mallory'))}"}
     answered = {}

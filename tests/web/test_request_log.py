@@ -1,4 +1,4 @@
-"""The log for programs has a line for each request, and nothing in it lets anybody in."""
+"""The JSON log has a line for each request, and contains no credentials."""
 
 import io
 import json
@@ -12,7 +12,7 @@ from webapp.store.accounts import accounts, sign_in
 
 @pytest.fixture
 def stderr(monkeypatch):
-    """What comes out on standard error; the log is as before afterwards."""
+    """Capture standard error, and restore the log afterwards."""
     stream, root = io.StringIO(), logging.getLogger()
     before = root.handlers[:], root.level
     monkeypatch.setattr("sys.stderr", stream)
@@ -26,7 +26,7 @@ def stderr(monkeypatch):
 
 @pytest.fixture
 def lines(stderr):
-    """Log as JSON; gives the lines so far."""
+    """Log as JSON, and return the lines so far."""
     log_to_stderr("json")
     return lambda: [json.loads(line) for line in stderr.getvalue().splitlines()]
 
@@ -98,7 +98,7 @@ def test_other_words_stay():
 
 
 def test_people_see_no_requests(client, park, stderr, monkeypatch):
-    logging.getLogger().handlers.clear()  # pytest has put its own there since
+    logging.getLogger().handlers.clear()  # pytest has added its own since
     monkeypatch.setattr("sys.stderr", stderr)
     log_to_stderr("text")
     client.get(f"/api/v1/maps/{park}")

@@ -1,4 +1,4 @@
-"""Errors, headers, CSRF, and who gets in."""
+"""Errors, headers, CSRF, and access."""
 
 import re
 import stat
@@ -23,7 +23,7 @@ PAGES = ["/", "/bin", "/account", "/people", "/maps/park/jobs", "/maps/park/sett
 
 
 def shape(answer):
-    """The error of an answer, whose shape is checked."""
+    """Return the error of a response, checking its form."""
     assert set(answer.json) == {"error"}
     assert set(answer.json["error"]) == {"code", "message", "hint", "where"}
     return answer.json["error"]
@@ -169,7 +169,7 @@ def test_every_error_has_a_status_of_its_own(app):
 
 
 def without_token(page):
-    """A page without its CSRF tokens, which carry the second they were made in."""
+    """Return a page without its CSRF tokens, which contain their time."""
     return re.sub(r'(name="csrf[-_]token" (?:value|content)=)"[^"]+"', r"\1", page)
 
 

@@ -1,4 +1,4 @@
-"""The files of pages: few, compressed, and kept by browsers for as long as their content stays."""
+"""The files of pages: few, compressed, and cached by browsers until their content changes."""
 
 import gzip
 import re
@@ -15,7 +15,7 @@ ADDRESS = re.compile(r'(?:src|href)="(/static/[^"#]+)')
 
 @pytest.fixture
 def addresses(client, park):
-    """The files that the editor names."""
+    """The addresses of the files of the editor."""
     return list(dict.fromkeys(ADDRESS.findall(client.get("/maps/park/edit").text)))
 
 

@@ -1,4 +1,4 @@
-"""Lines of the log and spans carry the request or job that they are of, through threads and processes."""
+"""Log lines and spans carry the id of their request or job, across threads and processes."""
 
 import logging
 import sys
@@ -17,7 +17,7 @@ _log = logging.getLogger("webapp.tests")
 
 @pytest.fixture
 def spans():
-    """What is recorded, as OpenTelemetry's own exporter for tests keeps it."""
+    """The recorded spans, in OpenTelemetry's exporter for tests."""
     trace = pytest.importorskip("opentelemetry.sdk.trace")
     from opentelemetry.sdk.trace.export import SimpleSpanProcessor
     from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter
@@ -52,13 +52,13 @@ def test_threads_and_other_processes_write_for_the_same_job(lines):  # noqa: F81
     _log.warning("idle")
     assert [line.get("job") for line in lines()] == [12, 12, 12, None]
     assert (there.form, dict(there.at_work)) == ("json", {"job": 12})
-    with ContextThreads(1) as pool:  # as another process would
+    with ContextThreads(1) as pool:  # like another process
         pool.submit(take_over, there).result()
 
 
 @pytest.fixture
 def text(stderr):  # noqa: F811
-    """The log as people read it."""
+    """The log in the format for people."""
     log_to_stderr("text")
     return stderr.getvalue
 

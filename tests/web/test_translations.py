@@ -1,4 +1,4 @@
-"""Every text of the pages and scripts is there in every language, and what is compiled is what is written."""
+"""Every text of pages and scripts is translated to every language, and compiled catalogues are up to date."""
 
 import importlib.util
 import re
@@ -12,12 +12,12 @@ from webapp.web.language import LANGUAGES, TRANSLATIONS, script_catalogue, trans
 DOMAINS = ("messages", "scripts")
 OTHERS = sorted(set(LANGUAGES) - {"en"})
 KEPT = re.compile(r"%\(\w+\)[sd]|%[sd]|\{\w*\}|</?\w[^>]*>|&#?\w+;|`[^`]+`")
-"""What a translation has, too: placeholders, tags, entities, and what is typed."""
+"""Parts that a translation must contain, too: placeholders, tags, entities, and literal input."""
 
 
 @pytest.fixture(scope="module")
 def maker(request):
-    """The script that gathers the texts."""
+    """The script that extracts the texts."""
     path = request.config.rootpath / "docs" / "make_translations.py"
     spec = importlib.util.spec_from_file_location("make_translations", path)
     module = importlib.util.module_from_spec(spec)
@@ -27,7 +27,7 @@ def maker(request):
 
 @pytest.fixture(params=[(domain, language) for domain in DOMAINS for language in OTHERS])
 def written(request):
-    """Domain, language, and the path of its `.po` file."""
+    """Domain, language, and path of each `.po` file."""
     domain, language = request.param
     return domain, language, TRANSLATIONS / language / "LC_MESSAGES" / f"{domain}.po"
 
@@ -70,7 +70,7 @@ def test_translations_keep_placeholders_and_markup(written):
     for message in messages:
         ids = message.id if isinstance(message.id, tuple) else (message.id,)
         strings = message.string if isinstance(message.string, tuple) else (message.string,)
-        # The first form may say "one" in a word; the last one is for many.
+        # the first form may spell out "one"; the last one is for many
         assert sorted(KEPT.findall(strings[-1])) == sorted(KEPT.findall(ids[-1])), message.id
         for string in strings:
             assert set(KEPT.findall(string)) <= set(KEPT.findall(ids[-1])), message.id

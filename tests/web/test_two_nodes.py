@@ -1,4 +1,4 @@
-"""Two web servers on one database: what was begun at one of them goes on at the other."""
+"""Two web servers on one database: work begun at one continues at the other."""
 
 import re
 import shutil
@@ -21,7 +21,7 @@ PASSWORD = "correct horse battery"
 
 @pytest.fixture
 def start(postgresql, tmp_path):
-    """Make applications of one library; each has connections of its own, as a machine has."""
+    """Make applications of one library, with separate connections, as on separate machines."""
     url = postgresql.new_database(empty=True)
     opened = []
 
@@ -45,7 +45,7 @@ def nodes(start, settings):
 
 
 def carry(client, app):
-    """The same browser, at the other node."""
+    """Return the same browser at the other node."""
     other = app.test_client()
     cookie = client.get_cookie("expmap")
     other.set_cookie("expmap", cookie.value)
@@ -58,7 +58,7 @@ def library_of(app):
 
 @pytest.fixture
 def browser(nodes):
-    """Signed in at the first node, by its page."""
+    """A browser signed in at the first node, by its page."""
     database = library_of(nodes[0]).database
     with database.write() as session:
         link = sign_in.new_link(session, accounts.ensure_owner(session), hours=1)

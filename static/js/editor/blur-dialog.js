@@ -20,7 +20,7 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
  * @param {Object} server
  * @param {function(Object): Box[]} server.blurredNow boxes of a photo, as last known
  * @param {function(Object): Promise<{boxes: Box[], left?: number, missing: string[]}>} server.suggest finds faces and number plates in a photo
- * @param {function(Object, Box[], Box[]): Promise<void>} server.save saves the boxes of a photo, unless the saved ones differ from the third argument
+ * @param {function(Object, Box[], Box[]): Promise<void>} server.save saves boxes of a photo, unless it has others than the third argument
  * @param {?function(): Promise<void>} [server.searchAll] starts a job that searches all photos of the map
  * @returns {HTMLDialogElement}
  */

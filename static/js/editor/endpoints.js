@@ -72,7 +72,7 @@ export function endpointsOf(slug) {
   };
 }
 
-/** Header that makes the server refuse the request if there are changes after this revision. @param {number} revision */
+/** Header with which the server refuses the request after newer changes. @param {number} revision */
 function ifMatch(revision) {
   return { "If-Match": String(revision) };
 }

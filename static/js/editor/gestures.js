@@ -1,4 +1,4 @@
-/** Mouse, pen and touch gestures on the image: place, select, drag, turn, box; Leaflet handles pan, wheel and pinch. */
+/** Mouse, pen and touch on the image: place, select, drag, turn, box; Leaflet handles pan, wheel and pinch. */
 
 import { h } from "../shared/dom.js";
 import { clamped, imageAngle, isInside } from "../shared/map/coords.js";
@@ -69,7 +69,7 @@ export class EditGestures {
     /** @type {Object<string, *>} */
     const gesture = { id: event.pointerId, pointer, point, start: this.view.pixelAt(event), moved: false };
     Object.assign(gesture, this._meaning(event, point, pointer));
-    if (dots.isFanned && gesture.hit !== undefined) gesture.start = this.store.position(gesture.hit); // a spread dot is not drawn at its position
+    if (dots.isFanned && gesture.hit !== undefined) gesture.start = this.store.position(gesture.hit); // not where it is drawn
     if (gesture.mode !== "pan") this.view.map.dragging.disable();
     if (pointer === "touch") gesture.timer = setTimeout(() => this._longPress(), LONG_PRESS_MS);
     this.gesture = gesture;

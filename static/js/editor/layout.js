@@ -6,7 +6,7 @@ import { connectTabs } from "../shared/tabs.js";
 
 const KEPT = "expmap.editor-layout";
 const KEY_STEP = 24;
-/** Draggable edges: what they resize, along which axis and sign, minimum size in pixels, maximum as a fraction of the window. */
+/** Draggable edges: part, axis, sign, minimum size (pixels) and maximum (fraction of the window). */
 const EDGES = {
   "side-edge": { name: "side", axis: "x", grows: 1, least: 200, most: 0.6 },
   "strip-edge": { name: "strip", axis: "y", grows: -1, least: 150, most: 0.5 },

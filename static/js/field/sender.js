@@ -59,7 +59,7 @@ export class Sender extends EventTarget {
     return account === this.outbox.account;
   }
 
-  /** Send a photo. Temporary errors are thrown, which stops sending; permanent ones are recorded in the entry. */
+  /** Send a photo. Temporary errors are thrown, which stops sending; permanent ones go into the entry. */
   async _one({ key, map, name, photo, spot }) {
     const body = new FormData();
     body.append("file", photo, name);

@@ -1,4 +1,4 @@
-/** The page of the control points: naming a point, clicking it in photos and on the image, and its residuals. */
+/** The page of the control points: naming, clicking in photos and on the image, residuals. */
 
 import { busy } from "../shared/dialogs.js";
 import { byId, h, icon, queryAll } from "../shared/dom.js";

@@ -1,4 +1,4 @@
-/** The page of the landmarks: points and cameras in two views, from above and in space, and the job that computes them. */
+/** The page of the landmarks: points and cameras from above and in space, and the job that computes them. */
 
 import { Box3, Vector3 } from "three";
 import { busy, openDialog } from "../shared/dialogs.js";

@@ -123,7 +123,7 @@ export class AnswerGestures {
   }
 }
 
-/** Show what a click means; Escape ends the mode, digits select a hypothesis. @param {import("../shared/answer/query-session.js").QuerySession} session */
+/** Show what a click means; Escape ends it, digits select a place. @param {import("../shared/answer/query-session.js").QuerySession} session */
 export function instructions(session) {
   const box = byId("instruction");
   const words = {

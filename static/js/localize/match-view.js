@@ -69,7 +69,7 @@ function layout(query, photo, shape) {
   return { frame: { width: unit, height: above.height * unit }, places };
 }
 
-/** Position of a keypoint in the drawing; keypoint coordinates refer to pixel centres. @param {number[]} keypoint */
+/** Position of a keypoint in the drawing; (0, 0) is a pixel centre. @param {number[]} keypoint */
 function shown([x, y], { width, height }, place) {
   return [place.x + ((x + 0.5) / width) * place.width, place.y + ((y + 0.5) / height) * place.height];
 }

@@ -10,7 +10,7 @@ import { findPhoto } from "./find-photo.js";
 
 const cards = document.getElementById("maps");
 const more = document.getElementById("more"); // link to the next part of the list, if any
-let searched = new URLSearchParams(location.search).get("search") ?? ""; // text that the server has searched for
+let searched = new URLSearchParams(location.search).get("search") ?? ""; // by the server
 let asked = 0; // number of requests, to discard responses to outdated ones
 const tools = document.getElementById("list-tools") && new ListTools(cards, {
   kept: "expmap.maps-sort",

@@ -1,4 +1,4 @@
-/** Speed, height or distance over the timeline; hovering marks the position on the map, a click goes to the moment. */
+/** Speed, height or distance over the timeline; hovering marks the map, a click goes there. */
 
 import { byId, h, queryAll } from "../shared/dom.js";
 import { labelled, t } from "../shared/i18n.js";

@@ -13,7 +13,7 @@ import { goTo, slippyMap } from "./tile-map.js";
 const FIELDS = { x: 1, y: 1, lat: 6, lon: 6 };
 const NEEDED = 2;
 
-/** The points, in both maps and in the table. A point may be incomplete: only pixel or only latitude and longitude. */
+/** The points, in both maps and in the table. A point may have only one half: pixel, or latitude and longitude. */
 export class ControlPoints {
   /** @param {function(): void} changed */
   constructor(changed) {

@@ -32,7 +32,7 @@ export class ApiError extends Error {
  * @param {BodyInit} [options.body] sent unchanged: a FormData, a Blob
  * @param {Object<string, string>} [options.headers]
  * @param {AbortSignal} [options.signal]
- * @param {boolean} [options.patient] whether to retry when the network fails or the server is busy; by default only GET and HEAD
+ * @param {boolean} [options.patient] whether to retry on network failures or a busy server; by default GET and HEAD
  * @returns {Promise<*>} the answer's JSON; null for an empty one
  * @throws {ApiError}
  */

@@ -37,7 +37,7 @@ export function listenToPastes(take) {
   document.addEventListener("paste", (event) => {
     const data = event.clipboardData;
     const files = usable(data?.files ?? []);
-    const isText = takesText(event.target) && data?.types.includes("text/plain"); // some programs copy text and an image of it
+    const isText = takesText(event.target) && data?.types.includes("text/plain"); // some programs copy both
     if (!files.length || isText || document.querySelector("dialog[open]")) return;
     event.preventDefault();
     take(files.map((file) => (file.name === UNNAMED ? named(file) : file)));

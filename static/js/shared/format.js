@@ -27,7 +27,7 @@ export function accuracyText(metres) {
   return `${(metres < 10 ? Number(metres.toFixed(1)) : Math.round(metres)).toLocaleString(locale)} m`;
 }
 
-/** The accuracy of a position on the image, in metres if the scale is known. @param {number} pixels @param {?number} metresPerPixel */
+/** The accuracy of a position, in metres if the scale is known. @param {number} pixels @param {?number} metresPerPixel */
 export function offText(pixels, metresPerPixel) {
   return metresPerPixel ? accuracyText(Math.max(0.1, pixels * metresPerPixel)) : t("{n} px", { n: Math.max(1, Math.round(pixels)) });
 }
@@ -37,7 +37,7 @@ export function metresText(value) {
   return value < 0.001 ? "0" : Number(value.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 });
 }
 
-/** Whether an address is a loopback address, which works only on the computer itself. @param {string} address of a page */
+/** Whether an address works only on the computer itself (loopback). @param {string} address of a page */
 export function isLoopback(address) {
   const { hostname } = new URL(address);
   return hostname === "[::1]" || /^(127(\.\d+){3}|(.*\.)?localhost)$/.test(hostname);

@@ -34,7 +34,7 @@ export class JobList {
     this.shown = new Map();
   }
 
-  /** Rebuild only rows whose job changed its state: a focused button keeps the focus. @param {Object[]} jobs */
+  /** Rebuild only rows with a new state: a focused button keeps the focus. @param {Object[]} jobs */
   show(jobs) {
     for (const [id, { row }] of this.shown) {
       if (jobs.some((job) => job.id === id)) continue;

@@ -64,7 +64,7 @@ export class ListTools {
     this._show().catch(toastError);
   }
 
-  /** Sort and filter the cards. Sorting first loads the whole list; an incomplete list is searched by the server. */
+  /** Sort and filter the cards. Sorting loads the whole list first; the server searches an incomplete list. */
   async _show() {
     const text = this.input.value.trim();
     const wanted = plain(text);

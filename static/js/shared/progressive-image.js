@@ -15,7 +15,7 @@ export class ProgressiveImage {
   }
 
   /**
-   * @param {?{name: string, thumb?: string, preview?: string}} photo null shows none; without `preview`, its details are not loaded yet
+   * @param {?{name: string, thumb?: string, preview?: string}} photo null shows none; without `preview`, details are not loaded yet
    * @returns {boolean} whether it is another picture than before
    */
   show(photo) {

@@ -5,7 +5,7 @@ const MOST_REFUSALS = 5;
 
 /**
  * @typedef {Object} Way how a file is sent
- * @property {function(): Promise<{id: string, offset: number, chunk_bytes: number}>} begin begins an upload, or returns the offset of an unfinished one
+ * @property {function(): Promise<{id: string, offset: number, chunk_bytes: number}>} begin begins or resumes an upload
  * @property {function(string, Blob, Object): Promise<Object>} sendChunk
  * @property {function(number): void} onProgress called with the number of bytes sent
  * @property {AbortSignal} signal

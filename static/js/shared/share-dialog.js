@@ -78,7 +78,7 @@ export function allowed({ query, in3d }, given = { photos: true }) {
   ].filter(Boolean);
 }
 
-/** @param {HTMLElement} root of checkboxes @returns {Object<string, boolean>} whether each is checked, by name */
+/** @param {HTMLElement} root of checkboxes @returns {Object<string, boolean>} state by name */
 export function checked(root) {
   return Object.fromEntries(queryAll("input[type=checkbox]", HTMLInputElement, root).map((box) => [box.name, box.checked]));
 }
@@ -108,7 +108,7 @@ function secret(label, value, id) {
     h("div", { class: "secret" }, input, h("button", { class: "button", type: "button", onclick: copy }, icon("copy"), word)));
 }
 
-/** Text with the author of a share, which outlives the removal of the account. @param {{maker: ?string}} share */
+/** Text with the author of a share, whose account may be removed. @param {{maker: ?string}} share */
 export function maker(share) {
   return share.maker === null ? t("made by an account that was removed") : t("made by {name}", { name: share.maker });
 }

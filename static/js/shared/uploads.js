@@ -143,7 +143,7 @@ export class Uploads extends EventTarget {
   }
 
   /**
-   * Begin uploads one after the other, since photos get their ids in this order; their bytes are sent in parallel.
+   * Begin uploads one by one, as photos get their ids in this order; their bytes are sent in parallel.
    *
    * @template T
    * @param {() => Promise<T>} begin

@@ -38,7 +38,7 @@ def test_grades_are_multiples_of_the_place_radius(error: float, word: str) -> No
 
 
 def test_calibration_error_by_hand() -> None:
-    # Two queries, so two bins of one: |0.2 - 0| and |0.9 - 1|.
+    # two queries, so two bins with one query each: |0.2 - 0| and |0.9 - 1|
     assert metrics.expected_calibration_error([0.2, 0.9], [False, True]) == pytest.approx(0.15)
 
 

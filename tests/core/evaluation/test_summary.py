@@ -19,7 +19,7 @@ def answered(
     radius: float | None = 10.0,
     looks: tuple[str, ...] = ("sift",),
 ) -> QueryResult:
-    """Make a result from (distance from the truth, probability) of each hypothesis."""
+    """Make a result from (distance to the truth, probability) of each hypothesis."""
     hypotheses = tuple(
         Hypothesis(rank, "photo", MapPixel(500 + d, 300), p, radius, None, (rank,), 20, 40)
         for rank, (d, p) in enumerate(found, 1)
@@ -73,7 +73,7 @@ def test_a_wrong_floor_is_a_wrong_answer_with_the_probability_that_it_said() -> 
     right = dataclasses.replace(answered((5, 0.9)), truth_floor=0)
     wrong = dataclasses.replace(answered((5, 0.9)), truth_floor=1)
     summary = summarise([right, wrong], place_radius_px=20, rng=np.random.default_rng(0))
-    assert summary.ece == pytest.approx(0.4)  # 0.9 was said, half of it is right
+    assert summary.ece == pytest.approx(0.4)  # stated 0.9, of which half is right
     assert sum(b.count for b in summary.reliability) == 2
     assert summary.answered_at_99_precision == 0.0
     assert summary.median_px == 5.0

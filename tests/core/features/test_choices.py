@@ -1,4 +1,4 @@
-"""Which combinations of detector, extractor and matcher are taken, and what is said about the others."""
+"""Accepted combinations of detector, extractor and matcher, and error messages for the others."""
 
 import itertools
 
@@ -40,7 +40,7 @@ def works(method: Method, extractor: str, matcher: str) -> bool:
 def test_combinations_that_work(method, detector, extractor, matcher):
     choice = choose(method, detector=detector, extractor=extractor, matcher=matcher)
     assert (choice.detector, choice.matcher) == (detector, matcher)
-    # Hamming2 counts pairs of bits, so ORB makes pairs for it.
+    # Hamming2 counts differing pairs of bits, so ORB computes pairs for it.
     assert choice.extractor == ("orb-wta4" if matcher == "hamming2" else extractor)
 
 

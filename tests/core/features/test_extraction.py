@@ -1,4 +1,4 @@
-"""Features of photos: shapes, places, scale, and matches across a known transformation."""
+"""Features of photos: shapes, positions, scale, and matches across a known transformation."""
 
 import itertools
 
@@ -14,7 +14,7 @@ from webapp.core.retrieval.engines.bruteforce import BruteForce
 PAIRS = [
     pair
     for pair in itertools.product(DETECTORS, EXTRACTORS)
-    if FeatureChoice(*pair, "").model is None  # those with a model are tested by themselves
+    if FeatureChoice(*pair, "").model is None  # those with a model have separate tests
 ]
 
 
@@ -96,7 +96,7 @@ def test_places_are_those_of_the_full_photo_whatever_it_was_scaled_to(scene, det
     nearest = np.where(same_size, apart, np.inf).min(1)
     found_again = scaled.xy[nearest < 4.0], nearest < 4.0
     assert found_again[1].mean() > 0.5
-    # The median offset, axis by axis, shows a systematic shift such as half a pixel forgotten.
+    # The median offset per axis reveals a systematic shift, such as a forgotten half pixel.
     partner = whole.xy[np.where(same_size, apart, np.inf).argmin(1)][found_again[1]]
     assert np.abs(np.median(found_again[0] - partner, axis=0)).max() < 0.3
     # ORB's corners are whole pixels of an image up to 3.6 times smaller.
@@ -117,7 +117,7 @@ def test_matches_follow_a_known_homography(scene, detector, extractor):
     moved = cv2.perspectiveTransform(a.xy[mutual][:, None].astype(np.float64), turn)[:, 0]
     right = np.linalg.norm(moved - b.xy[there[mutual]], axis=1) < 3.0
     assert right.sum() > 80
-    # SURF places its blobs less exactly, and others describe what is there, not what it found.
+    # SURF localizes blobs less exactly, and other extractors describe the point, not the blob.
     assert right.mean() > (0.6 if detector == "surf" != extractor else 0.75)
 
 
@@ -143,7 +143,7 @@ def test_a_dim_photo_shows_half_the_keypoints_of_a_bright_one_at_the_same_places
     dim = np.clip(scene.astype(np.float32) * 0.1 + 4, 0, 255).astype(np.uint8)
     bright = of(detector, extractor, gray=scene)
     found = of(detector, extractor, gray=dim)
-    assert len(found) >= 200  # of 250; a few are too near to the border to be described
+    assert len(found) >= 200  # of 250; a few are too close to the border to be described
     near = np.linalg.norm(found.xy[:, None] - bright.xy[None], axis=2).min(axis=1) < 2.0
     assert near.mean() > 0.4
 
@@ -156,6 +156,6 @@ def test_what_a_photo_shows_without_looking_for_faint_keypoints_is_kept(scene, n
         found = of(name, name, gray=dim, keypoints=keypoints)
         if len(found) == keypoints // 2:
             break
-    assert len(found) == keypoints // 2  # so that faint ones were looked for
+    assert len(found) == keypoints // 2  # so the search for faint keypoints was needed
     apart = np.linalg.norm(usual.xy[:, None] - found.xy[None], axis=2).min(axis=1)
     assert (apart < 0.01).mean() >= 0.8

@@ -1,4 +1,4 @@
-"""A model of the user's own: which image it takes is read from itself, or stated; what is wrong is said."""
+"""A user's model: its input image is read from the model or stated; errors are reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""ALIKED and DISK, with stand-ins whose keypoints are the brightest pixels."""
+"""ALIKED and DISK, with stand-in models whose keypoints are the brightest pixels."""
 
 from functools import partial
 
@@ -42,7 +42,7 @@ def features(kind, network, *, gray, keypoints=5, **more):
 
 
 def described(width, pixels=DOTS):
-    """What the stand-in says of pixels of an image so wide."""
+    """Return the stand-in's descriptors of pixels of an image of a width."""
     rows = TABLE[[(y * width + x) % 64 for x, y in pixels]]
     return unit_as_bytes(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
@@ -72,7 +72,7 @@ def test_keypoints_of_a_photo_of_any_size_are_at_their_pixels(opened, kind, shap
     ],
 )
 def test_a_model_for_one_size_is_shown_the_photo_undistorted(opened, kind, shape, takes, times):
-    """Squares become single pixels only where both sides shrink alike."""
+    """Squares become single pixels only if both sides shrink alike."""
     gray = dotted(shape, times=times)
     found = features(kind, opened(kind, brightest(kind, size=takes)), gray=gray)
     assert np.abs(found.xy - ((np.array(DOTS) + 0.5) * times - 0.5)).max() < 0.05 * times
@@ -99,7 +99,7 @@ def test_places_are_those_of_the_full_photo(opened, kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_keypoints_outside_the_photo_are_dropped(opened, kind):
     gray = dotted((70, 101))
-    gray[:, -1] = gray[-1] = 251  # repeated, this fills the rest with light
+    gray[:, -1] = gray[-1] = 251  # repeated as padding, this makes the rest bright
     found = features(kind, opened(kind, brightest(kind, count=3000)), gray=gray, keypoints=1000)
     assert len(found) >= 170
     assert (found.xy < (100.5, 69.5)).all()

@@ -1,4 +1,4 @@
-"""LightGlue and LighterGlue: with stand-ins that compute something simple, and with the published weights."""
+"""LightGlue and LighterGlue, with simple stand-ins and with the published weights."""
 
 import cv2
 import numpy as np
@@ -15,13 +15,13 @@ from webapp.errors import InputError
 from webapp.threads import in_threads
 
 UNKNOWN = glue().replace(b"ArgMax", b"ArgMux")
-"""A model with a layer that nobody knows."""
+"""A model with an unknown layer."""
 
 WIDTHS = {"lighterglue": 64, "lightglue": 128}
 
 
 def matcher(kind, **more):
-    """One of the two around a stand-in."""
+    """Make one of the two matchers around a stand-in."""
     width = WIDTHS[kind]
     if kind == "lighterglue":
         return LightGlue(lighter_glue(width=width, **more), LIGHTERGLUE, file="lighterglue.onnx")
@@ -29,7 +29,7 @@ def matcher(kind, **more):
 
 
 def photo(xy, size, *, rows=None, width=128):
-    """Features at pixels; the descriptors are those of rows of a table."""
+    """Make features at pixels, with descriptors from rows of a table."""
     xy = np.asarray(xy, np.float32).reshape(-1, 2)
     units = np.random.default_rng(9).normal(size=(200, width)).astype(np.float32)
     units /= np.linalg.norm(units, axis=1, keepdims=True)
@@ -45,7 +45,7 @@ def scattered(n, size, seed=0):
 @pytest.mark.parametrize("kind", WIDTHS)
 @pytest.mark.parametrize("size", [(640, 480), (300, 800)])
 def test_positions_are_in_halves_of_the_longer_side(kind, size):
-    """The stand-in matches what is at the same place, and scores 1 less the distance."""
+    """The stand-in matches keypoints at the same position, with score 1 minus the distance."""
     width, find = WIDTHS[kind], matcher(kind)
     xy, order = scattered(50, size), np.random.default_rng(1).permutation(50)
     double = tuple(2 * side for side in size)
@@ -54,7 +54,7 @@ def test_positions_are_in_halves_of_the_longer_side(kind, size):
     assert sorted(found[:, 0]) == list(range(50))
     assert (order[found[:, 0]] == found[:, 1]).all()
     half, (x, y) = max(size) / 2, np.array(size) / 2
-    for step, matched in ((0.89, 1), (0.91, 0)):  # a score of 0.1 is the least
+    for step, matched in ((0.89, 1), (0.91, 0)):  # the minimum score is 0.1
         for along in ((step * half, 0), (0, step * half)):
             here, there = (photo([at], size, width=width) for at in ((x, y), np.add((x, y), along)))
             assert len(find.match(here, there)) == matched
@@ -116,7 +116,7 @@ def test_another_file_is_one_clear_error():
 
 
 def inputs(query, known):
-    """What the network is shown of two photos of 640 x 480."""
+    """Return the network's inputs for two photos of 640 x 480."""
     places = [(p.xy - (320, 240)) / 320 for p in (query, known)]
     looks = [p.descriptors.astype(np.float32) - 128 for p in (query, known)]
     looks = [look / np.linalg.norm(look, axis=1, keepdims=True) for look in looks]
@@ -146,7 +146,7 @@ def test_the_published_network_takes_any_numbers_of_keypoints(published):
 
 
 def test_matches_of_the_published_network_are_those_of_another_runtime(published, shared_models):
-    """OpenCV picks as the network does where one thread is at work."""
+    """With one thread, OpenCV selects the same matches as the network."""
     data = np.frombuffer((shared_models / "lighterglue_L3.onnx").read_bytes(), np.uint8)
     net, size, threads = cv2.dnn.readNetFromONNX(data), (640, 480), cv2.getNumThreads()
     known = photo(scattered(300, size), size, rows=np.arange(300) % 200, width=64)

@@ -1,4 +1,4 @@
-"""SURF: blobs where they are and as large as they are, and matches across a known transformation."""
+"""SURF: positions and sizes of blobs, and matches across a known transformation."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ def test_a_blob_is_found_where_it_is_and_as_large_as_it_is(sigma, sign):
     blob = 128 + sign * 100 * np.exp(-((x - 97.4) ** 2 + (y - 71.7) ** 2) / (2 * sigma**2))
     found = detect_blobs(cv2.integral(blob.round().astype(np.uint8)), 10, least=26.0)
     assert found.xy[0] == pytest.approx((97.4, 71.7), abs=0.1 * sigma)
-    # The box in the middle of the filter is then as wide as the blob's bright part, about 2 sigma.
+    # the middle box of the filter is then as wide as the bright part of the blob, about 2 sigma
     assert found.scale[0] == pytest.approx(0.74 * sigma, rel=0.08)
 
 
@@ -31,7 +31,7 @@ def test_there_is_nothing_in_a_slope_or_along_an_edge():
 
 
 def test_a_photo_that_is_turned_by_a_right_angle_has_the_same_features_turned(textured_photo):
-    gray = textured_photo(481, 361)  # so that every fourth pixel is one of the turned photo's, too
+    gray = textured_photo(481, 361)  # so that every fourth pixel is also one of the rotated photo
     turned = np.ascontiguousarray(np.rot90(gray, -1))
     a, b = (extract(g, CHOICE, keypoints=200) for g in (gray, turned))
     expected = np.column_stack([360 - a.xy[:, 1], a.xy[:, 0]])
@@ -59,7 +59,7 @@ def test_most_ratio_test_matches_of_a_turned_and_smaller_photo_are_right(texture
 
 @pytest.fixture
 def textured_photo():
-    """Blobs, boxes and lines of many sizes and directions."""
+    """Draw blobs, boxes and lines of many sizes and directions."""
 
     def make(width: int, height: int) -> np.ndarray:
         rng = np.random.default_rng(11)

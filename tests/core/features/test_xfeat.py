@@ -1,4 +1,4 @@
-"""XFeat: with invented weights what comes out of which sizes, with the real ones whether it is any good."""
+"""XFeat: shapes of the output with random weights, quality with the real ones."""
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ CHOICE = choose("verified", features="xfeat")
 
 @pytest.fixture(scope="module")
 def invented() -> XFeatNetwork:
-    """A network of the same layers with random weights."""
+    """A network with the same layers and random weights."""
     return XFeatNetwork(xfeat())
 
 
@@ -99,7 +99,7 @@ def test_any_size_computes_what_the_published_network_does_for_its_own(published
 
 
 def _mutual(a, b):
-    """Find the nearest of b for each of a, and the rows of a that are the nearest of theirs."""
+    """Find the nearest row of b for each row of a, and the rows of a that are mutual nearest neighbours."""
     there = BruteForce([b.descriptors], "l2").search(a.descriptors, 1).row[:, 0]
     back = BruteForce([a.descriptors], "l2").search(b.descriptors, 1).row[:, 0]
     return there, np.flatnonzero(back[there] == np.arange(len(a)))

@@ -1,4 +1,4 @@
-"""Conditions become trees, and each error has its position."""
+"""Conditions are parsed to trees, and each error has a position."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The area that is proposed for an image, by the GPS of photos."""
+"""The area proposed for an image from the GPS of photos."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def street(count=30, length=200.0):
 
 
 def extent_m(box, origin):
-    """Metres east of the west edge, and north of the south edge."""
+    """Return the extent of an area from west to east and from south to north, metres."""
     corners = LocalFrame(origin).enu_from_latlon([(box.south, box.west), (box.north, box.east)])
     return (corners[1] - corners[0]).tolist()
 

@@ -1,4 +1,4 @@
-"""Georeference from control points, against synthetic truth."""
+"""Georeference from control points, against a synthetic truth."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def points(model, count, *, noise_m=0.0):
 
 
 def off_m(fit, model):
-    """Largest distance from the truth over the image, metres."""
+    """Return the largest error over the image, metres."""
     grid = np.stack(np.meshgrid(np.linspace(0, 2000, 9), np.linspace(0, 1500, 7)), -1).reshape(-1, 2)
     frame = LocalFrame(LatLon(50.0, 14.4))
     truth = Georeference(PLANE, TRUTH[model], model).enu_from_pixel(grid, frame)

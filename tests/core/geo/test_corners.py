@@ -62,7 +62,7 @@ def test_four_corners_of_a_turned_and_tilted_image():
         ((0, 600), corners.bottom_left),
     ):
         assert g.latlon_of(MapPixel(*pixel)) == pytest.approx(position, abs=1e-11)
-    # lines stay lines: the diagonals cross in one point
+    # lines stay straight: the diagonals intersect in one point
     middle = g.pixel_of(g.latlon_of(MapPixel(400, 300)))
     assert middle == pytest.approx((400, 300), abs=1e-6)
     assert abs(g.north_deg(middle)) > 1
@@ -106,7 +106,7 @@ def test_impossible_corners_are_refused(corners, part):
 
 
 def test_swapped_degrees_that_are_in_range_are_suspected():
-    # the same place with latitude and longitude exchanged, corners still north-west and south-east
+    # the same place with latitude and longitude swapped, corners still north-west and south-east
     fit = from_corners(Corners(LatLon(22.48, 60.40), LatLon(22.46, 60.41)), **SIZE)
     assert "swapped" in fit.warnings[0]
     assert from_corners(Corners(NW, SE), **SIZE).warnings == ()

@@ -17,7 +17,7 @@ GEOD = Geod(ellps="WGS84")
 
 
 def local(lat, lon, *, metres=0.25, turn_deg=0.0, tilt=0.0):
-    """Make a georeference around a position; `turn_deg`: where north points, clockwise from up."""
+    """Make a georeference around a position; `turn_deg`: direction of north, clockwise from up."""
     t = math.radians(turn_deg)
     c, s = metres * math.cos(t), metres * math.sin(t)
     return Georeference(
@@ -55,7 +55,7 @@ def test_utm_agrees_with_pyproj_to_a_millimetre():
     found = g.latlon_from_pixel(pixels)
     assert np.max(GEOD.inv(lon, lat, found[:, 1], found[:, 0])[2]) < 1e-3
     assert np.abs(g.pixel_from_latlon(found) - pixels).max() * 0.2 < 1e-3
-    # grid convergence west of the central meridian: true north is to the right of up there
+    # grid convergence: west of the central meridian, true north is to the right of up
     middle = MapPixel(2000, 2000)
     ahead = LatLon(g.latlon_of(middle).lat + 1e-4, g.latlon_of(middle).lon)
     dx, dy = np.subtract(g.pixel_of(ahead), middle)

@@ -1,4 +1,4 @@
-"""Positions in the notations of maps and radios, against values known from elsewhere."""
+"""Positions in UTM, MGRS and other notations, against values from other sources."""
 
 import math
 import re
@@ -18,7 +18,7 @@ KNOWN = {
     (-33.90772474, 151.21288644): "56H LH 34775 46637",
     (83.62738, -32.66433): "25X EN 04159 86508",
 }
-"""As other programs convert them; some round the metres where others cut."""
+"""As converted by other programs; some round the metres, others truncate them."""
 
 
 @pytest.mark.parametrize(("latlon", "expected"), KNOWN.items())

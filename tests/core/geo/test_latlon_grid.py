@@ -1,4 +1,4 @@
-"""A georeference sampled for pages."""
+"""A georeference sampled on a grid for pages."""
 
 import math
 
@@ -13,7 +13,7 @@ SIZE = (5000, 4000)
 
 
 def interpolate(grid, x, y):
-    """Bilinear, as the page does it."""
+    """Interpolate bilinearly, as the page does."""
     u, v = x / SIZE[0] * grid.columns, y / SIZE[1] * grid.rows
     i, j = min(int(u), grid.columns - 1), min(int(v), grid.rows - 1)
     u, v = u - i, v - j

@@ -1,4 +1,4 @@
-"""Local metres agree with the geodesic."""
+"""Local metres agree with geodesics."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_distance_and_azimuth_are_the_geodesics(lat, lon, azimuth, distance):
     lon2, lat2, _ = GEOD.fwd(lon, lat, azimuth, distance)
     east, north, up = LocalFrame(LatLon(lat, lon)).enu_of(LatLon(lat2, lon2))
     wanted = (distance * math.sin(math.radians(azimuth)), distance * math.cos(math.radians(azimuth)))
-    # PROJ takes an origin within about 1e-10 rad of the equator or of 0° to be there: 0.7 mm.
+    # PROJ treats an origin within about 1e-10 rad of the equator or of 0° as exactly there: 0.7 mm.
     assert math.dist((east, north), wanted) < 1e-3
     assert up == 0.0
 
@@ -45,7 +45,7 @@ def test_distances_away_from_the_origin_are_true_to_a_millimetre(lat, lon, a, b)
 def test_there_and_back(lat, lon, east, north):
     frame = LocalFrame(LatLon(lat, lon))
     back = frame.enu_of(frame.latlon_of(EnuMetres(east, north)))
-    # PROJ takes a point within 1e-10 rad of the origin in latitude and longitude to be the origin.
+    # PROJ treats a point within 1e-10 rad of the origin in latitude and longitude as the origin.
     at_the_origin = math.hypot(east, north) < 1e-3
     assert math.dist(back[:2], (east, north)) < (1e-3 if at_the_origin else 1e-5)
 
@@ -107,7 +107,7 @@ def test_what_is_no_plane_is_refused(name):
     ],
 )
 def test_what_could_name_a_file_never_reaches_proj(name, monkeypatch):
-    """PROJ would open the file: any of the machine, or a pipe of the server."""
+    """PROJ would open the file: any file of the machine, or a pipe of the server."""
     monkeypatch.setattr("pyproj.CRS", None)
     with pytest.raises(GeoreferenceError, match="unknown coordinate system"):
         parse_crs(name)
@@ -130,7 +130,7 @@ def test_usual_forms_are_read_and_so_is_their_wkt(name):
 
 
 def test_wkt_of_the_web_is_read():
-    """GDAL writes a PROJ string into it, which says that there is no grid."""
+    """GDAL adds a PROJ string to it, which states that there is no grid."""
     assert 'EXTENSION["PROJ4","' in parse_crs("EPSG:3857").to_wkt("WKT1_GDAL")
     assert crs_name(parse_crs("EPSG:3857").to_wkt("WKT1_GDAL")) == "EPSG:3857"
 

@@ -12,7 +12,7 @@ from webapp.errors import GeoreferenceError
 
 
 def mercator_pixels(lat, lon, zoom):
-    """By the formula that every slippy map uses, written down a second time."""
+    """Compute pixels by the formula of slippy maps, independently of the program."""
     size = 256 * 2**zoom
     x = (lon + 180) / 360 * size
     y = (1 - math.asinh(math.tan(math.radians(lat))) / math.pi) / 2 * size
@@ -38,7 +38,7 @@ def test_edges_are_the_nearest_pixels_and_the_georeference_is_exact(lat, lon, zo
     right, bottom = mercator_pixels(lat, lon + wide, zoom)
     assert abs(cut.left - left) <= 0.501
     assert abs(cut.top - top) <= 0.501
-    assert abs(cut.left + cut.width - right) <= 1.501  # half a pixel, or one of an area narrower than that
+    assert abs(cut.left + cut.width - right) <= 1.501  # half a pixel each, or a narrow area widened to one
     assert abs(cut.top + cut.height - bottom) <= 1.501
     at = cut.georeference.pixel_from_latlon([(lat + high / 2, lon + wide / 2)])[0]
     expected = np.subtract(mercator_pixels(lat + high / 2, lon + wide / 2, zoom), (cut.left, cut.top))

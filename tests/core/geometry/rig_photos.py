@@ -1,20 +1,20 @@
-"""Photos of spots of light on a sphere: where each spot is in a panorama is known."""
+"""Photos of spots of light on a sphere, whose positions in a panorama are known."""
 
 import numpy as np
 
 FOV_DEG = 80.0
 SIX = [(60.0 * n, 0.0, 0.0) for n in range(6)]
-"""Yaw, pitch and roll of six cameras all around."""
+"""Yaw, pitch and roll of six cameras around the rig."""
 
 
 def direction(longitude_deg, elevation_deg):
-    """A direction: x right, y down, z front."""
+    """Return a direction: x right, y down, z forward."""
     lon, up = np.radians([longitude_deg, elevation_deg])
     return np.array([np.cos(up) * np.sin(lon), -np.sin(up), np.cos(up) * np.cos(lon)])
 
 
 def to_rig(yaw_deg, pitch_deg, roll_deg):
-    """The rotation from a camera to its rig, as three turns: about its line of sight, up, and around."""
+    """Return the rotation rig from camera, composed of roll, pitch and yaw."""
     (cy, cp, cr), (sy, sp, sr) = (
         turn(np.radians([yaw_deg, pitch_deg, roll_deg])) for turn in (np.cos, np.sin)
     )
@@ -25,7 +25,7 @@ def to_rig(yaw_deg, pitch_deg, roll_deg):
 
 
 def photo_of(spots, mounted, *, wide=320, high=260, fov_deg=FOV_DEG, sigma_deg=1.2):
-    """A photo, (high, wide, 3) uint8, of spots in directions (longitude, elevation) by a camera."""
+    """Return a camera's photo, (height, width, 3) uint8, of spots in directions (longitude, elevation)."""
     focal = wide / 2.0 / np.tan(np.radians(fov_deg) / 2.0)
     column, row = np.meshgrid(np.arange(wide) - (wide - 1) / 2.0, np.arange(high) - (high - 1) / 2.0)
     rays = np.stack([column, row, np.full_like(column, focal)], -1)

@@ -1,4 +1,4 @@
-"""Level views of panoramas: their pixels show the direction that the camera says."""
+"""Level views of panoramas: their pixels show the directions given by the camera."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def test_a_pixel_of_a_view_looks_where_its_ray_points(turn):
     for (column, row), ray in zip(xy.astype(int), size.camera.rays(xy), strict=True):
         heading = np.degrees(np.arctan2(ray[0], ray[2])) + turn
         above = np.degrees(np.arctan2(-ray[1], np.hypot(ray[0], ray[2])))
-        # A pixel of the panorama is a tenth of a degree; its middle column looks to 0.
+        # a pixel of the panorama is a tenth of a degree; its middle column is at longitude 0
         seen = (x[row, column] + 0.5) / 10.0 - 180.0
         assert (seen - heading + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-3)
         assert 90.0 - (y[row, column] + 0.5) / 10.0 == pytest.approx(above, abs=1e-3)

@@ -10,7 +10,7 @@ CAMERA = Camera(640, 480, 65.0)
 
 
 def project(points, position, heading_deg, camera=CAMERA):
-    """Points (east, north, up) in a level camera; (n, 2) pixels."""
+    """Project points (east, north, up) into a level camera; (n, 2) pixels."""
     heading = math.radians(heading_deg)
     right = np.array([math.cos(heading), -math.sin(heading), 0.0])
     forward = np.array([math.sin(heading), math.cos(heading), 0.0])
@@ -72,7 +72,7 @@ def test_too_few_and_random_matches_are_no_pose():
     pose = relative_pose(a, b, query=CAMERA, photo=CAMERA)
     assert isinstance(pose, NoPose) or pose.inlier.sum() < 14
     same = np.full((30, 2), 100.0, np.float32)
-    relative_pose(same, same, query=CAMERA, photo=CAMERA)  # degenerate: any answer but an exception
+    relative_pose(same, same, query=CAMERA, photo=CAMERA)  # degenerate: any result, but no exception
 
 
 def test_the_noise_of_rays_follows_from_focal_length_and_extraction_size():

@@ -1,4 +1,4 @@
-"""Photos of a rig join to a panorama in which every direction is where it belongs."""
+"""Photos of a rig are joined to a panorama with every direction at its place."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def panorama_of(spots, mounted, **lens):
 
 
 def found_at(panorama, x, y, reach=12):
-    """The centre of the light around a pixel."""
+    """Return the centre of brightness around a pixel."""
     columns, rows = (
         np.arange(round(x) - reach, round(x) + reach + 1),
         np.arange(round(y) - reach, round(y) + reach + 1),

@@ -28,7 +28,7 @@ def test_more_evidence_is_more_probable():
 
 
 def simulated(rng, count, truth):
-    """Cases drawn from a known model: two places and off the map."""
+    """Draw cases from a known model: two places and off-map."""
     cases = []
     for _ in range(count):
         evidence = np.column_stack(
@@ -75,7 +75,7 @@ def test_slopes_are_never_negative():
 
 
 def penalised_loss(cases, slope, offset):
-    """What a fit makes as small as it can, by the probabilities that it leads to."""
+    """Return the loss that a fit minimises, computed from the resulting probabilities."""
     fitted = Calibration(slope, offset, 1.0)
     away = [*np.subtract(slope, DEFAULT.slope), offset - DEFAULT.offset]
     loss = calibration._PRIOR_WEIGHT * len(cases) ** 0.5 * float(np.square(away).sum()) / 2.0
@@ -104,7 +104,7 @@ def test_fit_reaches_the_least_loss_also_where_evidence_misleads(seed):
 
 
 def with_global(case, similarity):
-    """The same case, with so much evidence of each place by a global descriptor."""
+    """Return the case with evidence of a global descriptor for each place added."""
     return Case(np.column_stack([case.evidence, similarity]), case.right, case.weight)
 
 

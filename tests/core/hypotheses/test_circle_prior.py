@@ -1,4 +1,4 @@
-"""A circle weighs hypotheses by where they are."""
+"""A circle weights hypotheses by their positions."""
 
 import numpy as np
 import pytest

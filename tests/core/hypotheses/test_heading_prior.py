@@ -1,4 +1,4 @@
-"""A compass heading weighs hypotheses by their own headings."""
+"""A compass heading weights hypotheses by their headings."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""Several photos of one spot give one answer that adds up."""
+"""Several photos of one spot give one answer, whose probabilities add up."""
 
 import numpy as np
 import pytest

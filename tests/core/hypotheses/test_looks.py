@@ -1,4 +1,4 @@
-"""Two looks at one photo give one answer: each counts as far as it is sure."""
+"""Two looks at one photo give one answer, each weighted by its certainty."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One rule decides for every view whether an answer says "not on this map"."""
+"""One rule decides for all output whether an answer means "not on this map"."""
 
 import pytest
 

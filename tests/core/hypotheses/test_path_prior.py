@@ -1,4 +1,4 @@
-"""Where cameras are: drawn across a path, never along it, and hardly among photos on all sides."""
+"""The prior pulls cameras across a path, never along it, and hardly among photos on all sides."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What kind of map the positions make, and how near is right on it."""
+"""The kind of map derived from its positions, and its place radius."""
 
 import numpy as np
 import pytest

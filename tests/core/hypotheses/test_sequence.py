@@ -47,7 +47,7 @@ def walk(frames, motion=MOTION, belief=None):
 
 
 def simulated(truth, rng, *, right=0.85, noise=8.0, radius=10.0):
-    """Answers that name the place with the probability that they state, else one somewhere on the row."""
+    """Return answers that are right with their stated probability, and otherwise anywhere on the row."""
     frames = []
     for at in truth:
         x, y = at + rng.normal(0.0, noise, 2) if rng.random() < right else (rng.uniform(0, 2000), 100.0)
@@ -150,7 +150,7 @@ def test_what_is_off_the_map_stays_off_it():
 
 @pytest.mark.parametrize("step", [0.0, 10.0])
 def test_frames_of_a_foreign_scene_that_agree_on_wrong_places_stay_as_uncertain_as_each(step):
-    """Its frames look like the same places again and again, even along a course."""
+    """Its frames resemble the same places repeatedly, or places along a course."""
     frames = [
         replace(
             answer(*(place(x + step * number, p=0.06) for x in (200.0, 900.0, 1500.0))),

@@ -1,4 +1,4 @@
-"""What the tests of landmarks share."""
+"""Fixtures of the tests of landmarks."""
 
 import numpy as np
 import pytest
@@ -6,5 +6,5 @@ import pytest
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """Random numbers, the same each time."""
+    """A seeded random generator."""
     return np.random.default_rng(7)

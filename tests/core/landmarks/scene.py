@@ -1,4 +1,4 @@
-"""Submodels with a known truth."""
+"""Submodels with ground truth."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def random_rotation(rng):
 
 
 def level_cameras(headings, *, tilt=0.0, rng=None):
-    """Rotations from the world (x east, y down, z north) to level cameras with these headings, radians."""
+    """Return the rotations from the world (x east, y down, z north) to level cameras; headings in radians."""
     rotation = []
     for heading in headings:
         sine, cosine = np.sin(heading), np.cos(heading)
@@ -24,7 +24,7 @@ def level_cameras(headings, *, tilt=0.0, rng=None):
 
 
 def submodel_of(at, headings, *, rng, tilt=0.0, heights=0.0):
-    """A submodel whose cameras are at map pixels `at` (complex), in a world of its own."""
+    """Return a submodel, in its own frame, whose cameras are at map pixels `at` (complex)."""
     world = np.stack([at.real, rng.normal(0.0, heights, len(at)) if heights else 0.0 * at.real, -at.imag], 1)
     turn, scale, shift = random_rotation(rng), 0.037, rng.normal(0.0, 5.0, 3)
     rotation = level_cameras(headings, tilt=tilt, rng=rng) @ turn.T

@@ -1,4 +1,4 @@
-"""Cameras that are solved from points with a known truth."""
+"""Camera poses computed from points, with ground truth."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_points_are_projected_as_colmap_does(rng):
     _, at = scene(rng)
     own = (at - CENTRE) @ ROTATION.T
     camera = colmap.Camera(model="SIMPLE_RADIAL", width=800, height=600, params=[700.0, 400.0, 300.0, 0.05])
-    # COLMAP's pixels begin at the outer corner of the first one, ours in its middle.
+    # the origin of COLMAP's pixels is the outer corner of the first one, ours its centre
     expected = camera.img_from_cam(own) - 0.5
     np.testing.assert_allclose(project(at, lens=LENS, rotation=ROTATION, centre=CENTRE), expected, atol=1e-9)
 
@@ -69,7 +69,7 @@ def test_points_at_one_spot_leave_the_camera_open(rng):
 def test_a_descriptor_is_matched_to_the_point_that_it_clearly_shows(rng):
     look = rng.integers(0, 255, (4, 128), dtype=np.uint8)
     observations = np.vstack([look[0], look[0] ^ 1, look[1], look[2] ^ 16, look[2] ^ 17])
-    point = np.array([0, 0, 1, 2, 3], np.int32)  # the last two look alike
+    point = np.array([0, 0, 1, 2, 3], np.int32)  # the last two have nearly equal descriptors
     query = np.vstack([look[0], look[2], look[1], look[0] ^ 3])
     row, seen = match_points(query, observations, point=point)
     assert row.tolist() == [0, 2]

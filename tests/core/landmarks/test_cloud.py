@@ -6,7 +6,7 @@ from webapp.core.landmarks.cloud import AlignedCloud, LandmarkCloud, observed_tw
 
 
 def cloud_of(seen):
-    """A cloud whose photo i, number i + 10 on the map, sees the points `seen[i]`."""
+    """Return a cloud whose photo i, with id i + 10 on the map, sees the points `seen[i]`."""
     rows = np.concatenate([np.array(one, np.int32) for one in seen])
     count = int(rows.max()) + 1
     cloud = LandmarkCloud(

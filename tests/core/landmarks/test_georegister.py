@@ -1,4 +1,4 @@
-"""Control points that are clicked in photos lay a submodel on the map, alone or with placed photos."""
+"""Control points clicked in photos lay a submodel on the map, alone or together with placed photos."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def court(rng):
 
 
 def clicked(submodel, at, name, photos, *, rng, sigma_rad=0.0, height=True):
-    """A control point, clicked in some photos of a submodel whose cameras are at `at`."""
+    """Return a control point, clicked in some photos of a submodel whose cameras are at `at`."""
     spot, up = SPOTS[name]
     world = np.array([spot.real, -up, -spot.imag])
     cameras = np.stack([at.real, 0.0 * at.real, -at.imag], 1)

@@ -20,7 +20,7 @@ AT = np.array([100, 300 + 50j, 480 + 200j, 500 + 400j, 350 + 520j, 150 + 600j])
 
 @pytest.fixture
 def scene(rng):
-    """Points, (k, 3) map pixels and heights in them, seen by level cameras, in a world of their own."""
+    """Return points, (k, 3) map pixels including heights, seen by level cameras, in their own frame."""
     truth = np.column_stack([rng.uniform(0, 700, 40), rng.uniform(0, 700, 40), rng.uniform(-20, 90, 40)])
     turn, scale, shift = random_rotation(rng), 0.037, rng.normal(0.0, 5.0, 3)
 

@@ -1,4 +1,4 @@
-"""Alignment of submodels with the map by some of their photos, and the reasons why one cannot be aligned."""
+"""Submodels are aligned with the map by some of their photos, or rejected with a reason."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def walk():
 
 
 def angles(result, headings):
-    """How far the angles are from the headings, degrees."""
+    """Return the errors of the angles relative to the headings, degrees."""
     return np.abs((result.angle_deg - np.degrees(headings) + 180.0) % 360.0 - 180.0)
 
 
@@ -77,7 +77,7 @@ def test_less_exact_positions_count_less(court, rng):
 
 
 def test_accepted_suggestions_prove_nothing(rng):
-    """They fit what they were derived from: radii and what contradicts follow from the other positions."""
+    """They fit the model that they come from, so radii and contradictions follow from the other positions."""
     at = rng.uniform(100.0, 900.0, 40) + 1j * rng.uniform(100.0, 900.0, 40)
     submodel = submodel_of(
         at + rng.normal(0.0, 15.0, 40) + 1j * rng.normal(0.0, 15.0, 40), np.zeros(40), rng=rng

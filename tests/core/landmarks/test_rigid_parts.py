@@ -4,7 +4,7 @@ from webapp.core.landmarks.rigid_parts import rigid_parts
 
 
 def shared_by_neighbours(*counts):
-    """Points that each of a row of photos shares with the next."""
+    """Return points that each photo of a row shares with the next one."""
     shared = np.zeros((len(counts) + 1, len(counts) + 1), np.int32)
     for row, count in enumerate(counts):
         shared[row, row + 1] = shared[row + 1, row] = count

@@ -1,4 +1,4 @@
-"""How exactly cameras are known agrees with the whole adjustment, and radii with what is off."""
+"""Covariances of cameras agree with those of the whole adjustment, and radii with actual errors."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ KEYPOINT_PX = 0.7
 
 
 def row_of_cameras(rng, *, frames):
-    """Cameras in a row, all of which see some points in front of them."""
+    """Return cameras in a row that all see some points in front of them."""
     centre = np.column_stack(
         [np.linspace(0.0, 5.0, len(frames)), np.zeros(len(frames)), np.zeros(len(frames))]
     )
@@ -29,7 +29,7 @@ def row_of_cameras(rng, *, frames):
 
 
 def numeric(cameras, *, frames, prior_sigma):
-    """The same by inverting the normal equations of all that is unknown, derived by differences."""
+    """Compute the same by inverting the full normal equations with numerical derivatives."""
 
     def residuals(unknown):
         move = unknown[: 6 * frames].reshape(frames, 6)
@@ -82,7 +82,7 @@ def test_more_cameras_than_memory_allows_have_no_covariances(monkeypatch, rng):
 
 
 def noisy_submodel(rng, *, sigma):
-    """A submodel on the map whose photos are off by as much as their covariances say, times five."""
+    """Return a submodel on the map whose errors are five times those of its covariances."""
     truth = rng.uniform(0.0, 500.0, (len(sigma), 2))
     centre = np.column_stack([truth + 5.0 * sigma[:, None] * rng.normal(size=truth.shape), 0.0 * sigma])
     covariance = sigma[:, None, None] ** 2 * np.eye(2)
@@ -92,7 +92,7 @@ def noisy_submodel(rng, *, sigma):
 
 
 def placed(row, at, *, sigma_px):
-    """Photos of a submodel that somebody has placed."""
+    """Return placed photos of a submodel."""
     return PlacedPhotos(row, at, np.full(len(row), sigma_px), np.zeros(len(row), np.bool_))
 
 
@@ -108,7 +108,7 @@ def test_radii_hold_two_thirds_and_grow_where_little_holds_a_photo(rng):
 
 
 def test_a_position_that_the_adjustment_had_says_less_than_its_residual(rng):
-    """A photo that its own position has pulled lies close to it, and is farther off without it."""
+    """The adjustment pulls a photo to its position; without it, its residual would be larger."""
     submodel, _ = noisy_submodel(rng, sigma=np.full(9, 1.0))
     at = submodel.centre[:, 0] + 1j * submodel.centre[:, 1] + 2.0
     left_out = radius_by_covariance(submodel, placed(np.arange(9), at, sigma_px=0.01))

@@ -1,4 +1,4 @@
-"""Photos of different floors are never one place, however near their positions are."""
+"""Photos of different floors are never one place, however close their positions are."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""One oriented photo: a position where the depths of what it shows are known, else its own place."""
+"""One oriented photo gives a position if depths of its points are known, else the photo's own place."""
 
 import math
 from dataclasses import replace
@@ -17,7 +17,7 @@ PHOTO = (tilted(0.3), np.array([0.0, 0.0]))
 
 
 def places(*, depths, trust=5.0, wrong=()):
-    """Places by one photo, of which some depths are wrong by a factor, and the others, or all, not known."""
+    """Return the places by one photo; some depths may be wrong by a factor, and the others or all unknown."""
     view = Scene(seed=6).view(0, PHOTO, QUERY, depths=depths)
     if len(wrong):
         view.inverse_depth[len(wrong) :] = np.nan
@@ -67,7 +67,7 @@ def test_two_depths_are_not_believed():
 
 
 def test_depths_that_are_all_wrong_put_the_position_out_by_no_more_than_themselves():
-    """As where two photos of the map are farther apart than it says."""
+    """For example, if two map photos are farther apart than their positions."""
     best = places(depths=True, wrong=np.full(60, 1.1))[0]
     assert best.kind == "position"
     assert math.dist(best.position, QUERY[1]) < 0.15 * math.dist(PHOTO[1], QUERY[1])

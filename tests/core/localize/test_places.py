@@ -1,4 +1,4 @@
-"""Places from verified photos: where geometry says nothing, the photos of one place vote together."""
+"""Places from verified photos: if geometry gives no position, the photos of one place vote together."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def voted(photo, votes, pose=None):
 
 
 def seen(photo, bearing_deg, *, inliers=100, of=120):
-    """A photo in that direction, with so many inliers."""
+    """Return a verified photo in a direction, with a number of inliers."""
     inlier = np.arange(of) < inliers
     pose = RelativePose(
         np.radians(bearing_deg), np.radians(5.0), inlier, np.eye(3), np.array([0.0, 0.0, 1.0])
@@ -111,5 +111,5 @@ def vectors(indexed, places, checked):
 
 
 def best_first(indexed, places, checked):
-    """The order of places by their probability."""
+    """Return the order of places by probability."""
     return np.argsort(-probabilities(vectors(indexed, places, checked), DEFAULT)[0]).tolist()

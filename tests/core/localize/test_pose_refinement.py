@@ -24,7 +24,7 @@ def positions(held):
 
 
 def correspondences(views, held, min_depth=0.0):
-    """All matches of the views; photo n of the map is the n-th camera."""
+    """Return all matches of the views; photo n of the map is the n-th camera."""
     return collect_correspondences(
         views,
         [*range(len(views))],
@@ -137,14 +137,14 @@ def test_derivatives_are_those_of_the_residuals():
             turned, shifted = so3.retract(rotation, step[None, :3]), centre + RADIUS * step[3:]
             moved = compare(matches, rotation=turned, centre=shifted)
             real = (moved.value - found.value)[0] / small
-            # The size of the constraint and the line's direction change a little, too.
+            # the denominator and the direction of the epipolar line change slightly, too
             assert np.median(np.abs(real - result[axis])) < 0.02 * np.abs(result).max()
 
 
 @pytest.mark.parametrize("baseline", [0.0, 1e-9, 1e-3])
 @pytest.mark.parametrize("depths", [False, True])
 def test_matches_disagree_with_a_wrong_rotation_at_zero_baseline(baseline, depths):
-    """Without a floor any turn of the camera passes for parallax of points right before it."""
+    """Without a minimum depth, any rotation could be explained by the parallax of very close points."""
     scene = Scene(seed=13)
     held = [(tilted(0.3), np.array([0.0, 0.0]))]
     views = [scene.view(0, held[0], (tilted(0.3), np.array([25.0, -30.0])), depths=depths)]
@@ -171,7 +171,7 @@ def test_matches_agree_with_the_right_rotation_at_the_photo_itself():
 
 
 def test_the_noise_of_a_residual_is_that_of_its_keypoints():
-    """A quarter of the field of view has four times the focal length, and a quarter of the noise."""
+    """A quarter of the field of view means four times the focal length and a quarter of the noise."""
     scene = Scene(seed=14)
     held = cameras(scene, 3, seed=15)
     query = (tilted(0.7), np.array([8.0, 4.0]))

@@ -1,4 +1,4 @@
-"""A network's matches take the place of those that the search found; votes and order stay."""
+"""A network's matches replace those of the search; votes and order stay."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ PHOTOS, KEYPOINTS, WIDTH = 3, 30, 32
 
 
 class Reversed:
-    """Matches the first keypoint with the last, and so on: no search would."""
+    """Matches the first keypoint with the last, and so on, which no search would."""
 
     def match(self, query: Features, photo: Features) -> np.ndarray:
         rows = np.arange(len(query))
@@ -74,7 +74,7 @@ def test_places_are_found_with_the_networks_matches():
 
 
 class Counting:
-    """Matches each keypoint with the one of its number, but none of the first photos; counts the photos."""
+    """Matches each keypoint with that of the same number, except in the first photos; counts the photos."""
 
     def __init__(self, unmatched):
         self.unmatched, self.asked = unmatched, 0

@@ -9,7 +9,7 @@ RADIUS = 50.0
 
 
 def seen_from(position, heading, photos, *, noise=0.0, parallax_deg=6.0, seed=0):
-    """What exact (or noisy) relative poses would say of photos at known places."""
+    """Return exact or noisy bearings to photos at known positions, as from relative poses."""
     rng = np.random.default_rng(seed)
     to_photo = photos - position
     azimuth = np.arctan2(to_photo[:, 0], -to_photo[:, 1])
@@ -66,7 +66,7 @@ def test_low_parallax_only_says_near():
     truth = np.array([400.0, 400.0])
     photos = np.array([[410.0, 395.0], [395.0, 410.0], [405.0, 402.0]])
     seen = seen_from(truth, 0.0, photos, parallax_deg=0.01)
-    seen.bearing[:] = [0.0, 2.0, -2.0]  # noise, as bearings over no baseline are
+    seen.bearing[:] = [0.0, 2.0, -2.0]  # noise, as without a baseline
     fix = resect(seen, photos, place_radius_px=RADIUS, most=1)[0]
     assert math.dist((fix.x, fix.y), photos.mean(0)) < 0.5 * RADIUS
 

@@ -1,4 +1,4 @@
-"""Photos in a circle are looked at besides: they change nothing of what the votes say."""
+"""Photos in a circle are verified in addition; they do not change the votes."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def features(descriptors, rng):
 
 
 def map_and_query(noise):
-    """Five photos that show what the query shows, several times over, and five that do not; and the query."""
+    """Return a map of five photos with copies of the query's features and five without, and the query."""
     rng = np.random.default_rng(0)
     shown = rng.integers(0, 256, (KEYPOINTS, WIDTH))
     photos = []

@@ -1,4 +1,4 @@
-"""The method of 2013, on cases worked out by hand."""
+"""The method of 2013, on cases computed by hand."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ IDS = (0, 7, 3, 12)
 
 
 class ListedSearch:
-    """Answers with what was listed beforehand: of each descriptor (row, distance), nearest first."""
+    """Returns prepared results: (row, distance) for each descriptor, nearest first."""
 
     def __init__(self, *neighbours: list[tuple[int, float]]) -> None:
         self.neighbours = neighbours
@@ -52,7 +52,7 @@ def in_photo(number: int, row: int = 0) -> int:
 
 
 def a_map(*neighbours: list[tuple[int, float]], gone: frozenset[int] = frozenset()) -> IndexedMap:
-    """Four photos in two segments; `gone` are entries that the map no longer has."""
+    """Return four photos in two segments; `gone` are entries removed from the map."""
     return IndexedMap(
         ids=np.array(IDS),
         position=np.array([[1.0, 2.0], [10.0, 20.0], [100.0, 200.0], [30.5, 40.25]]),
@@ -80,7 +80,7 @@ def test_matches_farther_than_the_mean_are_dropped_and_the_rest_counted():
     themap = a_map(
         [(in_photo(1, 0), 10.0)],
         [(in_photo(1, 4), 20.0)],
-        [(in_photo(3, 9), 30.0)],  # exactly the mean: not farther, so it stays
+        [(in_photo(3, 9), 30.0)],  # exactly the mean, so it is kept
         [(in_photo(2, 0), 40.0)],
         [(in_photo(2, 1), 50.0)],
     )

@@ -1,4 +1,4 @@
-"""What is wrong with the lines of a map, and between them and the folder."""
+"""Problems in the lines of a map, and between them and the folder."""
 
 from collections.abc import Sequence
 

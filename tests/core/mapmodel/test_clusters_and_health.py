@@ -67,7 +67,7 @@ def experience(id, x, heading=None):
 
 
 def answer(*places):
-    """An answer with places (x, probability, photo), the most probable first."""
+    """Return an answer with places (x, probability, photo), the most probable first."""
     found = tuple(
         Hypothesis(i + 1, "photo", MapPixel(x, 0), p, None, None, (photo,), None, 10)
         for i, (x, p, photo) in enumerate(places)

@@ -1,4 +1,4 @@
-"""Which photo a list means by a name."""
+"""Matching of names in a list to photos."""
 
 import unicodedata
 
@@ -6,7 +6,7 @@ from webapp.core.mapmodel.name_matching import match_names
 
 
 def matched(names, *photos):
-    """Match names to photos, each with one or more names; ids count from 0."""
+    """Match names to photos that have one or more names each; ids count from 0."""
     return match_names(names, [(n, (p,) if isinstance(p, str) else p) for n, p in enumerate(photos)])
 
 

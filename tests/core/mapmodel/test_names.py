@@ -1,4 +1,4 @@
-"""Which names a map may hold, and whole pixels."""
+"""Valid names of photos in a map, and whole pixels."""
 
 from pathlib import PurePosixPath
 

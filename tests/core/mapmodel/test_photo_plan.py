@@ -1,4 +1,4 @@
-"""How well places are recognised, and where the next photos help: layouts whose answer is obvious."""
+"""How well places are recognised, and where the next photos help, for layouts with obvious answers."""
 
 import math
 from itertools import permutations
@@ -18,7 +18,7 @@ NORTH, EAST, SOUTH, WEST = 0, 2, 4, 6
 
 
 def photos(rows, ids=None):
-    """Photos from (x, y, heading or None, success or None); each row is a photo of its own without ids."""
+    """Make photos from (x, y, heading or None, success or None); without ids, each row is one photo."""
     table = np.array([[math.nan if value is None else value for value in row] for row in rows], np.float64)
     table = table.reshape(-1, 4)
     numbers = np.arange(len(table)) if ids is None else np.array(ids)

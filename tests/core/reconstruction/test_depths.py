@@ -1,4 +1,4 @@
-"""Depths of what oriented photos see in common."""
+"""Depths of points seen by several oriented photos."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from webapp.core.geometry.extrinsics import KeypointDepths, MapExtrinsics, empty
 from webapp.core.reconstruction.depths import DepthsExcluding, triangulate_depths
 
 NOISE = np.full(20, 1.0 / 450.0)
-"""Of keypoints of each photo, at depth 1."""
+"""Noise of the keypoints of each photo, at depth 1."""
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_depths_are_those_of_the_points(room):
 
 @pytest.mark.parametrize("misplaced", [0.0, 0.1])
 def test_their_spread_is_about_how_far_they_are_off(room, misplaced):
-    """By noise in the images alone less, because positions are taken to be off by a tenth of a radius."""
+    """With image noise alone it is too large, as it assumes position errors of a tenth of a radius."""
     _, held, _ = room
     shift = np.random.default_rng(1).normal(0.0, misplaced * RADIUS, (len(held), 2))
     depths = found_in(room, at=positions(held) + shift)
@@ -73,7 +73,7 @@ def test_their_spread_is_about_how_far_they_are_off(room, misplaced):
 
 
 def test_a_photo_from_nearer_by_knows_a_depth_better():
-    """Of two cameras, one far behind the other, the far one profits: its point is seen from nearby."""
+    """Of two cameras, one far behind the other, the far one gains more: its points are seen from nearby."""
     scene = Scene(seed=3)
     held = [(tilted(0.0), np.array([10.0, 100.0])), (tilted(0.0), np.array([0.0, -90.0]))]
     pair = scene.pair((0, 1), held, noise=0.0)

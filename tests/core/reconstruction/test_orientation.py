@@ -9,7 +9,7 @@ from webapp.core.reconstruction.orientation import estimate_extrinsics
 from webapp.core.reconstruction.pairs import concatenate
 
 NOISE = np.full(20, 1.0 / 450.0)
-"""Of keypoints of each photo, at depth 1."""
+"""Noise of the keypoints of each photo, at depth 1."""
 
 
 def errors_deg(found, held):

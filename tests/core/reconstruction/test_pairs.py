@@ -1,4 +1,4 @@
-"""Pairs of photos: of several comparisons the most trusted one counts."""
+"""Pairs of photos: of several comparisons, the most trusted one is used."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from webapp.core.retrieval.shortlist import ShortlistedPhoto
 
 
 def pair(first, second, trust, rays):
-    """Make a pair with so many matches, whose rays say how far it is trusted."""
+    """Make a pair with a number of matches, whose rays encode the trust."""
     ray = np.full((rays, 2), trust, np.float32)
     return PhotoPairs(
         first=np.array([first]),

@@ -14,7 +14,7 @@ EXACT = {"float": "l2", "binary": "hamming"}
 
 
 def descriptors(kind: str, rows: int, *, seed: int) -> np.ndarray:
-    """Descriptors in clusters, as those of photos are."""
+    """Return descriptors in clusters, like those of photos."""
     rng = np.random.default_rng(seed)
     if kind == "binary":
         centres = np.random.default_rng(99).integers(0, 2, (40, 256), np.uint8)
@@ -26,7 +26,7 @@ def descriptors(kind: str, rows: int, *, seed: int) -> np.ndarray:
 
 
 def varied(rows: np.ndarray, kind: str, *, seed: int) -> np.ndarray:
-    """The same descriptors as another photo would show them."""
+    """Return the same descriptors with the variation of another photo."""
     rng = np.random.default_rng(seed)
     if kind == "binary":
         return rows ^ np.packbits(rng.random((len(rows), 256)) < 0.03, axis=1)
@@ -76,7 +76,7 @@ def test_several_segments_answer_as_one(name, kind):
     parts = [held[:1200], held[1200:1200], held[1200:1300], held[1300:]]
     several = engine(name, parts, kind).search(query, 4)
     assert np.array_equal(one.distance, several.distance)
-    assert (one.row == several.row).mean() > 0.99  # equally near rows may change places
+    assert (one.row == several.row).mean() > 0.99  # rows at equal distances may be swapped
     assert np.array_equal(one.row[:, 0], several.row[:, 0])
 
 
@@ -90,7 +90,7 @@ def test_small_maps_are_searched_too(name, kind, rows):
     assert (found.row >= -1).all()
     assert (found.row < rows).all()
     assert np.array_equal(found.row == -1, np.isinf(found.distance))
-    # Each descriptor finds itself: small maps lose nothing to compression.
+    # Each descriptor finds itself: small maps are not compressed.
     assert (found.row[:, 0] == np.arange(rows)).mean() > 0.95
     assert (found.distance[found.row[:, 0] == np.arange(rows), 0] == 0.0).all()
 

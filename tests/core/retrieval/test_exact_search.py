@@ -26,7 +26,7 @@ def all_distances(query: np.ndarray, rows: np.ndarray, norm: str) -> np.ndarray:
 
 
 def check(found: Neighbours, query: np.ndarray, rows: np.ndarray, *, norm: str, k: int) -> None:
-    """Compare with numpy; which of equally near rows is named is free."""
+    """Compare with numpy; rows at equal distances may be swapped."""
     every = all_distances(query, rows, norm)
     have = min(k, len(rows))
     assert found.distance.shape == found.row.shape == (len(query), k)
@@ -88,7 +88,7 @@ def test_merging_keeps_the_nearest_and_fills_up_with_nothing():
     b = Neighbours(np.array([[0.5, 4.0]], np.float32), np.array([[20, 21]]))
     merged = merge_nearest([a, b], 3)
     assert merged.distance.tolist() == [[0.5, 1.0, 4.0]]
-    assert merged.row.tolist() == [[20, 10, 11]]  # of equally near ones the first part's
+    assert merged.row.tolist() == [[20, 10, 11]]  # of rows at equal distances, that of the first part
     longer = merge_nearest([a], 3)
     assert longer.distance.tolist() == [[1.0, 4.0, np.inf]]
     assert longer.row.tolist() == [[10, 11, -1]]

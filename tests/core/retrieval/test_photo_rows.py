@@ -1,4 +1,4 @@
-"""Which keypoint of its photo a match is, also with several segments, empty photos and removed ones."""
+"""Indices of matched keypoints within their photo, also with several segments, empty and removed photos."""
 
 import numpy as np
 

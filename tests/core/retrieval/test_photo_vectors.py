@@ -1,4 +1,4 @@
-"""One vector a photo: what is seen again is more alike than anything else."""
+"""One vector per photo: another view of a photo is more similar than anything else."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Signatures of photos, and the search in two stages, against comparing everything."""
+"""Signatures of photos, and the two-stage search compared with exhaustive search."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ WIDTH = 32
 
 
 def scenes(count: int, *, seed: int) -> list[np.ndarray]:
-    """Descriptors of photos: each shows things of its own, and things that are everywhere."""
+    """Return descriptors of photos, some distinctive and some common to all."""
     rng = np.random.default_rng(seed)
     everywhere = rng.integers(0, 256, (20, WIDTH))
     shown = []
@@ -25,7 +25,7 @@ def scenes(count: int, *, seed: int) -> list[np.ndarray]:
 
 
 def seen_again(rows: np.ndarray, *, seed: int) -> np.ndarray:
-    """Most of a photo's things once more, with some that are new."""
+    """Return most of a photo's descriptors again, and some new ones."""
     rng = np.random.default_rng(seed)
     kept = rows[rng.permutation(len(rows))[:50]] + rng.normal(0.0, 6.0, (50, rows.shape[1]))
     return np.concatenate([kept, rng.integers(0, 256, (20, rows.shape[1]))]).clip(0, 255).astype(np.uint8)
@@ -79,13 +79,13 @@ def test_a_repeated_pattern_counts_once():
     once, often = vlad.aggregate(centres, rows), vlad.aggregate(centres, repeated)
     assert np.allclose(np.linalg.norm(once[once.any(1)], axis=1), 1.0, atol=1e-5)
     changed = np.abs(once - often).max(axis=1) > 1e-3
-    assert changed.sum() == 1  # only where the pattern itself is
+    assert changed.sum() == 1  # only the word of the repeated pattern
     assert np.abs(often).max() <= 1.0
 
 
 @pytest.mark.parametrize("segments", [1, 3])
 def test_neighbours_are_those_of_an_exact_search(segments):
-    photos = scenes(20, seed=4)  # few enough to be all compared
+    photos = scenes(20, seed=4)  # few enough for exhaustive comparison
     parts = [photos[i::segments] for i in range(segments)]
     search = searching(*parts)
     rows = np.concatenate([p for part in parts for p in part])
@@ -94,13 +94,13 @@ def test_neighbours_are_those_of_an_exact_search(segments):
     exact = BruteForce([rows], "l2").search(query, 1)
     assert np.allclose(found.distance, exact.distance, atol=0.05)
     named = found.row[:, 0] >= 0
-    assert named.mean() > 0.7  # the others are nearer to another descriptor of the query
+    assert named.mean() > 0.7  # the others are closer to another descriptor of the query
     assert np.mean(found.row[named] == exact.row[named]) > 0.95
     several = search.search_among(query, 6, visible=np.ones(20, bool))
     assert (np.diff(several.distance, axis=1) >= 0).all()
     photo = np.where(several.row >= 0, several.row // 80, -1)
     named = [[p for p in row if p >= 0] for row in photo.tolist()]
-    assert all(len(set(row)) == len(row) for row in named)  # one of each photo
+    assert all(len(set(row)) == len(row) for row in named)  # one per photo
     assert np.isfinite(several.distance).all()
 
 
@@ -188,7 +188,7 @@ def test_the_way_of_searching_follows_from_the_memory_there_is():
     assert chosen(100_000_000, 500.0) == "vlad"
     assert chosen(1_400_000, 10.0) == "vlad"
     assert chosen(100, 0.0) == "vlad"
-    assert tier_for(10**9, width=32, kind="binary", memory_mb=1.0) == "ivf"  # there are no signatures of bits
+    assert tier_for(10**9, width=32, kind="binary", memory_mb=1.0) == "ivf"  # no signatures of bits
     sizes = [bytes_in_memory(n, width=128, kind="float") for n in (0, 19_999, 30_000 * 40)]
     assert sizes == sorted(sizes)
     assert bytes_in_memory(1000, width=32, kind="binary") > 32_000

@@ -1,4 +1,4 @@
-"""Photos that are alike as a whole join the shortlist; the votes keep most of it."""
+"""Photos with a similar global descriptor join the shortlist; the votes keep most of it."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def described(vectors, row=None):
 
 
 def a_map(vectors=None):
-    """Photos 100 map pixels apart, of random keypoints."""
+    """Return a map of photos 100 map pixels apart, with random keypoints."""
     rng = np.random.default_rng(0)
     rows = rng.integers(0, 256, (PHOTOS * KEYPOINTS, WIDTH)).astype(np.uint8)
     segment = Segment(
@@ -50,13 +50,13 @@ def a_map(vectors=None):
 
 @pytest.fixture
 def vectors():
-    """Of the photos: each unlike the others."""
+    """Return dissimilar vectors of the photos."""
     found = np.random.default_rng(1).normal(size=(PHOTOS, 64))
     return found / np.linalg.norm(found, axis=1, keepdims=True)
 
 
 def query(vector=None, *, of=None, keypoints=KEYPOINTS):
-    """A query that shows nothing of the map, or the photo `of` with noise."""
+    """Return a query that shows nothing of the map, or the photo `of` with noise."""
     rng = np.random.default_rng(2)
     shown = rng.integers(0, 256, (keypoints, WIDTH))
     xy = rng.uniform(0, 400, (keypoints, 2))

@@ -1,4 +1,4 @@
-"""Neighbours among the photos that are to be seen: not removed, not hidden."""
+"""Neighbours among visible photos: not removed, not hidden."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from webapp.core.retrieval.indexed import IndexedMap, candidates
 
 
 def a_map(rows_of_photos: list[int], *, gone: set[int], seed: int) -> IndexedMap:
-    """A map with random descriptors in two segments; `gone` are the entries no longer in the map."""
+    """Return a map with random descriptors in two segments; `gone` are entries removed from the map."""
     rng = np.random.default_rng(seed)
     half = len(rows_of_photos) // 2
     segments = []
@@ -34,7 +34,7 @@ def a_map(rows_of_photos: list[int], *, gone: set[int], seed: int) -> IndexedMap
         )
     alive = [i for i in range(len(rows_of_photos)) if i not in gone]
     photo_of_entry = np.full(len(rows_of_photos), -1)
-    # The map's order is not that of the index.
+    # The order of the map differs from that of the index.
     photo_of_entry[alive] = np.arange(len(alive))[::-1]
     return IndexedMap(
         ids=np.arange(len(alive)) * 10,

@@ -1,4 +1,4 @@
-"""Drives of a robot that never was: what is true, what its odometry says, and what was measured of it."""
+"""Simulated drives of a robot: truth, odometry and measurements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from webapp.core.trajectory.steps import Fixes, Steps
 
 @dataclass
 class Drive:
-    """A robot that winds its way at one metre a second; its odometry errs as `noise` says."""
+    """A robot on a winding path at 1 m/s; its odometry has errors according to `noise`."""
 
     seed: int
     nodes: int = 240
@@ -20,7 +20,7 @@ class Drive:
     every: int = 4
     noise: Noise = field(default_factory=Noise)
     rate: Callable[[float], float] = lambda seconds: 0.15 * np.sin(seconds / 15)
-    """Radians a second that it turns."""
+    """Yaw rate, radians per second."""
 
     def __post_init__(self):
         self.rng = rng = np.random.default_rng(self.seed)
@@ -49,29 +49,29 @@ class Drive:
 
     @property
     def steps(self):
-        """As the filter takes them; the odometry believes to have begun to the north."""
+        """Return the steps for the filter; the odometry assumes that it started towards north."""
         own = np.concatenate([[0.0], np.cumsum(self.moves[1:, 2])])
         return Steps(np.arange(self.nodes) * self.seconds, self.moves, own)
 
     @property
     def fixes(self):
-        """As the filter takes them."""
+        """Return the fixes for the filter."""
         m = len(self.node)
         return Fixes(self.node, self.measured, np.tile(np.eye(2) * self.sigma_m**2, (m, 1, 1)), np.ones(m))
 
     def reckoned(self):
-        """Where the odometry alone leads, from the true start in the true direction, (n, 2)."""
+        """Return the dead-reckoned positions from the true start pose, (n, 2)."""
         heading = self.heading[0] + np.concatenate([[0.0], np.cumsum(self.moves[1:, 2])])
         moved = self.moves[1:, :1] * np.column_stack([np.sin(heading), np.cos(heading)])[:-1]
         return np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
 
 
 def rmse(positions, truth):
-    """Root of the mean squared distance."""
+    """Return the root of the mean squared distance."""
     return float(np.sqrt(((positions - truth) ** 2).sum(axis=1).mean()))
 
 
 def nees(smoothed, drive):
-    """Squared Mahalanobis distance of the truth from what was found, (n,)."""
+    """Return the squared Mahalanobis distance of the truth from the estimate, (n,)."""
     off = smoothed.state[:, :2] - drive.truth
     return np.einsum("ni,nij,nj->n", off, np.linalg.inv(smoothed.covariance[:, :2, :2]), off)

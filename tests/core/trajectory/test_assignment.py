@@ -1,4 +1,4 @@
-"""Rows get columns: the least sum where few compete, and a greedy choice where many do."""
+"""Assignment of columns to rows: minimal sum for few competitors, greedy for many."""
 
 import itertools
 
@@ -28,7 +28,7 @@ def test_as_many_rows_as_can_be_get_a_column():
 
 @pytest.fixture
 def sizes(monkeypatch):
-    """How many rows were assigned together, each time."""
+    """Numbers of rows that were assigned together."""
     found = []
 
     def counted(costs):

@@ -1,4 +1,4 @@
-"""Detections without an id: which of them show the same object."""
+"""Association of detections without an id to objects."""
 
 import itertools
 
@@ -15,7 +15,7 @@ ORIGIN = (50.0, 14.0)
 
 
 def seen_at(east, north=0.0, *, time_s=0.0, kind="victim", sigma=1.0, origin=ORIGIN):
-    """A detection so many metres from the origin."""
+    """Return a detection at an offset from the origin, metres."""
     lat, lon = origin
     lon, lat, _ = WGS84.fwd(lon, lat, np.degrees(np.arctan2(east, north)), np.hypot(east, north))
     covariance = None if sigma is None else (sigma**2, sigma**2, 0.0)
@@ -29,7 +29,7 @@ def association():
 
 
 def noisy(rng, *, centres, count, sigma, kind="victim"):
-    """Detections of objects in turn, with noise, and which object each is of."""
+    """Return alternating noisy detections of objects, each with the number of its object."""
     noise = rng.normal(0, sigma, (count, len(centres), 2))
     return [
         (o, seen_at(centre + e, n, time_s=10.0 * k + 3.0 * o, sigma=sigma, kind=kind))
@@ -77,7 +77,7 @@ def test_pairs_of_one_picture_are_those_that_fit_best(association):
 
 
 def degrees(count, *, step, begin=0.0, time_s=0.0):
-    """Detections of one time, in a row to the north."""
+    """Return simultaneous detections in a row to the north."""
     return [Sighting(None, "victim", time_s, LatLon(begin + step * n, 14.0)) for n in range(count)]
 
 

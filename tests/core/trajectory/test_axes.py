@@ -1,4 +1,4 @@
-"""The axes of trajectories: told by how a vehicle moves."""
+"""The axes of trajectories, recognised from the motion of a vehicle."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ CAMERA_FROM_ROBOT = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0
 
 
 def drive() -> tuple[np.ndarray, np.ndarray]:
-    """A round in a robot's axes: positions, and rotations world from body."""
+    """Return a round trip in a robot's axes: positions, and rotations world from body."""
     yaw = np.linspace(0.0, 4.0, 300)
     steps = np.column_stack([np.cos(yaw), np.sin(yaw), 0.02 * np.ones_like(yaw)])
     zero = np.zeros_like(yaw)

@@ -1,4 +1,4 @@
-"""Which tracks close, and by how much they miss."""
+"""Detection of closed tracks, and their gaps."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ FRAME = LocalFrame(LatLon(50.1, 14.4))
 
 
 def drift_of(corners):
-    """`measure_closure` of the track through these metres east and north."""
+    """Return `measure_closure` of the track through offsets in metres east and north."""
     enu = np.array(corners, dtype=float)
     latlon = FRAME.latlon_from_enu(enu)
     (south, west), (north, east) = latlon.min(axis=0), latlon.max(axis=0)

@@ -1,4 +1,4 @@
-"""Tracks in latitude and longitude, put together."""
+"""Fusion of tracks in latitude and longitude."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ BEGUN_S = 1_700_000_000.0
 
 
 def odometry_of(drive, *, frame=FRAME, headings=True):
-    """Odometry of a robot that takes its first heading for north; anywhere on the Earth."""
+    """Return the odometry of a robot that assumes its first heading to be north; anywhere on the Earth."""
     own = drive.steps.heading_rad
     moved = drive.moves[1:, :1] * np.column_stack([np.sin(own), np.cos(own)])[:-1]
     enu = np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
@@ -24,7 +24,7 @@ def odometry_of(drive, *, frame=FRAME, headings=True):
 
 
 def gps_of(drive, *, stated_m=None):
-    """Fixes of the receiver."""
+    """Return the fixes of the receiver."""
     times = drive.steps.times_s[drive.node] + BEGUN_S
     variance = (drive.sigma_m if stated_m is None else stated_m) ** 2
     covariance = np.tile([variance, variance, 0.0], (len(times), 1))
@@ -35,7 +35,7 @@ def gps_of(drive, *, stated_m=None):
 
 
 def error_m(found, drive):
-    """Of the corrected track."""
+    """Return the error of the corrected track."""
     at = np.searchsorted(drive.steps.times_s + BEGUN_S, found.poses.times_s)
     return rmse(FRAME.enu_from_latlon(found.poses.latlon), drive.truth[at])
 
@@ -96,7 +96,7 @@ def test_too_few_fixes_to_find_the_outlier():
 
 def test_wheels_that_skid_are_noticed():
     drive = Drive(5, nodes=400)
-    drive.moves[:, 2] *= 0.6  # the robot turns much more than it believes
+    drive.moves[:, 2] *= 0.6  # the robot turns much more than its odometry says
     found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
     assert found.fit.odometry > 1
     assert error_m(found, drive) < 1.5
@@ -127,7 +127,7 @@ def test_fixes_without_covariance_and_impossible_ones_get_the_usual_one():
 
 
 def test_many_fixes_of_one_receiver_count_as_few():
-    """Their common error does not go away when there are more of them."""
+    """Their common error does not average out."""
     spread = {
         every: fuse(odometry_of(d), {"gps": gps_of(d)}).poses.covariance_m2[120, 0]
         for every in (1, 40)

@@ -1,4 +1,4 @@
-"""Positions on a track by time, and the offset of a clock."""
+"""Positions on a track by time, and clock offsets."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_what_is_found_is_between_fixes(times, t, gap):
 
 
 def walk(seconds):
-    """A loop with a corner; metres, (n, 2)."""
+    """Return a loop with a corner; metres, (n, 2)."""
     s = np.asarray(seconds, dtype=float)
     return np.column_stack([60 * np.sin(s / 90), 40 * np.sin(s / 37 + 1)])
 

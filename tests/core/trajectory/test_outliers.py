@@ -1,4 +1,4 @@
-"""Wrong fixes are found by the whole track, also where a quarter of them is wrong."""
+"""Wrong fixes are detected from the whole track, even if a quarter of them is wrong."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ GOOD = Noise(
 
 
 def spoiled(drive: Drive, *, share: float) -> np.ndarray:
-    """Put some of the fixes somewhere else; returns which, (m,) bool."""
+    """Move some of the fixes elsewhere; return which, (m,) bool."""
     rng = np.random.default_rng(drive.seed + 1000)
     wrong = np.zeros(len(drive.node), dtype=bool)
     wrong[rng.permutation(len(wrong))[: round(share * len(wrong))]] = True

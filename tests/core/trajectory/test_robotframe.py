@@ -20,7 +20,7 @@ DOCS = Path(__file__).resolve().parents[3] / "docs" / "missions.md"
 
 
 def formula_2012(start: LatLon, xy_m: np.ndarray) -> np.ndarray:
-    """Latitude and longitude of a robot that looked east, as the first system computed them."""
+    """Return latitude and longitude of a robot that started facing east, as computed by the first system."""
     x, y = xy_m.T
     lat = start.lat + np.degrees(y / B_M)
     lon = start.lon + np.degrees(x / (A_M * math.cos(math.radians(start.lat))))
@@ -28,7 +28,7 @@ def formula_2012(start: LatLon, xy_m: np.ndarray) -> np.ndarray:
 
 
 def off_share(lat: float, metres: float) -> float:
-    """How far the formula is off, as a share of the way: the worst of all directions."""
+    """Return the error of the formula relative to the distance, for the worst direction."""
     start = LatLon(lat, 14.0)
     angles = np.radians(np.arange(0.0, 360.0, 5.0))
     xy = metres * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -94,7 +94,7 @@ def test_distance_and_direction_from_the_start_are_the_geodesics(
     there = frame.latlon_from_xy(xy)
     want_lon, want_lat, _ = GEOD.fwd(lon, lat, heading - math.degrees(bearing), metres)
     _, _, off = GEOD.inv(there[0, 1], there[0, 0], want_lon, want_lat)
-    # PROJ takes a start within 1e-10 rad of the equator or of 180° to be there: 0.6 mm.
+    # PROJ treats a start within 1e-10 rad of the equator or of 180° as exactly there: 0.6 mm.
     assert off < 1e-3 + 1e-9 * metres
 
 

@@ -1,4 +1,4 @@
-"""No point that is left out lies farther from the line than it may; profiles keep what stands out."""
+"""Omitted points are within the tolerance of the line; profiles keep extremes."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ DEGREE_M = 111_195.0
 
 
 def distance_m(point, a, b):
-    """From a point to the straight way from a to b, on the equator."""
+    """Return the distance from a point to the segment from a to b, at the equator."""
     point, a, b = (np.asarray(p) * DEGREE_M for p in (point, a, b))
     way = b - a
     along = np.clip(np.dot(point - a, way) / max(np.dot(way, way), 1e-300), 0, 1)

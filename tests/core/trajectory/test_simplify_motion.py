@@ -1,4 +1,4 @@
-"""At no time is a thinned motion farther from the whole one than it may be."""
+"""A thinned motion is within the tolerance of the whole one at all times."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def latlon_of(east_m, north_m, *, lat=50.0, lon=14.0):
 
 
 def errors_m(times_s, latlon, height_m, keep):
-    """How far each pose is from where it would be at its time, by geodesics."""
+    """Return the geodesic distance of each pose from the thinned motion at its time."""
     kept = times_s[keep]
     lat, lon = (np.interp(times_s, kept, np.unwrap(column[keep], period=360)) for column in latlon.T)
     flat = WGS84.inv(lon, lat, latlon[:, 1], latlon[:, 0])[2]
@@ -38,7 +38,7 @@ def test_at_no_time_it_is_farther_off_than_the_tolerance(steps, tolerance_m, lat
 
 
 def test_a_stop_stays_a_stop():
-    """Five seconds ahead at 1 m/s, ten of rest, five ahead: a line of the whole way would be even."""
+    """Five seconds ahead at 1 m/s, ten at rest, five ahead: a single line would mean uniform motion."""
     times_s = np.arange(0.0, 20.1, 0.1)
     north = np.clip(times_s, 0, 5) + np.clip(times_s - 15, 0, None)
     keep = simplify_motion(times_s, latlon_of(0 * north, north), height_m=0 * north, tolerance_m=0.1)
@@ -55,7 +55,7 @@ def test_both_ends_of_a_gap_stay_and_of_what_has_no_height_and_where_time_goes_b
 
 
 def test_gaps_stay_in_a_motion_that_was_thinned_before():
-    """A kept gap of a minute, between poses of which only one in twenty seconds is left."""
+    """A gap of a minute is kept between poses thinned to one in twenty seconds."""
     times_s = np.concatenate([np.arange(0.0, 101, 20), np.arange(160.0, 261, 20)])
     latlon, height_m = latlon_of(0 * times_s, times_s), 0 * times_s
     for gap_s, gap_stays in ((None, False), (GAP_S, True)):

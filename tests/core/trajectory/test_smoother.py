@@ -1,4 +1,4 @@
-"""The filter knows how wrong it is, bridges gaps, and is not led astray."""
+"""The smoother estimates its errors correctly, bridges gaps, and resists outliers."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ from webapp.core.trajectory.steps import Fixes, Steps
 
 RUNS = 60
 POSITION_BOUNDS, HEADING_BOUNDS = (1.257, 2.960), (0.505, 1.713)
-"""Between them the mean of 60 squared distances, of two degrees and of one, lies in 99.9 % of the cases."""
+"""Bounds of 99.9 % for the mean of 60 chi-squared values with two and with one degree of freedom."""
 
 finite = st.floats(-3, 3)
 
 
 @pytest.fixture(scope="module")
 def runs():
-    """Drives, and what became of them."""
+    """Drives with their smoothed tracks."""
     drives = [Drive(seed) for seed in range(RUNS)]
     return [(drive, smooth(drive.steps, drive.fixes)) for drive in drives]
 
@@ -44,7 +44,7 @@ def test_the_heading_is_as_wrong_as_it_says(runs):
 
 
 def test_innovations_follow_their_distribution(runs):
-    # The first ones made the start themselves.
+    # The first fixes determined the start.
     distance = np.concatenate([done.distance[8:][~done.gated[8:]] for _, done in runs])
     low, high = mean_distance_bounds(len(distance))
     assert low < distance.mean() < high
@@ -60,7 +60,7 @@ def test_it_is_better_than_the_fixes_and_than_reckoning(runs):
 
 def test_systematic_errors_of_the_odometry_are_found():
     drive = Drive(3, nodes=800, sigma_m=0.3)
-    drive.moves[:, 0] *= 0.9  # wheels that are larger than believed
+    drive.moves[:, 0] *= 0.9  # wheel radius calibrated wrongly
     state = smooth(drive.steps, drive.fixes).state
     true_way = np.hypot(*np.diff(drive.truth, axis=0).T).sum()
     assert 1 + state[-1, 5] == pytest.approx(true_way / drive.moves[1:, 0].sum(), rel=0.03)
@@ -129,7 +129,7 @@ def test_many_fixes_in_a_moment_are_no_reason_to_move():
 
 
 def without_odometry(drive):
-    """The same drive, of which only fixes are known."""
+    """Smooth the drive from its fixes alone."""
     nothing = np.full_like(drive.moves, np.nan)
     return Steps(drive.steps.times_s, nothing, np.full(drive.nodes, np.nan))
 
@@ -155,7 +155,7 @@ def test_odometry_that_begins_late_and_ends_early():
 
 
 def test_a_linear_track_is_the_least_squares_solution():
-    """Without odometry all is linear: the smoother must give what one large system of equations gives."""
+    """Without odometry the problem is linear: the smoother must equal the solution of one large system."""
     rng, n, noise = np.random.default_rng(5), 12, Noise()
     times = np.cumsum(rng.uniform(0.5, 4, n))
     steps = Steps(times, np.full((n, 3), np.nan), np.full(n, np.nan))

@@ -1,4 +1,4 @@
-"""Symbols of objects: which class has which, and that all lines are in their box."""
+"""Symbols of objects by class, and all lines within their box."""
 
 import pytest
 

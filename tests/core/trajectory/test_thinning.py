@@ -1,4 +1,4 @@
-"""Thinning by degrees and by metres, and the distance that is measured before it."""
+"""Thinning by degrees and by metres; distances are measured before it."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ WAY = st.lists(st.tuples(st.integers(-30, 30), st.integers(-30, 30)), min_size=1
 
 
 def as_latlon(way: list[tuple[int, int]]) -> np.ndarray:
-    """Positions on a grid of a third of the default threshold."""
+    """Return positions on a grid with a spacing of a third of the default threshold."""
     return np.array([50.0, 14.0]) + np.array(way, dtype=np.float64) * 3.3e-6
 
 

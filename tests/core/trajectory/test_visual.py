@@ -1,4 +1,4 @@
-"""When a localized photo is a fix, and how exact it is."""
+"""When a localized photo counts as a fix, and with which accuracy."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""GPX: tracks with times, and nothing that harms."""
+"""GPX: tracks with times, and protection from hostile files."""
 
 import pytest
 from hypothesis import given, settings
@@ -12,7 +12,7 @@ HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" xmlns="http:/
 
 
 def text(*points, head=HEAD):
-    """A GPX file of (lat, lon, time or None)."""
+    """Return a GPX file of (lat, lon, time or None)."""
     inner = "".join(
         f'<trkpt lat="{lat}" lon="{lon}">{f"<time>{time}</time>" if time else ""}</trkpt>'
         for lat, lon, time in points

@@ -1,4 +1,4 @@
-"""A model of a long walk that has drifted: each camera sees what the next few see, and no more."""
+"""A drifted model of a long walk: each camera shares points only with the next few."""
 
 import math
 
@@ -13,7 +13,7 @@ PHOTOS, LENGTH, FOCAL = 22, 66.0, 500.0
 
 
 def walk():
-    """Centres (n, 3) of cameras that walk along an arc, x right, y down the map, z down; and rotations."""
+    """Return centres (n, 3) of cameras along an arc, x right, y down the map, z down, and rotations."""
     step = np.linspace(0.0, 1.0, PHOTOS)
     centre = np.column_stack([LENGTH * step, 25.0 * np.sin(2.5 * step), np.zeros(PHOTOS)])
     along = np.gradient(centre, axis=0)
@@ -24,7 +24,7 @@ def walk():
 
 
 def drifted(rng, *, noise_px=0.3, turn_deg=1.5, growth=0.02):
-    """The model, named by numbers; the farther a camera along the walk, the more it is turned and grown."""
+    """Return the model, with numbers as names; rotation and scale drift along the walk."""
     centre, rotation = walk()
     model = pycolmap.Reconstruction()
     camera = pycolmap.Camera(
@@ -71,7 +71,7 @@ def drifted(rng, *, noise_px=0.3, turn_deg=1.5, growth=0.02):
 
 
 def write_matches(model, path):
-    """Write the database of the matches of all photos of a model that see points together."""
+    """Write the match database for all pairs of photos of a model that share points."""
     database = MatchDatabase(path)
     images = {int(image.name): image for image in model.images.values()}
     fov = math.degrees(2.0 * math.atan(320.0 / FOCAL))

@@ -1,4 +1,4 @@
-"""Submodels that have drifted are joined at the positions that are known."""
+"""Drifted submodels are joined and adjusted at known positions."""
 
 import numpy as np
 import pycolmap
@@ -17,12 +17,12 @@ from webapp.tasks.landmarks.adjust import adjust_job, positions_of
 
 CONTENTS = tuple(str(number) for number in range(PHOTOS))
 SCALE = 10.0
-"""Map pixels a metre."""
+"""Map pixels per metre."""
 
 
 @pytest.fixture
 def scene(tmp_path):
-    """A folder with the model and its matches, and centres and rotations in order."""
+    """A folder with the model and its matches, and the centres and rotations in order."""
     found = drifted(np.random.default_rng(3))
     (tmp_path / "models" / "0").mkdir(parents=True)
     found.write(tmp_path / "models" / "0")
@@ -33,7 +33,7 @@ def scene(tmp_path):
 
 
 def make_job(scene, submodels, *, at, placed, points=()):
-    """Lay submodels, ranges of photos, by the placed ones and by control points."""
+    """Return the job to adjust submodels (ranges of photos) by placed photos and control points."""
     folder, centre, rotation = scene
     known = KnownPositions(
         np.where(
@@ -57,7 +57,7 @@ def make_job(scene, submodels, *, at, placed, points=()):
 
 
 def joined(scene, submodels, *, at, placed, points=()):
-    """Lay submodels and join them; returns centres in metres by number."""
+    """Lay submodels and join them; return centres in metres by number."""
     model = adjust(make_job(scene, submodels, at=at, placed=placed, points=points))
     if model is None:
         return None
@@ -79,7 +79,7 @@ def test_a_walk_that_bends_is_straightened_by_five_positions(scene):
 
 
 def test_where_little_holds_a_walk_it_is_less_certain(scene):
-    """Positions at one end only: the farther from them, the less certain, and still about as far as said."""
+    """Positions at one end only: uncertainty grows with the distance from them, and covers the errors."""
     truth, placed = walk()[0], [0, 1, 3, 5, 7]
     model = adjust(make_job(scene, [range(PHOTOS)], at=truth, placed=placed))
     order = [model.contents.index(name) for name in CONTENTS]
@@ -101,11 +101,11 @@ def test_one_wrong_position_does_not_pull_the_others(scene):
 SPOTS = {
     f"spot {number}": walk()[0][number] + [2.0, -1.0, 14.0] @ walk()[1][number] for number in range(0, 19, 3)
 }
-"""Ahead of some of the photos, metres."""
+"""Points ahead of some of the photos, metres."""
 
 
 def seen_point(name, *, moved_m=0.0):
-    """A control point, clicked in all photos that see it; and as far from where it is on the map."""
+    """Return a control point clicked in all photos that see it, with an error of its map position."""
     centre, rotation = walk()
     ray = np.einsum("nij,nj->ni", rotation, SPOTS[name] - centre)
     ahead = (ray[:, 2] > 3.0) & (ray[:, 2] < 25.0) & (np.abs(ray[:, :2]).max(1) < 0.5 * ray[:, 2])
@@ -128,7 +128,7 @@ def test_control_points_straighten_a_walk_of_which_no_photo_is_placed(scene):
 
 
 def test_placed_photos_and_control_points_adjust_a_walk_together(scene):
-    """Photos at one end only leave the other uncertain; points there say where it is."""
+    """Photos at one end leave the other uncertain; control points there constrain it."""
     truth, placed = walk()[0], [0, 1, 3, 5, 7]
     points, last = [seen_point("spot 15"), seen_point("spot 18")], CONTENTS[-1]
     away_m, sigma_px = {}, {}
@@ -143,7 +143,7 @@ def test_placed_photos_and_control_points_adjust_a_walk_together(scene):
 
 def test_two_submodels_become_one_with_the_photos_between_them(scene):
     truth, placed = walk()[0], [0, 4, 8, 10, 13, 17, 21]
-    # 9 and 11 are unknown, 10 is placed; no submodel has any of them.
+    # 9 and 11 are unknown, 10 is placed; none is in a submodel
     found = joined(scene, [range(9), range(12, PHOTOS)], at=truth, placed=placed)
     assert sorted(found) == [*range(PHOTOS)]
     assert off(found, truth).max() < 0.1

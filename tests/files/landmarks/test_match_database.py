@@ -1,4 +1,4 @@
-"""What is left of a database whose writer was killed."""
+"""A match database whose writer was killed."""
 
 import numpy as np
 import pycolmap

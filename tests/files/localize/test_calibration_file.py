@@ -1,4 +1,4 @@
-"""Stored calibrations: read back, or repeated when they cannot be used."""
+"""Stored calibrations: read back, or recomputed if unusable."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Rows that stay in their file, against the same array in memory."""
+"""Rows read from a file, compared with the same array in memory."""
 
 import sys
 

@@ -14,7 +14,7 @@ from webapp.files.localize.global_vectors import StoredVectors
 
 @pytest.fixture
 def supply(tmp_path):
-    """Put a model into a folder, and a JSON beside it."""
+    """Put a model and its JSON into a folder."""
 
     def put(model=None, form=None):
         (tmp_path / "global.onnx").write_bytes(tiny_image() if model is None else model)

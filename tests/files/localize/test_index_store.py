@@ -207,7 +207,7 @@ def test_codes_are_in_memory_once(tmp_path, monkeypatch, compressed):
     path = tmp_path / "once.ivf"
     write_search_index(path, index, kind="float")
     read = read_search_index(path, "float")
-    # Faiss copies 4-bit codes: mapped, they would be there twice.
+    # Faiss copies 4-bit codes: memory-mapped, they would exist twice.
     assert (str(path) in Path("/proc/self/maps").read_text()) != compressed
     assert read.ntotal == len(rows)
 

@@ -1,4 +1,4 @@
-"""Trials are there again after a kill, up to the last whole line, and only for the same map."""
+"""After a kill, trials are restored up to the last whole line, and only for the same map."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from webapp.files.localize.calibration import recorded_trials
 
 
 class Killed(BaseException):
-    """Stands for the end of a process."""
+    """Stands for a killed process."""
 
 
 def killed_after(path, key, *numbers):

@@ -40,7 +40,7 @@ def maps(draw: st.DrawFn) -> Map:
 
 @st.composite
 def odd_spellings(draw: st.DrawFn) -> bytes:
-    """A valid file with everything that is tolerated."""
+    """Return a valid file with all tolerated variations."""
     rows = [row.split(";") for row in format_cfg(draw(maps())).decode().split("\n")[:-1]]
     space = st.text(" ", max_size=2)
     end = st.sampled_from(["\n", "\r\n"])
@@ -122,7 +122,7 @@ def test_text_is_read_as_its_bytes(text: str) -> None:
 
 
 def check_total(data: bytes) -> None:
-    """Whatever the bytes: a document that writes back identically, or an error at a place in the file."""
+    """Check that any bytes give a document that is written back identically, or an error with a position."""
     pieces = scan(data)
     lines = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "surrogateescape").split("\n")
     for finding in pieces.faults:
@@ -217,7 +217,7 @@ def test_offset_of_a_bad_byte(lines: list[str], bom: bool, crlf: bool) -> None:
 
 @pytest.mark.parametrize("line", ["{i};p{i}.jpg;50;150", "{i};p{i}.jpg;500;500", "", "7;p.jpg;1;1"])
 def test_a_file_of_wrong_lines_takes_no_longer_than_one_of_right_ones(line: str) -> None:
-    """It took 3 ms a line with swapped positions, which were looked for in a list."""
+    """A search in a list once took 3 ms per line with swapped positions."""
     lines = "\n".join(line.format(i=i) for i in range(30_000))
     started = time.process_time()
     with pytest.raises(CfgError):

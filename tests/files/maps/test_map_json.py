@@ -53,7 +53,7 @@ GOOD: dict[str, Any] = {
 
 
 def changed(path: list[str | int], value: object) -> bytes:
-    """GOOD with another value, or a further one, at a path."""
+    """Return GOOD with a changed or additional value at a path."""
     top = json.loads(json.dumps(GOOD))
     inner = top
     for step in path[:-1]:

@@ -1,4 +1,4 @@
-"""A bucket, and storages as machines have them."""
+"""A bucket, and the storages of several machines."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def bucket_name(s3):
 
 @pytest.fixture
 def node(s3, bucket_name, tmp_path):
-    """Make a storage as a machine of its own has it."""
+    """Make the storage of a separate machine."""
 
     def make(name="one", *, limit=10**9, timeout_s=10.0, **options):
         bucket = Bucket(f"s3://{bucket_name}/some/prefix", timeout_s=timeout_s)

@@ -1,4 +1,4 @@
-"""Copies that somebody has mapped are in use, however long ago they were asked for."""
+"""Memory-mapped copies count as in use, however long ago they were requested."""
 
 import os
 import sys

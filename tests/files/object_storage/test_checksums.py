@@ -1,4 +1,4 @@
-"""What is uploaded comes with its MD5, by which a server refuses damaged bytes."""
+"""Uploads carry their MD5, so that a server refuses damaged bytes."""
 
 import base64
 import hashlib
@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture
 def uploads(node, monkeypatch):
-    """A storage, and of each of its uploads the bytes that go to the server and the MD5 that it is told."""
+    """A storage, and the sent bytes and MD5 of each of its uploads."""
     one, sent = node(), []
 
     def look(request, **_):

@@ -1,4 +1,4 @@
-"""Files that are objects: what is stored, fetched, kept here and refused."""
+"""Files as objects: stored, fetched, cached and refused."""
 
 import os
 import pickle
@@ -174,7 +174,7 @@ def test_a_refusal_is_one_sentence_and_the_file_stays(node, s3, tmp_path, refusa
     assert not pointer_path(path).exists()
     assert str(pickle.loads(pickle.dumps(refused.value))) == str(
         refused.value
-    )  # as a worker process sends it
+    )  # sent by a worker process
 
 
 def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatch):
@@ -250,7 +250,7 @@ def test_a_file_comes_back_as_it_was_unless_somebody_has_replaced_it(node, s3, t
         storage.publish(path)
         storage.publish(replaced)
         replaced.write_bytes(b"after")
-        storage.local(path).write_bytes(b"other")  # damaged, and as long
+        storage.local(path).write_bytes(b"other")  # damaged, but of the same length
         with pytest.raises(StorageError, match="is damaged"):
             storage.bring_back(path)
         assert not path.exists() and read_pointer(path) is not None
@@ -308,12 +308,12 @@ def test_an_answer_that_comes_to_a_halt_leaves_nothing(node, s3, tmp_path):
     path = file_of(tmp_path, os.urandom(300_000))
     with storage.using(node()):
         storage.publish(path)
-    s3.bytes_per_s = 50_000  # a block takes longer than a connection may be silent
+    s3.bytes_per_s = 50_000  # a block takes longer than the read timeout
     two = node("two", timeout_s=0.4)
     with storage.using(two), pytest.raises(StorageUnavailable, match="did not answer in time"):
         storage.local(path)
     assert two.cache.size() == 0
-    s3.bytes_per_s = 500_000  # slow, but it goes on all the time
+    s3.bytes_per_s = 500_000  # slow, but without pauses
     with storage.using(two):
         assert storage.local(path).stat().st_size == 300_000
 
@@ -343,7 +343,7 @@ def test_a_damaged_pointer_is_named(tmp_path):
 def test_interrupted_uploads_are_dropped(node, s3, bucket_name):
     s3.client.create_multipart_upload(Bucket=bucket_name, Key="some/prefix/ab/key")
     one = node()
-    begun = datetime(2010, 11, 10, tzinfo=UTC)  # says moto of every upload
+    begun = datetime(2010, 11, 10, tzinfo=UTC)  # moto's time of every upload
     assert one.bucket.drop_unfinished(begun_before=begun - timedelta(days=1)) == 0
     assert one.bucket.drop_unfinished(begun_before=begun + timedelta(days=1)) == 1
     assert "Uploads" not in s3.client.list_multipart_uploads(Bucket=bucket_name)

@@ -1,4 +1,4 @@
-"""Level views of panoramas at the size that they are described at."""
+"""Level views of panoramas at the size used for features."""
 
 import tracemalloc
 
@@ -16,7 +16,7 @@ LIMITS = PhotoLimits()
 
 
 def blobs(wide):
-    """A panorama with blobs of about ten degrees."""
+    """Return a panorama with blobs of about ten degrees."""
     coarse = np.random.default_rng(3).integers(0, 256, (18, 36), dtype=np.uint8)
     coarse[:, -1] = coarse[:, 0]
     pixels = cv2.resize(coarse, (wide, wide // 2), interpolation=cv2.INTER_CUBIC)

@@ -1,4 +1,4 @@
-"""Photos come out upright, whole and within limits, or not at all."""
+"""Photos are decoded upright, completely and within limits, or rejected."""
 
 import contextlib
 import io
@@ -38,7 +38,7 @@ def encode(pixels, kind, *, mode=None, **options):
 
 
 def stored(upright, orientation):
-    """Turn an upright picture into what a camera with that orientation stores."""
+    """Return an upright picture as stored by a camera with an orientation."""
     methods = {
         2: Image.Transpose.FLIP_LEFT_RIGHT, 3: Image.Transpose.ROTATE_180, 4: Image.Transpose.FLIP_TOP_BOTTOM,
         5: Image.Transpose.TRANSPOSE, 6: Image.Transpose.ROTATE_90, 7: Image.Transpose.TRANSVERSE,
@@ -79,7 +79,7 @@ def test_shared_photos_of_every_orientation_are_alike(shared_data):
             other = read_upright(path, limits=LIMITS, max_side=100)
             assert read_facts(path, limits=LIMITS).orientation == orientation
             assert other.shape == first.shape
-            # their brightness differs, and each has its own number drawn on; turned wrongly it is below 0.7
+            # by correlation: brightness differs, and numbers are drawn on; turned wrongly it is below 0.7
             assert np.corrcoef(other.ravel(), first.ravel())[0, 1] > 0.96
 
 
@@ -259,7 +259,7 @@ def test_shared_odd_photos_are_read_or_refused(shared_data):
 
 @pytest.mark.parametrize("form", ["WEBP", "JPEG2000"])
 def test_formats_that_take_much_memory_are_refused_at_fewer_pixels(form):
-    """2 GB for one photo of 120 megapixels, of a file with 30 kilobytes."""
+    """Decoding 120 megapixels would take 2 GB, from a file of 30 kB."""
     file = io.BytesIO()
     Image.new("RGB", (400, 300)).save(file, form)
     with pytest.raises(PhotoError, match=f"more than the limit of 0.1 for {form}"):
@@ -269,7 +269,7 @@ def test_formats_that_take_much_memory_are_refused_at_fewer_pixels(form):
 
 @pytest.mark.parametrize("as_file", [False, True])
 def test_a_jpeg_of_very_many_scans_is_refused_before_it_is_decoded(tmp_path, as_file, monkeypatch):
-    """Each scan costs a pass over the whole photo, and 500 bytes."""
+    """Each scan takes 500 bytes, but a pass over the whole photo."""
     monkeypatch.setattr(JpegImageFile, "load", None)
     source = progressive_jpeg(33)
     if as_file:
@@ -314,7 +314,7 @@ def test_wide_ranges_of_values_take_no_multiple_of_their_memory():
 
 
 def heic_claiming(width, height, *, size=(256, 192)):
-    """Make a HEIC file whose header claims other sides than its picture has."""
+    """Make a HEIC file whose header claims another size than its picture has."""
     pillow_heif.register_heif_opener()
     file = io.BytesIO()
     Image.new("RGB", size, "green").save(file, "HEIF")

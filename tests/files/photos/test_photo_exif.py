@@ -1,4 +1,4 @@
-"""What a photo says about itself, in every state that cameras and software leave it in."""
+"""Metadata of photos, in all variations of cameras and software."""
 
 import io
 import math
@@ -157,7 +157,7 @@ def test_field_of_view_from_35_mm():
 
 
 def test_field_of_view_from_the_sensor():
-    # a sensor 6.4 mm wide with 3200 pixels: 500 a millimetre, 12700 an inch; the photo was scaled down since
+    # a sensor 6.4 mm wide with 3200 pixels: 500 per mm, 12700 per inch; the photo was scaled down later
     for unit, density in ((2, 12700.0), (3, 5000.0), (4, 500.0)):
         camera = {0x920A: 4.8, 0xA20E: density, 0xA210: unit, 0xA002: 3200, 0xA003: 2400}
         fov = read_fov(Exif(camera=camera), width=800, height=600)

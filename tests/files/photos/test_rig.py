@@ -1,4 +1,4 @@
-"""The file of a rig: what it says, and what is wrong with it."""
+"""The file of a rig: contents and errors."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Corners, control points, world files and GeoTIFFs: strict, and clear about what is wrong."""
+"""Corners, control points, world files and GeoTIFFs: strict reading, and clear errors."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Large images, strip by strip, and their tiles."""
+"""Large images, read in strips, and their tiles."""
 
 import io
 import warnings
@@ -34,7 +34,7 @@ def reader(request, absent):
 
 @pytest.fixture
 def read(tmp_path, reader):
-    """All pixels of an image given as Pillow image or bytes."""
+    """Read all pixels of an image given as Pillow image or bytes."""
 
     def all_pixels(image, kind="PNG", rows=64, limits=LIMITS):
         path = tmp_path / "image"
@@ -174,7 +174,7 @@ def test_a_reduced_copy_has_the_mean_colours(tmp_path, reader, size):
 class TestPyramid:
     @pytest.fixture
     def tiles(self, tmp_path):
-        """The tiles of an image, as a function from zoom, x, y to RGBA; and its pixels."""
+        """Return a function from (zoom, x, y) to the RGBA pixels of a tile, and the image's pixels."""
 
         def make(width, height):
             pixels = gradient(width, height)
@@ -204,7 +204,7 @@ class TestPyramid:
         (only,) = (tmp_path / "tiles" / "0").iterdir()
         assert only.name == "0_0.webp"
         whole = tile(0, 0, 0)
-        # 2^2 pixels of the image are one of the tile, the last ones partly
+        # 2^2 pixels of the image make one of the tile; the last ones are partial
         assert whole[:, :, 3].sum() == 255 * 176 * 133
         assert np.abs(whole[:132, :175, :3] - pixels[2:530:4, 2:702:4][:132, :175])[:, :, :2].max() < 12
 

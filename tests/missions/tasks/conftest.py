@@ -40,7 +40,7 @@ def owner(library):
 
 @pytest.fixture
 def new_mission(library, owner, some_poses):
-    """Make a mission with a track of so many poses and so many objects, seen twice each; gives its id."""
+    """Make a mission with a track and objects, each seen twice, and return its id."""
 
     def make(poses=10, *, objects=3, name="Search"):
         with library.database.write() as session:

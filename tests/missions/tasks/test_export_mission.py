@@ -1,4 +1,4 @@
-"""Exports of a mission have all of it, in a memory that does not grow with it."""
+"""Exports of a mission are complete, with memory independent of its size."""
 
 import csv
 import io
@@ -78,7 +78,7 @@ def test_objects_come_in_parts(library, new_mission, monkeypatch):
 
 
 def peak(pieces):
-    """The most memory, bytes, that taking all pieces takes."""
+    """Return the peak memory, bytes, of consuming all pieces."""
     tracemalloc.start()
     size = sum(len(piece) for piece in pieces)
     most = tracemalloc.get_traced_memory()[1]

@@ -1,4 +1,4 @@
-"""The fused track of a mission, written as a whole."""
+"""The fused track of a mission is written atomically."""
 
 import json
 import threading
@@ -21,7 +21,7 @@ from webapp.progress import Progress
 
 @pytest.fixture
 def driven(library, owner):
-    """A mission with odometry and GPS, of which one fix is wrong; its id and what is true of it."""
+    """A mission with odometry and GPS, one fix of which is wrong: its id and the truth."""
     drive = Drive(3)
     drive.measured[20] += (0, 90)
     with library.database.write() as session:

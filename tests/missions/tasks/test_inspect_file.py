@@ -1,4 +1,4 @@
-"""What is in a file is said before anything of it is stored."""
+"""The contents of a file are reported before anything is stored."""
 
 import numpy as np
 import pytest

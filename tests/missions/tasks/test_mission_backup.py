@@ -1,4 +1,4 @@
-"""Missions, their photos and what fusion made of them come back from a backup; older backups have none."""
+"""Missions, their photos and fused tracks are restored from a backup; older backups contain none."""
 
 import contextlib
 import shutil
@@ -36,7 +36,7 @@ def library(tmp_path):
 
 @pytest.fixture
 def mission(library, save_photo):
-    """A mission with three poses and a photo; gives its id."""
+    """The id of a mission with three poses and a photo."""
     with library.database.write() as session:
         id = missions.create(session, "Yard", account_id=accounts.ensure_owner(session).id).id
     poses = [{"type": "pose", "time": n, "lat": 50, "lon": 14} for n in range(3)]
@@ -82,7 +82,7 @@ def test_a_photo_that_is_lost_is_reported(library, mission, tmp_path):
 
 @pytest.fixture
 def fused(library):
-    """A mission without photos whose tracks were put together; gives its id."""
+    """The id of a mission without photos whose tracks were fused."""
     drive = Drive(3)
     drive.measured[20] += (0, 90)
     with library.database.write() as session:

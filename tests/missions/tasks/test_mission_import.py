@@ -1,4 +1,4 @@
-"""Files become tracks and objects of a mission: each pose once, whenever the import was killed."""
+"""Files become tracks and objects of a mission: each pose once, even if the import is killed at any time."""
 
 from contextlib import contextmanager
 from datetime import timedelta
@@ -24,12 +24,12 @@ ALL = ReadOptions(min_move=MinMove(0.0))
 
 
 class Killed(BaseException):
-    """Nothing may catch it."""
+    """Stands for a kill, which nothing may catch."""
 
 
 @pytest.fixture
 def log(tmp_path):
-    """A table of two tracks and objects among their poses, of many parts."""
+    """A table of two tracks with objects among their poses, read in many parts."""
     rows = ["time,lat,lon,track,id,class"]
     for i in range(900):
         rows.append(f"{1000 + i},{50 + i * 1e-5:.6f},14,{'ab'[i % 2]},,")
@@ -49,7 +49,7 @@ def mission(library, owner):
 
 @pytest.fixture
 def small_parts(monkeypatch):
-    """Have files cut into small parts, and stored a few at a time."""
+    """Read files in small parts, and store a few at a time."""
     monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
@@ -63,7 +63,7 @@ def imported(library, mission, order, **how):
 
 
 def content(library, mission):
-    """All that is stored: tracks with their counts and poses, objects with their sightings."""
+    """Return all that is stored: tracks with counts and poses, objects with sightings."""
     with library.database.read() as session:
         found = {}
         for track in tracks.list_tracks(session, mission):

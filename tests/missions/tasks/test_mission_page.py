@@ -1,4 +1,4 @@
-"""The page of a mission holds everything itself, and texts stay texts."""
+"""The exported page of a mission is self-contained, and texts are escaped."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Small pictures of missions: a few points, evenly, and always the same ones."""
+"""Thumbnails of missions: a few evenly spaced points, always the same ones."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from webapp.store.schema import Account
 
 @pytest.fixture
 def drawn(library, owner):
-    """Draw all missions, the first made first; gives the pictures and the statements about objects."""
+    """Draw all missions, the oldest first; return the pictures and the statements about objects."""
 
     def draw():
         asked = []

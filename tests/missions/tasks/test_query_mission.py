@@ -1,4 +1,4 @@
-"""Questions are answered as they are meant, and nothing else gets out."""
+"""Queries are answered correctly, and expose nothing else."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from webapp.missions.tasks import query as query_mission
 
 @pytest.fixture
 def ask(library):
-    """Ask about a mission; gives the answer read from JSON."""
+    """Query a mission, and return the parsed answer."""
 
     def ask(mission, table="objects", form="json", **question):
         pieces = query_mission.query_mission(
@@ -166,7 +166,7 @@ def test_no_text_gets_more_than_the_rows_of_its_mission(made, ask, where, select
 
 @pytest.fixture
 def made(library, new_mission):
-    """A mission next to another one, and the statements that the database gets, without their values."""
+    """A mission next to another one, and the executed statements without their values."""
     from sqlalchemy import event
 
     mission = new_mission()

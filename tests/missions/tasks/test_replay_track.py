@@ -1,4 +1,4 @@
-"""What is replayed is what the import of the same file keeps."""
+"""A replay sends the same records that an import of the file stores."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def test_a_replayed_bag_is_the_imported_one(shared_data, least):
     replayed = replay_track.replay_track(bag, min_move=least)
     (imported,) = read_track.read_track(bag, options=ReadOptions(min_move=least)).tracks
     batch = parse([event.record for event in replayed.events])
-    part = batch.tracks["gps", f"test1 {imported.name}"]  # as an import calls it
+    part = batch.tracks["gps", f"test1 {imported.name}"]  # the name that an import gives it
     for name in ("times_s", "latlon", "height_m", "covariance_m2", "travelled_m"):
         np.testing.assert_array_equal(getattr(part.poses, name), getattr(imported.poses, name))
     assert replayed.skipped == imported.skipped >= part.skipped

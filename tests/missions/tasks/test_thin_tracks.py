@@ -1,4 +1,4 @@
-"""Old tracks are thinned by rule: what goes, what never does, and that a kill leaves each track whole."""
+"""Old tracks are thinned by rule: what is removed, what is kept, and a kill leaves each track complete."""
 
 import os
 import subprocess
@@ -41,12 +41,12 @@ def statements(library):
 
 
 class Killed(BaseException):
-    """Like a kill, it is caught by nobody."""
+    """Stands for a kill, which nothing may catch."""
 
 
 @pytest.fixture
 def old_mission(library, new_mission):
-    """Make a mission that has not changed for 40 days; gives its id."""
+    """Make a mission that has not changed for 40 days and return its id."""
 
     def make(poses=5000, **fields):
         id = new_mission(poses)
@@ -71,7 +71,7 @@ def track_of(library, id):
 
 
 def everything_else(library, id):
-    """What is known of a mission besides the poses themselves."""
+    """Return the facts of a mission apart from its poses."""
     with library.database.read() as session:
         (track,) = tracks.list_tracks(session, id)
         names = ("id", "source", "distance_m", "first_time_s", "last_time_s", "min_lat", "max_lon", "skipped")
@@ -101,7 +101,7 @@ def test_poses_go_and_nothing_else_changes(library, old_mission):
 
 
 def farthest_m(whole, left):
-    """How far the motion is off at most, on a sphere."""
+    """Return the largest error of the motion, on a sphere."""
     lat, lon = (np.interp(whole.times_s, left.times_s, column) for column in left.latlon.T)
     north, east = (
         (lat - whole.latlon[:, 0]) * 111_300,

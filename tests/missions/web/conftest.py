@@ -1,4 +1,4 @@
-"""The application, accounts and a map, as tests of the other pages have them."""
+"""The application, accounts and a map, as in the tests of other pages."""
 
 from tests.web.conftest import (
     app,

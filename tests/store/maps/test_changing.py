@@ -1,4 +1,4 @@
-"""A change of a map is one transaction with the job that it makes necessary."""
+"""A change of a map and the job that it requires are one transaction."""
 
 import sys
 
@@ -14,7 +14,7 @@ from webapp.tasks.maps.edit_map import RequestedEdit
 
 @pytest.fixture
 def new_map(library, new_account):
-    """Make a map with photos, all in the tray; gives its id."""
+    """Make a map with photos, all in the tray, and return its id."""
     owner = new_account("ana").id
 
     def make(photos):
@@ -33,7 +33,7 @@ def new_map(library, new_account):
 
 @pytest.fixture
 def change(library, new_map):
-    """Change photos of a map; gives the kinds of the jobs that wait then, and takes them away."""
+    """Change photos of a map; return the kinds of the jobs queued then, and remove them."""
 
     def make(map_id, **fields):
         with library.changing(map_id) as change:
@@ -85,7 +85,7 @@ def test_a_map_that_is_gone(library):
 
 
 def test_a_move_costs_the_same_on_every_map(library, new_map):
-    """Counted in function calls of all code, which no load of the machine changes."""
+    """Counted in function calls, which do not depend on the load of the machine."""
 
     def calls_of_a_move(map_id, x):
         count = 0

@@ -1,4 +1,4 @@
-"""Edits: undo and redo of every step, and no one loses another's work."""
+"""Edits: undo and redo of every step, without losing the work of others."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,7 +22,7 @@ def ben(new_account):
 
 @pytest.fixture
 def do(library, ana, new_map):
-    """Call a function of `edits` in a session of its own, on a map with three photos."""
+    """Call a function of `edits` in a separate session, on a map with three photos."""
     map_id = new_map(ana, photos=3)
 
     def call(function, account=ana, **arguments):
@@ -47,7 +47,7 @@ def where(library, do):
 
 @pytest.fixture
 def statements(library):
-    """Every statement that the database is sent."""
+    """All executed statements."""
     sent = []
     event.listen(library.database.engine, "before_cursor_execute", lambda *args: sent.append(args[2]))
     return sent

@@ -1,4 +1,4 @@
-"""Jobs: the queue, leases, fences, and what pages show of them."""
+"""Jobs: the queue, leases, fences, and their state on pages."""
 
 import threading
 from datetime import timedelta
@@ -19,7 +19,7 @@ ERROR = {"message": "no", "where": None, "hint": None}
 
 @pytest.fixture
 def at(monkeypatch):
-    """Set the clock of the jobs; gives a function that lets seconds pass."""
+    """Set the clock of the jobs, and return a function that advances it by seconds."""
     time = [clock.now()]
     for module in (jobs, job_views):
         monkeypatch.setattr(module, "moment", lambda _: time[0])
@@ -32,7 +32,7 @@ def at(monkeypatch):
 
 @pytest.fixture
 def do(library):
-    """Call a function of `jobs` in a session of its own."""
+    """Call a function of `jobs` in a separate session."""
 
     def call(function, *arguments, **named):
         with library.database.write() as session:
@@ -43,7 +43,7 @@ def do(library):
 
 @pytest.fixture
 def take(do):
-    """Take the next job; gives its lease."""
+    """Take the next job, and return its lease."""
 
     def call(who="a", **named):
         job = do(jobs.lease, who, limits=LIMITS, **named)
@@ -59,7 +59,7 @@ def park(new_account, new_map):
 
 @pytest.fixture
 def seen(do):
-    """The job as pages get it."""
+    """Return the job as pages get it."""
     return lambda id: do(lambda session: job_views.to_json(session, jobs.find(session, id)))
 
 
@@ -74,7 +74,7 @@ def test_two_waiting_jobs_of_one_kind_are_one(do, take, park):
     assert len({first.id, *others}) == 4
     assert do(jobs.enqueue, "index", key="x").id == others[-1]
     assert take().job_id == first.id
-    # What runs may have begun before the last change: another one has to wait.
+    # A running job may have begun before the last change: another one must be queued.
     assert do(jobs.enqueue, "index", map_id=park, key="x").id not in {first.id, *others}
 
 
@@ -232,7 +232,7 @@ def test_a_job_for_which_something_is_away_lets_others_go_first(do, take, at, se
     third = do(jobs.enqueue, "x", key="2").id
     again = take()
     assert again.job_id == first
-    assert do(jobs.give_back, again)  # its worker had to stop
+    assert do(jobs.give_back, again)  # its worker is being stopped
     assert [take().job_id, take().job_id] == [first, third]
 
 
@@ -261,7 +261,7 @@ def test_who_cannot_wait_takes_a_job_in_its_pause(do, take):
 
 
 def test_a_lease_taken_by_the_version_before_ends_as_any(do, take, at):
-    """It does not know of pauses, and leaves them with the job that it takes."""
+    """The earlier version does not know pauses, and leaves them in the jobs that it takes."""
     id = do(jobs.enqueue, "x").id
     do(jobs.put_off, take(), note="away", pause_s=200.0)
     held = take(early=True)
@@ -395,7 +395,7 @@ def test_the_id_of_a_job_of_a_deleted_map_is_not_used_again(library, do, new_acc
 
 
 def test_jobs_that_have_ended_are_not_read_again_and_again(library, sqlite_only):
-    """Idle workers, and pages, ask every second; ended jobs are kept."""
+    """Idle workers and pages poll every second, while ended jobs are kept."""
     asked = []
 
     def note(_connection, _cursor, statement, parameters, *_):

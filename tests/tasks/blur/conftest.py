@@ -1,4 +1,4 @@
-"""A map whose photos have a white spot, which the stand-ins of the networks take for a face and a plate."""
+"""A map whose photos have a white spot, which the stand-in networks detect as a face and a plate."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from webapp.files.localize.blur_networks import blur_networks
 
 @pytest.fixture
 def models(tmp_path, monkeypatch):
-    """Folder of the stand-ins."""
+    """The folder of the stand-ins."""
     return install_blur_networks(tmp_path / "models", monkeypatch.setitem)
 
 
@@ -21,7 +21,7 @@ def networks(models):
 
 @pytest.fixture
 def spotted(make_map):
-    """Make a map of photos with a spot at (200, 104); of the first it is missing. Gives the .cfg."""
+    """Make a map of photos with a spot at (200, 104), except in the first one, and return the .cfg."""
 
     def make(folder, photos):
         cfg = make_map(folder, photos)

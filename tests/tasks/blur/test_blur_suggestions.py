@@ -1,4 +1,4 @@
-"""Faces and plates are found in all photos of a map, each photo once, and blurred when that is wanted."""
+"""Faces and plates are searched in all photos of a map, once per photo, and blurred on request."""
 
 import subprocess
 import sys

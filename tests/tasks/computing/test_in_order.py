@@ -1,4 +1,4 @@
-"""Work in many parts on this machine: in order, a few at once, stopped and failing where it should."""
+"""Local work in many parts: results in order, a few in parallel, with cancellation and errors."""
 
 import os
 import signal

@@ -26,7 +26,7 @@ LINE = Map(
 
 
 class NearestVisible:
-    """Answers with the visible experience nearest to the number in the photo's name, 3 px too far right."""
+    """Answers with the visible experience closest to the number in the photo's name, 3 px too far right."""
 
     method, features, map, map_hash = "verified", "sift", LINE, "abc"
     place_radius_px, map_kind, build_seconds, calibration_seconds, index_bytes = (

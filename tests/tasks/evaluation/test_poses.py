@@ -27,7 +27,7 @@ def test_without_a_georeference_it_is_map_pixels() -> None:
 
 
 def test_with_a_georeference_it_is_metres_from_the_first_true_position() -> None:
-    # Near the central meridian of the zone the grid is the ground, but for its factor 0.9996.
+    # Near the central meridian of the zone, the grid differs from the ground only by the factor 0.9996.
     metric = Georeference("EPSG:32633", (0.5, 0, 500_000, 0, -0.5, 5_500_000, 0, 0, 1), "affine")
     poses = trajectories(RESULTS, Map(PLAN, (), metric))
     first, second = poses.truth
@@ -38,7 +38,7 @@ def test_with_a_georeference_it_is_metres_from_the_first_true_position() -> None
 
 
 def tilted(slope: float) -> Georeference:
-    """See the ground near (500000, 5500000) up to a horizon at x = 1 / slope."""
+    """Return a view of the ground near (500000, 5500000), with a horizon at x = 1 / slope."""
     x, y = 500_000.0, 5_500_000.0
     rows = (0.5 - slope * x, 0, x, -slope * y, -0.5, y, -slope, 0, 1)
     return Georeference("EPSG:32633", rows, "projective")

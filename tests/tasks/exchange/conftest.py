@@ -1,4 +1,4 @@
-"""A library with one small map that was adopted from its folder."""
+"""A library with one small map adopted from its folder."""
 
 import pytest
 
@@ -25,7 +25,7 @@ def owner(library):
 
 @pytest.fixture
 def adopt(library, owner, make_map):
-    """Make a map folder of so many photos, change it, adopt it; gives the map's id."""
+    """Make a map folder with photos, change it, adopt it, and return the map's id."""
 
     def make(slug="park", photos=3, change=lambda cfg: None):
         cfg = make_map(library.map_folder(slug), photos)

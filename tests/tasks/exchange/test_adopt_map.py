@@ -1,4 +1,4 @@
-"""A map folder becomes a map of the library as it is."""
+"""A map folder becomes a map of the library without changes."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ WGS84 = {"plane": "EPSG:4326", "plane_from_pixel": [[1e-5, 0, 26.5], [0, -1e-5, 
 
 
 def with_json(cfg):
-    """Give a map everything that a folder can hold."""
+    """Add everything to a map that a folder can contain."""
     cfg.write_text("plan.png;400;200\n7;photos/2.jpg;30;40\n3;photos/0.jpg;10;20\n")
     placed = [{"id": 7, "x_px": 99.5, "y_px": 100.25}]
     content = {

@@ -1,4 +1,4 @@
-"""Copies are maps of their own, and what is deleted for good is gone."""
+"""Copies are independent maps, and permanent deletion removes everything."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What leaves the library can be read by others, and gives nothing away that it should not."""
+"""Exports can be read by other programs, and contain nothing confidential."""
 
 import io
 import json

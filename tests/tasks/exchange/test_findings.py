@@ -1,4 +1,4 @@
-"""What the linter finds in a library map, and what a button makes of it."""
+"""Findings of the linter in a library map, and their fixes."""
 
 import json
 

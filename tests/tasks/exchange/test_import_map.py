@@ -1,4 +1,4 @@
-"""A zip becomes a map, and a hostile one becomes nothing."""
+"""A zip becomes a map; a hostile one is rejected without traces."""
 
 import io
 import shutil
@@ -45,7 +45,7 @@ def bring(library, owner, tmp_path):
 
 @pytest.fixture
 def nothing_is_left(library):
-    """Afterwards the library has no map, no folder, nothing half-done."""
+    """Check that the library has no map, no folder and no partial data."""
     yield
     assert [p.name for p in library.folder.iterdir()] == [".library"]
     assert list((library.inner / "imports").iterdir()) == []
@@ -308,7 +308,7 @@ def test_missing_photos_are_reported_and_the_others_are_there(park, bring, rows)
 
 
 def test_the_folder_of_an_import_that_just_ended_is_no_error(park, bring, library):
-    """Between the list of the folders and a look at it, it was removed."""
+    """It is removed between listing the folders and looking at it."""
     (library.inner / "imports").mkdir(exist_ok=True)
     (library.inner / "imports" / "gone").symlink_to("nowhere")
     assert bring(park).slug == "park"

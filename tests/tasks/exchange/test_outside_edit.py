@@ -1,4 +1,4 @@
-"""An edit of `map.cfg` from outside is noticed, shown, and taken over or written over: never lost."""
+"""An external edit of `map.cfg` is detected, shown, and adopted or overwritten: never lost."""
 
 import json
 
@@ -229,7 +229,7 @@ def test_a_file_that_changed_again_is_neither_taken_nor_discarded(library, map_i
 
 
 class TestControlPoints:
-    """`map.json` next to the changed file may have others."""
+    """`map.json` next to the changed file may have other control points."""
 
     @pytest.fixture
     def write_points(self, library):
@@ -257,7 +257,7 @@ class TestControlPoints:
         assert {name: found["x_px"] for name, found in there().items()} == {
             "gate": 9.0,
             "tree": 3.0,
-            "well": 2.0,  # what the file does not have is not lost
+            "well": 2.0,  # fields missing in the file are kept
         }
         assert there()["tree"]["photos"] == clicks[:1]
         undo()
@@ -279,7 +279,7 @@ class TestControlPoints:
 def test_notes_are_taken_over_with_the_file_and_undone(
     library, map_id, edit, write, take, undo, record, rows
 ):
-    """Those of spots, of a placed photo, and of one in the tray; what the file does not have stays."""
+    """Notes of positions, of a placed photo, and of one in the tray; those missing in the file are kept."""
     gate, well = {"title": "Gate", **point(1.0)}, {"title": "Well", **point(2.0)}
     first = {"note/1": gate, "note/2": well, "photo/2": {"x_px": None, "y_px": None}}
     edit(map_id, first, kind="notes")
@@ -335,7 +335,7 @@ def test_notes_and_control_points_keep_photos_that_were_removed(
     edit(map_id, {"point/gate": {"x_px": 2.0, "y_px": 3.5, "photos": clicks}}, kind="control-points")
     edit(map_id, {"photo/1": {"removed": True}})
     export.export_map(library, map_id)
-    write("0;photos/0.jpg;7;8")  # without the photo that was removed here, and without another one
+    write("0;photos/0.jpg;7;8")  # without the photo removed in the library, and without another one
     shown = show(library, map_id)
     assert (shown["notes"], shown["control_points"]) == ([], [])
     take()

@@ -1,4 +1,4 @@
-"""Further placements are made, replaced and deleted, and every step can be undone."""
+"""Additional placements are created, replaced and deleted, and every step can be undone."""
 
 import math
 

@@ -16,7 +16,7 @@ SETTINGS = Settings()
 
 @pytest.fixture
 def others_write(library):
-    """Write as another process does that does not wait; counts how often."""
+    """Write like another process that does not wait, and count how often."""
     done = []
 
     def write(*_args, **_named):
@@ -32,7 +32,7 @@ def others_write(library):
 
 @pytest.fixture
 def watched_photos(monkeypatch, others_write):
-    """Have somebody write whenever a photo is read."""
+    """Write to the database whenever a photo is read."""
 
     def check(path, **limits):
         others_write()

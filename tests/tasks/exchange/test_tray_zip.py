@@ -1,4 +1,4 @@
-"""Photos without a place leave with the map, and come back into the tray."""
+"""Photos in the tray are exported with the map, and imported into the tray again."""
 
 import io
 import json
@@ -34,7 +34,7 @@ def bring(library, owner, tmp_path):
 
 @pytest.fixture
 def exported(library):
-    """Export a map; gives its files by name."""
+    """Export a map and return its files by name."""
 
     def run(map_id):
         with zipfile.ZipFile(
@@ -49,7 +49,7 @@ def exported(library):
 
 @pytest.fixture
 def park(adopt, edit):
-    """The id of a map with five photos, of which two are in the tray and one was removed from it."""
+    """The id of a map with five photos, two of them in the tray and one removed."""
     map_id = adopt(photos=5)
     unplaced = {"x_px": None, "y_px": None}
     edit(map_id, {"photo/1": unplaced, "photo/3": unplaced, "photo/4": {**unplaced, "removed": True}})

@@ -1,4 +1,4 @@
-"""Positions and headings of a map go into its photos, into copies, and beside them; nothing else changes."""
+"""Positions and headings of a map are written to its photos, copies or sidecars; nothing else changes."""
 
 import csv
 import io
@@ -142,12 +142,12 @@ def test_a_file_that_is_not_a_photo_is_rejected():
 
 
 def picture_data(jpeg):
-    """What follows the header of a JPEG: the picture itself."""
+    """Return the picture data after the header of a JPEG."""
     return jpeg[jpeg.index(b"\xff\xda") :]
 
 
 def gps_of(data):
-    """GPS tags by name, as Pillow reads them."""
+    """Return GPS tags by name, read by Pillow."""
     with Image.open(io.BytesIO(data)) as image:
         tags = image.getexif().get_ifd(ExifTags.IFD.GPSInfo)
     return {ExifTags.GPSTAGS[tag]: value for tag, value in tags.items()}
@@ -155,7 +155,7 @@ def gps_of(data):
 
 @pytest.fixture
 def measured(source):
-    """The map with its first photo where its GPS says, to 4 m, and that GPS in the file."""
+    """The map with its first photo placed by its GPS of 4 m accuracy, which is also in the file."""
     first, *others = source.map.experiences
     at = TURNED.latlon_of(first.position)
     fix = with_position(encoded(), Geotag(at, by_gps=True, accuracy_m=4.0), limits=LIMITS)[0]
@@ -243,7 +243,7 @@ def test_in_place_keeps_the_first_original(source):
     folder = source.cfg.parent
     photos = [folder / e.photo for e in source.map.experiences]
     before = [path.read_bytes() for path in photos]
-    for _ in range(2):  # the second time writes over what the first has written
+    for _ in range(2):  # the second run overwrites the first
         assert all(one.position for one in write_exif(source, None, limits=LIMITS))
         for path, was in zip(photos, before, strict=True):
             assert path.with_name(path.name + BACKUP).read_bytes() == was

@@ -1,4 +1,4 @@
-"""The maps of a library are ranked by how much their photos look like a query."""
+"""The maps of a library are ranked by the similarity of their photos to a query."""
 
 import shutil
 
@@ -23,7 +23,7 @@ SLUGS = ("fen", "hill", "park")
 
 @pytest.fixture(autouse=True)
 def least_maps(monkeypatch):
-    """Describe the maps of a library from two on."""
+    """Describe libraries with two or more maps."""
     monkeypatch.setattr(describe_library, "LEAST_MAPS", 2)
 
 
@@ -42,7 +42,7 @@ def owner(library):
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory, make_map, save_photo, build):
-    """Folders of maps with an index, each of other photos; nobody may change them."""
+    """Folders of maps with an index, of different photos; read-only."""
     base = tmp_path_factory.mktemp("built")
     for place, slug in enumerate(SLUGS):
         cfg = make_map(base / slug, PHOTOS)
@@ -54,7 +54,7 @@ def built(tmp_path_factory, make_map, save_photo, build):
 
 @pytest.fixture
 def add_map(library, owner, built):
-    """Put one of the maps into the library; gives its id."""
+    """Put one of the maps into the library and return its id."""
 
     def add(slug):
         shutil.copytree(built / slug, library.map_folder(slug))
@@ -70,7 +70,7 @@ def three(add_map):
 
 @pytest.fixture
 def describe(library, quick):
-    """Describe maps, then do the job that they may have queued."""
+    """Describe maps, then run the job that this may queue."""
 
     def run(*map_ids):
         common = {"settings": quick, "writes": library.database.write, "progress": Progress()}
@@ -90,7 +90,7 @@ def describe(library, quick):
 
 @pytest.fixture
 def ranked(library, quick, save_photo, tmp_path):
-    """Rank all maps for a photo of one of the places; gives their slugs."""
+    """Rank all maps for a photo of one of the places and return their slugs."""
     ranking = MapRanking(library, quick)
 
     def run(place, number=2):
@@ -241,9 +241,9 @@ def test_a_damaged_index_leaves_the_other_maps_to_be_found(three, describe, rank
 
 @pytest.fixture
 def search(library, quick, save_photo, tmp_path, monkeypatch):
-    """Search all maps for a photo of the hill, one at most of those that it is compared with.
+    """Search all maps for a photo of the hill, localizing it on at most one.
 
-    Gives the answer, and the maps that were asked, which know nothing.
+    Return the answer, and the maps that were searched, which do not find it.
     """
     monkeypatch.setattr(find_map, "MOST_MAPS", 1)
     cache, ranking = MapCache(library, quick), MapRanking(library, quick)

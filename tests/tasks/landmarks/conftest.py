@@ -1,4 +1,4 @@
-"""What the tests of landmarks share."""
+"""Fixtures of the tests of landmarks."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -17,12 +17,12 @@ from webapp.tasks.landmarks import reconstruct
 from webapp.tasks.landmarks.place_rest import suggest_rest
 
 KEYPOINTS = 1000
-"""A photo: enough for small photos, in half the time."""
+"""Keypoints per photo: enough for small photos, in half the time."""
 
 
 @contextmanager
 def few_keypoints() -> Iterator[None]:
-    """Join photos by fewer keypoints than the program does."""
+    """Join photos with fewer keypoints than the program does."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reconstruct, "_EXTRACT", replace(reconstruct._EXTRACT, keypoints=KEYPOINTS))
         yield
@@ -30,13 +30,13 @@ def few_keypoints() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def quicker() -> Iterator[None]:
-    """Join photos by few keypoints in all tests of this folder."""
+    """Join photos with few keypoints in all tests of this folder."""
     with few_keypoints():
         yield
 
 
 class Court(NamedTuple):
-    """A map of the court, and the truth about its photos."""
+    """A map of the court, and the truth of its photos."""
 
     cfg: Path
     at: Any
@@ -48,9 +48,9 @@ PHOTOS, PLACED = 9, (0, 4, 8)
 
 @pytest.fixture(scope="session")
 def joined_court(common_folder: Path) -> Court:
-    """A map of nine photos, three of them placed, and one from elsewhere, joined: nobody may change it.
+    """A joined map of nine photos, three of them placed, and one from elsewhere; read-only.
 
-    All test processes of a run share it.
+    It is shared by all test processes of a run.
     """
     folder, part = common_folder / "court", common_folder / "court.part"
     with FileLock(common_folder / "court.lock"):

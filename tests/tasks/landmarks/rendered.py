@@ -1,4 +1,4 @@
-"""Photos of a textured court, rendered: where each was taken is known."""
+"""Rendered photos of a textured court with known poses."""
 
 from functools import cache
 
@@ -11,7 +11,7 @@ from webapp.core.mapmodel.model import Experience, Map, SatelliteImage, Unplaced
 from webapp.files.maps.folder import write_map
 
 SIDE, HEIGHT = 20.0, 8.0
-"""Of the court and its walls, metres; it is 400 map pixels wide."""
+"""Side of the court and height of its walls, metres; it is 400 map pixels wide."""
 
 PIXELS_PER_METRE = 20.0
 WIDTH, TALL, FOCAL = 400, 300, 330.0
@@ -19,14 +19,14 @@ FOV_DEG = float(np.degrees(2 * np.arctan(WIDTH / 2 / FOCAL)))
 
 
 def render(x, y, heading):
-    """A photo from (x, y), metres to the east and south of a corner, at eye level; heading in radians."""
+    """Render a photo at (x, y), metres east and south of a corner, at eye level; heading in radians."""
     column, row = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(TALL) + 0.5 - TALL / 2)
     sine, cosine = np.sin(heading), np.cos(heading)
     return _trace(x, y, (cosine * column + sine * FOCAL, sine * column - cosine * FOCAL, row))
 
 
 def render_panorama(x, y, heading, *, wide=1440):
-    """An equirectangular panorama from there; its middle looks there."""
+    """Render an equirectangular panorama at a position; its middle has the heading."""
     around, below = np.meshgrid(
         ((np.arange(wide) + 0.5) / wide - 0.5) * 2.0 * np.pi + heading,
         ((np.arange(wide // 2) + 0.5) / (wide // 2) - 0.5) * np.pi,
@@ -36,7 +36,7 @@ def render_panorama(x, y, heading, *, wide=1440):
 
 
 def _trace(x, y, direction):
-    """What rays show that go from a point to the east, south and down."""
+    """Return the colours seen by rays (east, south, down) from a point."""
     east, south, down = direction
     nearest, picture = np.full(east.shape, np.inf), np.zeros(east.shape, np.float32)
     for number, (along, to, origin) in enumerate(
@@ -62,7 +62,7 @@ def _surface(number):
 
 
 def walk(photos):
-    """Positions (n, 2) metres and headings of photos that turn slowly about the middle of the court."""
+    """Return positions (n, 2), metres, and headings of photos on a path around the middle of the court."""
     step = np.linspace(0.0, 1.0, photos)
     angle = 0.3 + 1.6 * step
     at = np.stack([SIDE / 2 + 4.0 * np.cos(angle), SIDE / 2 + 3.0 * np.sin(angle)], 1)
@@ -70,7 +70,7 @@ def walk(photos):
 
 
 def make_court(folder, *, photos, placed, alien=False):
-    """A map of the court: the photos `placed` have their places, the others are in its tray.
+    """Make a map of the court: the photos `placed` have positions, the others are in its tray.
 
     `alien` adds one from elsewhere.
     """
@@ -102,6 +102,6 @@ def make_court(folder, *, photos, placed, alien=False):
 
 
 def truth(photos):
-    """Positions (n, 2) of photos of a walk, map pixels, and their headings, degrees."""
+    """Return positions (n, 2) of photos of a walk, map pixels, and headings, degrees."""
     at, headings = walk(photos)
     return PIXELS_PER_METRE * at, np.degrees(headings) % 360.0

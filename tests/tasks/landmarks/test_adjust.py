@@ -1,4 +1,4 @@
-"""Submodels of the court are adjusted by the photos that are placed."""
+"""Submodels of the court are adjusted by the placed photos."""
 
 import shutil
 from dataclasses import replace
@@ -41,7 +41,7 @@ def place_all(court, *, moved=()):
 
 @pytest.fixture(scope="module")
 def adjusted_court(joined_court, tmp_path_factory):
-    """The court with all its photos placed and adjusted: nobody may change it."""
+    """The court with all its photos placed and adjusted; read-only."""
     folder = tmp_path_factory.mktemp("adjusted") / "court"
     shutil.copytree(joined_court.cfg.parent, folder)
     court = joined_court._replace(cfg=folder / "map.cfg")

@@ -1,4 +1,4 @@
-"""Colours of the court's points: those of its photos."""
+"""Colours of the court's points come from its photos."""
 
 import cv2
 import numpy as np

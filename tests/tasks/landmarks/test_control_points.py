@@ -1,4 +1,4 @@
-"""Control points that are clicked in rendered photos lay what is joined on the map."""
+"""Control points clicked in rendered photos lay the joined photos on the map."""
 
 import math
 from dataclasses import replace
@@ -27,11 +27,11 @@ SPOTS = {
     "sign": (16.0, 3.0, -1.0),
     "step": (6.0, 1.0, 1.4),
 }
-"""East, south and below the cameras, metres."""
+"""Offsets to the east, south and below the cameras, metres."""
 
 
 def click(number, spot):
-    """Where a photo shows a spot; None where it does not."""
+    """Return the pixel of a spot in a photo; None if not visible."""
     (x, y), heading = AT[number], HEADINGS[number]
     east, south, down = spot[0] - x, spot[1] - y, spot[2]
     sine, cosine = math.sin(heading), math.cos(heading)
@@ -42,7 +42,7 @@ def click(number, spot):
 
 
 def point(name, *, most=4):
-    """A control point, clicked in photos that show it."""
+    """Return a control point, clicked in photos that show it."""
     east, south, down = SPOTS[name]
     seen = [one for number in range(9) if (one := click(number, SPOTS[name])) is not None]
     chosen = tuple(seen[n] for n in np.unique(np.linspace(0, len(seen) - 1, most).astype(int)))
@@ -52,7 +52,7 @@ def point(name, *, most=4):
 
 @pytest.fixture
 def unplaced(court):
-    """The map of the court with all photos in the tray, on the Earth; and a function that joins it."""
+    """The georeferenced map of the court with all photos in the tray, and a function that joins it."""
     the_map = read_map(court.cfg)
     tray = tuple(UnplacedPhoto(e.id, e.photo, fov_deg=e.fov_deg) for e in the_map.experiences)
     return replace(the_map, experiences=(), unplaced=(*tray, *the_map.unplaced), georeference=METRIC)

@@ -1,4 +1,4 @@
-"""Accepting suggestions, correcting GPS, and landmarks on demand are killed between any two writes."""
+"""Accepting suggestions, correcting GPS and landmarks on demand survive kills between any two writes."""
 
 import math
 from contextlib import contextmanager
@@ -24,12 +24,12 @@ SUGGESTED = [SuggestedPlace(1, "1.jpg", MapPixel(50.5, 60.0), 7.0, 45.0, (0,))]
 
 
 class Killed(BaseException):
-    """Nothing of the program runs after it."""
+    """Stands for a kill: no code of the program runs after it."""
 
 
 @contextmanager
 def killed_before(module, name, *, calls=0):
-    """Kill the program when it calls a function, after so many calls of it."""
+    """Kill the program when it calls a function, after a number of calls."""
     done = []
     usual = getattr(module, name)
 
@@ -78,7 +78,7 @@ CORRECTED = Experience(3, "3.jpg", MapPixel(25.5, 33.75), heading_deg=10.0, gps_
 
 
 def correct(cfg):
-    """Move the photo from wherever its GPS is said to have it, as `--correct` does when it is run again."""
+    """Move the photo from its GPS position, as `--correct` does when it is repeated."""
     (now,) = (e for e in read_map(cfg).experiences if e.id == CORRECTED.id)
     assert now.by_gps
     place = CorrectedPlace(3, "3.jpg", CORRECTED.position, now.position, 6.5, 6.5, 2.0, 10.0)
@@ -102,7 +102,7 @@ def test_no_position_passes_for_a_more_exact_one_when_correcting_is_killed(tmp_p
 
 @pytest.fixture
 def part(tmp_path, monkeypatch):
-    """Reconstructs a part of a map, with stand-ins for what takes time."""
+    """Reconstructs a part of a map, with stand-ins for slow steps."""
     found = SimpleNamespace(submodels=("a piece",))
     monkeypatch.setattr(surroundings, "reconstruct", lambda *_, **__: found)
     monkeypatch.setattr(surroundings, "adjust_submodels", lambda *_, **__: None)

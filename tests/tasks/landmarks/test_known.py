@@ -1,4 +1,4 @@
-"""How exactly photos are known to be where they are."""
+"""Accuracies of the known positions of photos."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from webapp.core.mapmodel.model import Experience, Map, SatelliteImage
 from webapp.tasks.landmarks.known import known_positions
 
 TENTH = Georeference("EPSG:32635", (0.1, 0.0, 470_683.0, 0.0, -0.1, 6_696_811.0, 0.0, 0.0, 1.0), "corners")
-"""Metres a pixel."""
+"""Metres per pixel."""
 
 
 def photo(id, **known):

@@ -37,7 +37,7 @@ def open_court(cfg, **options):
 
 @pytest.fixture(scope="module")
 def localizer(joined_court, tmp_path_factory):
-    """The court with all its photos placed, opened: nobody may change it."""
+    """The opened court with all its photos placed; read-only."""
     folder = tmp_path_factory.mktemp("landmarks") / "court"
     shutil.copytree(joined_court.cfg.parent, folder)
     cfg = folder / "map.cfg"

@@ -1,4 +1,4 @@
-"""Landmarks around the place of a query, on a map that has none of its own."""
+"""Landmarks around the place of a query, on a map without landmarks."""
 
 import os
 import shutil
@@ -37,7 +37,7 @@ LANDMARKS = OpenOptions(method="landmarks")
 
 
 def settings(*, around_s=3600.0):
-    """However slow the machine is."""
+    """Return settings with a time limit that is long enough for slow machines."""
     return Settings(landmarks=LandmarkSettings(around_s=around_s))
 
 
@@ -47,7 +47,7 @@ def opened(cfg, **chosen):
 
 @pytest.fixture(scope="module")
 def all_placed(joined_court, tmp_path_factory):
-    """The court with all its photos placed, an index and no landmarks: nobody may change it."""
+    """The court with all its photos placed, an index and no landmarks; read-only."""
     folder = tmp_path_factory.mktemp("around") / "court"
     shutil.copytree(joined_court.cfg.parent, folder)
     cfg = folder / "map.cfg"
@@ -67,7 +67,7 @@ def bare(all_placed, tmp_path):
 
 @pytest.fixture
 def query(tmp_path):
-    """A photo of the court, and where it was taken, map pixels."""
+    """A photo of the court, and its position, map pixels."""
     x, y = SIDE / 2 + 4.2 * np.cos(0.9), SIDE / 2 + 3.2 * np.sin(0.9)
     path = tmp_path / "query.png"
     cv2.imwrite(str(path), render(x, y, 0.9 - np.pi / 2 + 0.4))
@@ -188,7 +188,7 @@ def test_photos_that_cannot_be_joined_are_tried_once(bare, query, monkeypatch):
 
 @pytest.fixture
 def tried(tmp_path, monkeypatch):
-    """Tries to join photos of a map by their names, with stand-ins for what takes time."""
+    """Attempts to join photos of a map, by name, with stand-ins for slow steps."""
     cfg = tmp_path / "map.cfg"
 
     def run(names, *, joined):

@@ -1,4 +1,4 @@
-"""Panoramas of a court that is rendered: the views of each are one camera, and place themselves as one."""
+"""Panoramas of a rendered court: the views of each are one camera, and are placed together."""
 
 import shutil
 from dataclasses import replace
@@ -25,7 +25,7 @@ PANORAMAS, PLACED = 5, (0, 2, 4)
 
 @pytest.fixture(scope="module")
 def court(tmp_path_factory):
-    """A map of panoramas, three of them placed; where each was taken, and where its middle looks."""
+    """A map of panoramas, three of them placed; their positions, and the headings of their middles."""
     folder = tmp_path_factory.mktemp("around")
     angle = np.linspace(0.2, 2.4, PANORAMAS)
     at = np.stack([SIDE / 2 + 4.0 * np.cos(angle), SIDE / 2 + 3.0 * np.sin(angle)], 1)
@@ -64,7 +64,7 @@ def test_panoramas_are_placed_as_one_to_a_decimetre(court):
 
 
 def clicked(at, headings, spot):
-    """Where each panorama shows a spot: east, south and below the cameras, metres."""
+    """Return the pixel of a spot in each panorama; the spot is east, south and below the cameras, metres."""
     east, south = (spot[:2] - at).T
     turned = np.degrees(np.arctan2(east, -south)) - headings
     down = np.degrees(np.arctan2(spot[2], np.hypot(east, south)))
@@ -76,7 +76,7 @@ def test_a_control_point_takes_part_in_their_adjustment(court, tmp_path):
     cfg, at, headings = court
     shutil.copytree(cfg.parent, tmp_path / "court")
     cfg = tmp_path / "court" / "map.cfg"
-    # The corner behind the panoramas, too: whichever view shows it.
+    # also a corner behind the panoramas, whichever view shows it
     spots = {"corner": (0.5, 0.5, 1.0), "pole": (SIDE - 1.0, 2.0, -2.0)}
     points = tuple(
         GroundControlPoint(

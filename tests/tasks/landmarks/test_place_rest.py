@@ -1,4 +1,4 @@
-"""Photos of a court that is rendered: those in the tray are placed by three that have a place."""
+"""Photos of a rendered court: those in the tray are placed by three placed ones."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Nothing is recognised by what is blurred in a map photo."""
+"""Blurred parts of a map photo are not used for recognition."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ BOX = BlurBox(0.25, 0.3, 0.4, 0.5)
 
 @pytest.fixture
 def keypoints(make_map, tmp_path):
-    """Extract the features of a photo; gives the number of keypoints inside of `BOX`, and outside."""
+    """Extract the features of a photo, and return the numbers of keypoints inside and outside `BOX`."""
     cfg = make_map(tmp_path, 1)
     index = IndexFolder(tmp_path / "index")
     index.folder.mkdir()
@@ -72,6 +72,6 @@ def test_a_photo_that_was_described_with_what_is_blurred_now_waits_for_the_index
     first, *others = the_map.experiences
     write_map(cfg, replace(the_map, experiences=(replace(first, blurred=(BOX,)), *others)))
     before = opened(build=False)
-    assert (before.not_indexed, before.contents.count("")) == (1, 1)  # so that a server has it described
+    assert (before.not_indexed, before.contents.count("")) == (1, 1)  # so that a server describes it again
     after = opened(build=True)
     assert (after.not_indexed, after.contents.count("")) == (0, 0)

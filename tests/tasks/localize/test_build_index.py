@@ -1,4 +1,4 @@
-"""Building: only what changed is computed, nothing is lost, nothing is wrong."""
+"""Building: only changed photos are computed, and nothing is lost or wrong."""
 
 import os
 import shutil
@@ -179,7 +179,7 @@ def test_unusable_photos_are_reported_and_the_others_built(tmp_path, make_map, b
     described.clear()
     again = build(cfg)
     assert again.failed == report.failed
-    assert described == ["2.jpg", "3.jpg"]  # a build tries again what failed
+    assert described == ["2.jpg", "3.jpg"]  # a build retries failed photos
 
 
 def test_a_repaired_photo_is_taken_up(tmp_path, make_map, save_photo, build):

@@ -1,4 +1,4 @@
-"""Building resumes: after a stop, a full disk, damage, and after many changes."""
+"""Building resumes after a stop, a full disk, damage, and many changes."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ from webapp.tasks.localize import segments
 
 
 class CancelAfter(Progress):
-    """Stops the work after so many photos."""
+    """Stops the work after a number of photos."""
 
     def __init__(self, photos: int) -> None:
         self.left = photos

@@ -1,4 +1,4 @@
-"""Maps that are found by signatures: built, changed, damaged, stopped; and when that is chosen."""
+"""Maps searched by signatures: built, changed, damaged, stopped; and when they are chosen."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ def opening(quick):
 
 @pytest.fixture
 def first_named(quick):
-    """Return the id of the photo that is found first."""
+    """Return the id of the best photo."""
 
     def run(opened: OpenMap, photo: Path, settings: Settings = quick) -> int:
         answer = LocalizationPipeline(opened, settings, fov_deg=60.0).localize(photo, top=1)
@@ -69,16 +69,16 @@ def test_the_way_of_searching_can_change_and_nothing_is_described_again(
     cfg = make_map(tmp_path, 6)
     assert opening(cfg).manifest.engine == "ivf"
     described.clear()
-    small = opening(cfg, memory_mb=0.001)  # too little for the descriptors
+    small = opening(cfg, memory_mb=0.001)  # too little memory for the descriptors
     assert small.manifest.engine == small.choice.matcher == "vlad"
     assert first_named(small, tmp_path / "photos" / "4.jpg") == 4
     assert {p.suffix for p in small.folder.folder.iterdir() if "-" in p.name} == {".vlad"}
-    # Where nothing is built, what is there is taken.
+    # without building, the existing index is used
     assert opening(cfg, build=False).choice.matcher == "vlad"
     back = opening(cfg)
     assert back.manifest.engine == back.choice.matcher == "ivf"
     assert described == []
-    assert opening(cfg, method="vote").built is None  # goes by the descriptors themselves
+    assert opening(cfg, method="vote").built is None  # uses the descriptors themselves
 
 
 @pytest.mark.parametrize("damaged", ["*.vlad", "*.codebook"])
@@ -135,7 +135,7 @@ open_map.open_index(Path(sys.argv[1]), asked, settings=settings, progress=Progre
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """The files of an index but the manifest, which has the duration of the build."""
+    """Return the files of an index except the manifest, which contains the duration of the build."""
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and p.suffix != ".json"}
 
 

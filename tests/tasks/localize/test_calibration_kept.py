@@ -1,4 +1,4 @@
-"""A calibration is kept as long as the map is about the same, and repeated when it is not."""
+"""A calibration is kept while the map is nearly unchanged, and repeated otherwise."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def cfg(make_map, tmp_path):
 
 @pytest.fixture
 def made(monkeypatch):
-    """Count calibrations; none is really made."""
+    """Count calibrations, without computing any."""
     count = []
     monkeypatch.setattr(calibrate, "run_trials", lambda opened, **_: {})
     monkeypatch.setattr(calibrate, "fit_trials", lambda indexed, tried: count.append(1) or DEFAULT)

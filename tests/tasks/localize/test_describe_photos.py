@@ -1,4 +1,4 @@
-"""The photos of a map are described as a whole, each once, and answers make use of it."""
+"""Photos of a map get global descriptors, once each, which answers use."""
 
 import math
 from dataclasses import replace
@@ -22,7 +22,7 @@ VERIFIED = OpenOptions(method="verified", jobs=1)
 
 
 class Notes(Progress):
-    """Keeps what is noted; stops after so many steps."""
+    """Records notes, and stops after a number of steps."""
 
     def __init__(self, stop_after=math.inf):
         self.notes, self.steps, self.describing = [], 0, False
@@ -41,7 +41,7 @@ class Notes(Progress):
 
 @pytest.fixture
 def with_model(quick, tmp_path):
-    """Settings under which a global descriptor is here."""
+    """Settings with a global descriptor."""
     models = tmp_path / "models"
     models.mkdir()
     (models / "global.onnx").write_bytes(tiny_image())
@@ -55,7 +55,7 @@ def cfg(make_map, tmp_path):
 
 @pytest.fixture
 def looked_at(monkeypatch):
-    """How many photos the network has described."""
+    """Count the photos that the network has described."""
     seen = []
     describe = GlobalDescriptor.describe
 
@@ -223,7 +223,7 @@ PLACES, EACH = 6, 3
 
 
 def vague(place, seed):
-    """A photo of a place whose details are other ones each time: only the large forms come again."""
+    """Write a photo of a place whose details vary: only the large structures repeat."""
     rng = np.random.default_rng(1000 * place + seed)
     forms = cv2.GaussianBlur(textured(place).astype(float), None, 20.0)
     details = cv2.GaussianBlur(rng.normal(size=forms.shape), None, 4.0)
@@ -233,7 +233,7 @@ def vague(place, seed):
 
 @pytest.fixture
 def vague_map(tmp_path):
-    """Three photos at each of six places, and a query at each."""
+    """A map of three photos at each of six places, and a query at each."""
     folder = tmp_path / "vague"
     (folder / "photos").mkdir(parents=True)
     cv2.imwrite(str(folder / "plan.png"), np.full((200, 100 * PLACES + 200), 200, np.uint8))
@@ -249,7 +249,7 @@ def vague_map(tmp_path):
 
 
 def rightly_placed(pipeline, cfg):
-    """How many queries are answered, and rightly."""
+    """Count the queries that are answered correctly."""
     right = 0
     for place in range(PLACES):
         found = pipeline.localize(cfg.parent / "photos" / f"{place}-{EACH}.png", top=1)

@@ -1,4 +1,4 @@
-"""Photos of one spot with hints: which of them the answer shows."""
+"""Photos of one spot with hints: which matches the answer shows."""
 
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ COUNTS = MatchStatistics(10, 5, 4, 1.0, 9.0, 4.0, 20.0)
 
 
 def about(*places, pixel):
-    """Make the answer about a photo: (photo of the map, probability), and a pixel that its matches are at."""
+    """Make the answer to a photo: (photo of the map, probability), and a pixel of its matches."""
     hypotheses = tuple(
         Hypothesis(rank, "position", MapPixel(10.0 * id, 0.0), p, 10.0, 0.0, (id,), 30, 40)
         for rank, (id, p) in enumerate(places, 1)

@@ -1,4 +1,4 @@
-"""The whole chain on the sample map: index, calibration, positions, probabilities, off the map."""
+"""The whole pipeline on the sample map: index, calibration, positions, probabilities, off-map."""
 
 import csv
 import math
@@ -67,7 +67,7 @@ def test_no_answer_is_more_exact_than_the_gps_of_the_photos(localizer):
 
 
 def test_headings_count_from_north_on_an_image_that_is_turned(localizer):
-    """Mapped again with north to the left of the image, every camera has turned by a quarter."""
+    """With north to the left of the image, all headings change by a quarter turn."""
     east_up = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0, 0, 1), "affine")
     on_it = replace(localizer.opened.map, georeference=east_up)
     turned = replace(localizer, opened=replace(localizer.opened, map=on_it))
@@ -84,7 +84,7 @@ def test_headings_count_from_north_on_an_image_that_is_turned(localizer):
 
 
 def test_headings_agree_with_those_of_the_photos_named(localizer):
-    """A query and the photo that matches it best look about the same way."""
+    """A query and its best-matching photo have similar headings."""
     looked = {e.id: e.heading_deg for e in localizer.map.experiences}
     off = []
     for path, _ in queries(localizer):
@@ -95,7 +95,7 @@ def test_headings_agree_with_those_of_the_photos_named(localizer):
 
 
 def test_computed_headings_of_the_photos_count_from_north_too(localizer):
-    """They are compared with a compass where an answer has no heading itself."""
+    """They are compared with a compass if an answer has no heading."""
     bare = replace(
         localizer.opened.map,
         experiences=tuple(replace(e, heading_deg=None) for e in localizer.map.experiences),

@@ -1,4 +1,4 @@
-"""Method `thorough`: what it needs, and that it answers."""
+"""Method `thorough`: requirements and answers."""
 
 from dataclasses import replace
 

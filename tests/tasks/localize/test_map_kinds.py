@@ -1,4 +1,4 @@
-"""Maps of several kinds, derived from the sample map: areas, a plan not to scale, both kinds in one map."""
+"""Maps of several kinds derived from the sample map: areas, a plan not to scale, and a mixture."""
 
 import functools
 import math
@@ -16,7 +16,7 @@ from webapp.tasks.localize.pipeline import open_pipeline
 
 
 def quadrants(table):
-    """Gather the photos into four areas; queries come to the nearest."""
+    """Gather the photos into four areas; queries go to the nearest one."""
     middle = np.array(table.size) / 2.0
 
     def gathered(at):
@@ -38,20 +38,20 @@ def half_gathered(table):
 
 
 FEW = Settings(extract=ExtractSettings(keypoints=500))
-"""Enough for photos that share much, and a third of the time."""
+"""Enough for photos with large overlap, in a third of the time."""
 
 DERIVED = {"areas": quadrants, "snake": derived_maps.snake, "mixed": half_gathered, "as it is": lambda t: t}
 
 
 OF_POSITIONS = shutil.ignore_patterns("calibration-*", "orientations-*", "pairs-*")
-"""Files of an index that are not of the photos alone."""
+"""Files of an index that do not depend on the photos alone."""
 
 
 @pytest.fixture(scope="module")
 def opened(sample_folder, tmp_path_factory):
-    """Open a derived map by a method, each once; all share what is computed from the photos alone.
+    """Open a derived map with a method, each once; all share what depends on the photos alone.
 
-    The kind of the map may be given, as a user gives it.
+    The kind of the map may be given, as by a user.
     """
     folder = tmp_path_factory.mktemp("kinds")
     tables = {kind: derive(derived_maps.read(sample_folder)) for kind, derive in DERIVED.items()}
@@ -117,7 +117,7 @@ def test_geometry_only_helps(opened, kind):
 
 
 def of_every(table, every, *, queries):
-    """Take every so many photos of a map, and some of its queries."""
+    """Take every n-th photo of a map, and some of its queries."""
     asked = np.linspace(0, len(table.queries) - 1, queries).round().astype(int)
     return replace(
         table,

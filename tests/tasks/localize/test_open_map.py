@@ -1,4 +1,4 @@
-"""Opening a map: which index is taken, when it is brought up to date, and what happens during a build."""
+"""Opening a map: choice of the index, when it is updated, and behaviour during a build."""
 
 import os
 import shutil
@@ -33,7 +33,7 @@ class Notes(Progress):
 
 @pytest.fixture
 def opening(quick):
-    """Open a map; returns it and the notes of its progress."""
+    """Open a map; return it and the notes of its progress."""
 
     def run(cfg: Path, method: str = "vote", **options) -> tuple[OpenMap, list[str]]:
         result = Notes()
@@ -45,7 +45,7 @@ def opening(quick):
 
 @pytest.fixture
 def read_only(monkeypatch, tmp_path):
-    """Make a folder look as if it could not be written, and put the user's cache in the test's folder."""
+    """Make a folder appear read-only, and put the user's cache into the test's folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(index_location, "user_cache_path", lambda name: tmp_path / "cache" / name)
 
@@ -258,7 +258,7 @@ def test_a_reader_during_a_build_takes_the_new_manifest(tmp_path, make_map, open
     load, calls = open_map._load, []
 
     def late(the_map, folder, *, manifest, choice, options):
-        """Another process finishes a build between the manifest and the files it names."""
+        """Another process finishes a build between reading the manifest and the files it names."""
         calls.append(manifest)
         if len(calls) == 1:
             for _ in range(5):
@@ -270,7 +270,7 @@ def test_a_reader_during_a_build_takes_the_new_manifest(tmp_path, make_map, open
     opened, _ = opening(cfg)
     assert len(calls) == 2
     assert calls[0].segments != calls[1].segments
-    # The map was read before: its removed photos are there, and without features.
+    # The map was read earlier: photos removed since are included, without features.
     assert len(opened.indexed.ids) == 9
     assert [opened.indexed.features(i) is None for i in range(9)] == [True] * 5 + [False] * 4
     assert opened.map_hash
@@ -316,7 +316,7 @@ def test_an_index_next_to_a_map_that_cannot_be_written_is_used(
         localizer = open_pipeline(cfg, asked, settings=quick, progress=result)
         assert localizer.opened.built is None
         assert localizer.opened.folder.folder.is_relative_to(tmp_path / "map")
-    assert result.notes == []  # also the calibration is kept, elsewhere
+    assert result.notes == []  # the calibration is also kept, in the cache
     assert listing(tmp_path / "map") == before
 
 

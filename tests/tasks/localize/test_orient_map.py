@@ -1,4 +1,4 @@
-"""Orientations of the sample map's photos: right, kept, and only new photos are looked at."""
+"""Orientations of the sample map's photos: correct, stored, and computed only for new photos."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def oriented(cfg, progress=None):
 
 
 def with_index_of(found):
-    """What is stored of orientations, without any depths."""
+    """Return the stored orientations without depths."""
     known = oriented(found.cfg).indexed.extrinsics
     return StoredOrientations(
         replace(known, depths=empty_depths()),
@@ -76,7 +76,7 @@ def cfg(indexed_sample, tmp_path):
 
 
 def headings_off(cfg, found):
-    """Differences to the headings that the sample was rendered with, degrees, of photos that are trusted."""
+    """Return the errors of headings, degrees, of trusted photos, relative to the rendered ones."""
     result = json.loads((cfg.parent / "map.json").read_text(encoding="utf-8"))["experiences"]
     truth = {int(e["id"]): math.radians(e["heading_deg"]) for e in result if e.get("heading_deg") is not None}
     held = found.indexed.extrinsics
@@ -122,7 +122,7 @@ def test_a_hidden_photo_has_no_part_in_depths(cfg):
         )
 
     hide = indexed.ids[hidden].tolist()
-    assert known(hide=hide) == 0  # what the others know of depths is partly from it
+    assert known(hide=hide) == 0  # depths of the others partly come from it
     seen = orient_map.sightings(found, map_fov_deg=None)
     without, by_all = (known(hide=hide, depths=d) for d in (DepthsExcluding(seen, hidden), seen.fuse()))
     assert 0 < without < by_all
@@ -234,7 +234,7 @@ def test_a_photo_without_features_has_no_pairs(cfg, monkeypatch):
 
 
 class MutualNearest:
-    """Matches by nearest neighbours, both ways, and remembers how often."""
+    """Matches mutual nearest neighbours, and counts the calls."""
 
     weights = "mine"
 
@@ -254,7 +254,7 @@ LITTLE_KNOWN = 10
 
 @pytest.fixture
 def with_network(cfg, monkeypatch):
-    """The sample, opened by a method that has a network; of the first ten photos nothing is known."""
+    """The sample, opened with a method with a network; nothing is known of the first ten photos."""
     monkeypatch.setattr(orient_map, "PAIR_MATCHERS", {"sift": "network"})
     found = opened(cfg)
     path = found.writable / "pairs-ivf.arrays"

@@ -1,4 +1,4 @@
-"""Panoramas as photos of a map: one experience each, found by level views that nobody else sees."""
+"""Panoramas as photos of a map: one experience each, searched by internal level views."""
 
 import json
 from dataclasses import replace
@@ -38,7 +38,7 @@ def cfg(tmp_path_factory):
 
 
 def view(path, *, place, turn):
-    """Write a photo that looks into the panorama of a place."""
+    """Write a perspective photo cut from the panorama of a place."""
     size = view_size(WIDE, 17)
     pixels, _ = cut_view(texture(place), size, turn_deg=turn)
     write_view(path, pixels, tags=CameraTags(None, size.focal_35mm))

@@ -1,4 +1,4 @@
-"""A panorama as a query: its views are looked for together, and the answer is about the whole."""
+"""A panorama as a query: its views are localized together, with one answer."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ PLACES = 3
 
 
 def texture(seed):
-    """A panorama full of corners, whose seam fits: patches of random grey, in two sizes."""
+    """Return a panorama full of corners, without a visible seam: random grey patches of two sizes."""
     random = np.random.default_rng(seed)
     coarse = random.integers(0, 256, (HIGH // 24, WIDE // 24), dtype=np.uint8)
     fine = random.integers(0, 256, (HIGH // 8, WIDE // 8), dtype=np.uint8)
@@ -44,7 +44,7 @@ def save(path, pixels, *, xmp=XMP):
 
 @pytest.fixture(scope="module")
 def cfg(tmp_path_factory):
-    """Three places, of each the six views of its panorama."""
+    """A map of three places, each with the six views of its panorama."""
     folder = tmp_path_factory.mktemp("panoramas")
     for place in range(PLACES):
         save(folder / "panoramas" / f"{place}.jpg", texture(place))
@@ -69,7 +69,7 @@ def opened(cfg, settings, *, method="verified"):
 
 @pytest.fixture
 def query(tmp_path):
-    """The panorama of the second place, by a camera that was turned by a quarter."""
+    """The panorama of the second place, with the camera turned by 90 degrees."""
     return save(tmp_path / "query.jpg", np.roll(texture(1), WIDE // 4, axis=1))
 
 
@@ -100,7 +100,7 @@ def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick, method):
 
 
 def test_a_compass_is_not_compared_with_where_the_photos_look(cfg, query, quick):
-    """The views match photos that look anywhere."""
+    """The views match photos with any heading."""
     pipeline = opened(cfg, quick)
     answer = observe(pipeline, query, hints=Hints())
     answer = replace(answer, hypotheses=tuple(replace(h, heading_deg=None) for h in answer.hypotheses))
@@ -116,7 +116,7 @@ def test_the_heading_is_that_of_the_middle():
     none = MatchStatistics(1, 0, 0, None, None, None, None)
     answer = Answer((seen,), 0.1, 0.0, None, none, fov=FieldOfView(91.0, "exif"))
     (first,) = view.to_panorama(answer).hypotheses
-    assert first.heading_deg == pytest.approx(-20.0)  # -380, a whole turn on
+    assert first.heading_deg == pytest.approx(-20.0)  # -380 plus a full turn
 
 
 def test_views_are_all_around_and_as_small_as_photos(query, quick):

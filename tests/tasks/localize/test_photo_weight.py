@@ -1,4 +1,4 @@
-"""How much the photo that matches best counts against a computed position is fitted on the map's photos."""
+"""The weight of the best-matching photo relative to the computed position is fitted on the map's photos."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _map() -> IndexedMap:
 
 
 def _trial(number: int, *, computed: float, photo: float) -> Trial:
-    """Say that a photo was found so far off, and the photo that matches it best stands so far off."""
+    """Make a trial from the errors of the computed position and of the best-matching photo."""
     truth = (number * 200.0, 0.0)
     place = PlaceCandidate(
         "position",

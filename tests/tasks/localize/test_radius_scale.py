@@ -1,4 +1,4 @@
-"""The radius of right answers is fitted on both kinds of trials alike, however many of each were right."""
+"""The radius of right answers is fitted on both kinds of trials equally, whatever their numbers."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SIGMA = 5.0
 
 
 def scale(**ratios):
-    """Fit on trials whose errors are so many sigmas; `photo=[...], place=[...]`."""
+    """Fit on trials with errors given in sigmas; `photo=[...], place=[...]`."""
     trials, located, errors = [], [], []
     for hidden, there in ratios.items():
         for ratio in there:
@@ -38,7 +38,7 @@ def test_of_one_kind_it_is_their_quantile():
 def test_many_that_were_hidden_alone_do_not_outvote_those_hidden_with_their_neighbours():
     few, many = (scale(photo=spread(1.2, n), place=spread(3.2, 25)) for n in (25, 200))
     assert many == pytest.approx(few, abs=0.05)
-    # At x below 1.2 the two kinds together hold 0.5 * x / 1.2 + 0.5 * x / 3.2 of the weight.
+    # below x = 1.2, the two kinds together have the weight 0.5 * x / 1.2 + 0.5 * x / 3.2
     assert few == pytest.approx(0.68 / (0.5 / 1.2 + 0.5 / 3.2), abs=0.06)
 
 

@@ -1,4 +1,4 @@
-"""Method `auto`: a second look by learned features where the first is not sure, and their model is here."""
+"""Method `auto`: a second look with learned features if the first is uncertain and the model installed."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ AUTO = OpenOptions(jobs=1)
 
 @pytest.fixture
 def with_models(quick, tmp_path):
-    """Settings under which the models of ALIKED are here."""
+    """Settings with the models of ALIKED."""
     return replace(quick, models=write_aliked(tmp_path / "models"))
 
 
@@ -151,7 +151,7 @@ def test_a_model_that_does_not_work_leaves_the_first_look(cfg, with_models):
 def test_a_photo_on_its_side_is_turned_upright_for_the_second_look(
     cfg, with_models, tmp_path, monkeypatch, quarters
 ):
-    """The first look sees it by its keypoints; matches are drawn on the photo as it came."""
+    """The first look detects the orientation; matches refer to the photo as received."""
     monkeypatch.setattr(looks, "CERTAIN", 1.1)
     pipeline = open_auto(cfg, with_models)
     looked_at, looking = [], LocalizationPipeline._look
@@ -179,7 +179,7 @@ def test_a_photo_on_its_side_is_turned_upright_for_the_second_look(
 
 
 def pil_rotated(xy, shape, quarters):
-    """Pixels of a photo of (height, width), rotated counterclockwise as Pillow does it."""
+    """Return pixels of a photo of (height, width), rotated counterclockwise like Pillow."""
     height, width = shape
     for _ in range(quarters):
         xy = np.column_stack([xy[:, 1], width - 1 - xy[:, 0]])

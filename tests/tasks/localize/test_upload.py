@@ -1,4 +1,4 @@
-"""Questions that are quick do not wait for slow ones, and no more are answered at once than is good."""
+"""Quick queries do not wait for slow ones, and the number of parallel ones is limited."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +17,7 @@ from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 @dataclass(frozen=True)
 class Localizer:
-    """Knows how it was asked."""
+    """Records how it was called."""
 
     method: str
     fov_deg: float | None = None
@@ -29,7 +29,7 @@ class Localizer:
 
 
 class Looks:
-    """Looks at photos that last until they are let go, by method."""
+    """Looks that last until they are released, by method."""
 
     def __init__(self):
         self.busy, self.most, self.changed = {}, {}, threading.Condition()
@@ -46,7 +46,7 @@ class Looks:
             self.busy[method] -= 1
 
     def wait_for(self, method, busy):
-        """Wait until so many of a method are being looked at."""
+        """Wait until a number of looks of a method are running."""
         with self.changed:
             assert self.changed.wait_for(lambda: self.busy.get(method) == busy, 10)
 

@@ -1,4 +1,4 @@
-"""One file in: checked, kept once, placed by its GPS, whatever happens in between."""
+"""Adding a file: checked, stored once, placed by its GPS, whatever happens in between."""
 
 import hashlib
 import io
@@ -33,7 +33,7 @@ HERE = LatLon(50.08, 14.42)
 
 
 def jpeg(seed=0, *, size=(320, 240), **options):
-    """A JPEG of structure."""
+    """Return a JPEG with structure."""
     pixels = np.random.default_rng(seed).integers(0, 255, (size[1] // 8, size[0] // 8, 3)).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(pixels).resize(size).save(file, "JPEG", **options)
@@ -41,7 +41,7 @@ def jpeg(seed=0, *, size=(320, 240), **options):
 
 
 def at(east, north, **fields):
-    """EXIF of a photo so many metres from the middle of the image."""
+    """Return the EXIF of a photo at an offset in metres from the middle of the image."""
     position = LocalFrame(HERE).latlon_of(EnuMetres(east, north))
     return exif_bytes(
         CameraTags(
@@ -51,7 +51,7 @@ def at(east, north, **fields):
 
 
 class Desk:
-    """A library with one map, and somebody who brings files."""
+    """A library with one map, and functions to add files."""
 
     def __init__(self, folder):
         self.library = open_library(folder)
@@ -65,7 +65,7 @@ class Desk:
         self.count = 0
 
     def give(self, data, name="IMG_1.jpg", *, id=None, settings=None, **options):
-        """Bring a file to the uploads folder and take it in."""
+        """Put a file into the uploads folder and add it."""
         self.count += 1
         source = self.library.uploads / f"{self.count}.part"
         source.write_bytes(data)
@@ -92,7 +92,7 @@ class Desk:
             return maps.photos(session, session.get(MapRecord, self.map_id))
 
     def files(self):
-        """Names in the photo folder."""
+        """Return the names in the photo folder."""
         return sorted(path.name for path in self.folder.glob("photos/*"))
 
 
@@ -172,7 +172,7 @@ def test_the_ending_is_that_of_the_content(desk):
 
 
 def bomb():
-    """A PNG that says that it has 60000 x 60000 pixels."""
+    """Return a PNG that claims 60000 x 60000 pixels."""
 
     def chunk(kind, data):
         return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")

@@ -26,7 +26,7 @@ GOOD = b"s.png;40;30\n0;p/a.jpg;20;20\n1;p/b.png;5;6\n"
 
 
 def picture(kind: str = "JPEG", size: tuple[int, int] = (64, 48)) -> bytes:
-    """An image file whose data is long enough to be cut."""
+    """Write an image file with enough data to be truncated."""
     image = Image.radial_gradient("L").resize(size).convert("RGB")
     out = BytesIO()
     image.save(out, kind)
@@ -69,7 +69,7 @@ def test_all_faults_are_reported_in_one_go(folder: Path) -> None:
         b"0;p/a.jpg;20,5;20\n"  # decimal comma
         b"zero;p/b.png;5;6\n"  # no number
         b"0;p/none.jpg;1;1\n"  # id twice, no photo
-        b"3;../x.jpg;99;1\n"  # leaves, outside
+        b"3;../x.jpg;99;1\n"  # leaves the folder, outside the image
         b"4;p/c.jpg\n"  # columns
         b"\n"
         b"5;p/\xe9.jpg;1;1\n",  # not UTF-8

@@ -1,4 +1,4 @@
-"""Panoramas whose pixels are known are cut into views."""
+"""Panoramas with known pixels are cut into views."""
 
 from datetime import datetime
 
@@ -22,7 +22,7 @@ XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description
 
 
 def panorama(path, *, heading=b"350.0", xmp=XMP, wide=720, high=360):
-    """Write a panorama: blue is where it looks, in degrees of half a circle, green how far up."""
+    """Write a panorama: blue is the angle from the middle, green the elevation, degrees."""
     columns, rows = np.meshgrid(np.arange(wide), np.arange(high))
     around = np.abs((columns + 0.5) / wide * 360.0 - 180.0)
     pixels = np.stack([around, 180.0 * (1.0 - (rows + 0.5) / high), np.full_like(around, 60.0)], 2)
@@ -56,7 +56,7 @@ def test_views_look_where_they_say(tmp_path):
         assert (facts.gps.lat, facts.gps.lon) == pytest.approx((50.0, 14.5), abs=1e-6)
         assert facts.gps.accuracy_m == pytest.approx(2.5)
         assert facts.taken_at.startswith("2026-05-01T12:30")
-        # The edges of the view are as far from its middle as its field of view says.
+        # the edges of the view agree with its field of view
         edge = pixels[pixels.shape[0] // 2, 0, 0]
         expected = abs((turn - facts.fov_deg / 2.0 + 180.0) % 360.0 - 180.0)
         assert edge == pytest.approx(expected, abs=3)

@@ -1,4 +1,4 @@
-"""The files of a library map follow its records, whatever happens in between."""
+"""The files of a library map are updated after its records, whatever happens in between."""
 
 import threading
 

@@ -23,7 +23,7 @@ from webapp.tasks.maps.place_photos import FileState
 from webapp.tasks.satellite.georeference import GeoSource
 
 CORNERS = '{"top_left": {"lat": 50.001, "lon": 14.0}, "bottom_right": {"lat": 50.0, "lon": 14.002}}'
-"""Of an image of 400 x 310 pixels: 0.36 m each."""
+"""Corners of an image of 400 x 310 pixels of 0.36 m."""
 
 
 def rationals(degrees):
@@ -40,7 +40,7 @@ def photo(path, lat=None, lon=None, *, camera=None, gps=None):
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
-    """A satellite image with its corners, three photos with GPS, and all that can go wrong."""
+    """A satellite image with its corners, three photos with GPS, and all kinds of invalid files."""
     Image.new("RGB", (400, 310), (60, 90, 50)).save(tmp_path / "sat.png")
     (tmp_path / "corners.json").write_text(CORNERS)
     photos = tmp_path / "photos"

@@ -1,4 +1,4 @@
-"""Photos of six cameras become panoramas, which say that they are."""
+"""Photos of six cameras are joined to panoramas, which are marked as such."""
 
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
@@ -28,7 +28,7 @@ SPOT = (75.0, 10.0)
 
 @pytest.fixture
 def survey(tmp_path):
-    """A folder with photos of two instants by six cameras; the second one has the EXIF."""
+    """A folder with photos of six cameras at two times; those of the second camera have EXIF."""
     for number, mounted in enumerate(SIX):
         folder = tmp_path / "survey" / f"cam{number}"
         folder.mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""A library in SQLite with rows of every kind of value, and databases of a server for it."""
+"""A library in SQLite with values of all types, and databases of a server for it."""
 
 import shutil
 
@@ -17,7 +17,7 @@ from webapp.tasks.maps import adopt_map, export
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, make_map):
-    """A library in SQLite with rows of every kind of value."""
+    """A library in SQLite with values of all types."""
     folder = tmp_path_factory.mktemp("moves") / "library"
     library = open_library(folder)
     with library.database.write() as session:

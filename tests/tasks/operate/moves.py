@@ -1,4 +1,4 @@
-"""A library that moves, and what its databases hold."""
+"""Helpers to move a library and compare its databases."""
 
 from datetime import UTC, datetime
 
@@ -25,7 +25,7 @@ def file_url(folder):
 
 
 def hashes(url, tmp_path):
-    """Rows and hash of each table, as a copy of a database has them."""
+    """Return the number of rows and the hash of each table."""
     source, copy = Database(url), Database(f"sqlite:///{tmp_path / 'compared.db'}")
     try:
         prepare(copy, key="a", again=True)
@@ -45,7 +45,7 @@ def to_file(folder, url, progress=None):
 
 
 def opens(folder, url):
-    """Whether a library can be opened."""
+    """Return whether a library can be opened."""
     try:
         open_library(folder, url=url).database.close()
     except StorageError:

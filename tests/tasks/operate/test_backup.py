@@ -1,4 +1,4 @@
-"""A library comes back from a backup as it was, and nothing but a complete backup has its name."""
+"""A library is restored unchanged from a backup, and only complete backups have the final name."""
 
 import errno
 import hashlib
@@ -33,7 +33,7 @@ from webapp.tasks.operate import restore as restore_library
 
 @pytest.fixture
 def library(tmp_path, make_map):
-    """Two maps, of which one has an answer in its history, and a further placement."""
+    """A library with two maps, one of which has an answer in its history and an additional placement."""
     library = open_library(tmp_path / "library")
     with library.database.write() as session:
         owner = accounts.ensure_owner(session)
@@ -61,7 +61,7 @@ def archive(tmp_path):
 
 @pytest.fixture
 def back_up(library, archive):
-    """Back the library up; gives the report."""
+    """Back the library up and return the report."""
     archive.parent.mkdir()
 
     def run(progress=None):
@@ -72,7 +72,7 @@ def back_up(library, archive):
 
 @pytest.fixture
 def restore(archive, tmp_path):
-    """Restore the backup elsewhere; gives the library."""
+    """Restore the backup elsewhere and return the library."""
     opened = []
 
     def run(**options):
@@ -86,7 +86,7 @@ def restore(archive, tmp_path):
 
 
 class Meanwhile(Progress):
-    """Does something once, when the first file has been copied."""
+    """Calls a function once, after the first file was copied."""
 
     def __init__(self, action):
         self._action = action
@@ -97,14 +97,14 @@ class Meanwhile(Progress):
 
 
 def rows(library):
-    """All rows of all tables but the jobs."""
+    """Return all rows of all tables except the jobs."""
     tables = [table for table in Base.metadata.sorted_tables if table.name != "job"]
     with library.database.read() as session:
         return {table.name: sorted(map(repr, session.execute(select(table)))) for table in tables}
 
 
 def files(library):
-    """Hashes of all files that cannot be computed again."""
+    """Return hashes of all files that cannot be recomputed."""
     inner = library.inner / "queries"
     found = [
         p
@@ -128,7 +128,7 @@ def move(library, x):
 
 
 def is_current(library, slug="park"):
-    """Whether the files of a map are those of its records."""
+    """Return whether the files of a map agree with its records."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug=slug).one()
     exported = export.file_sha256(library.cfg(slug)) == record.exported_sha256
@@ -232,7 +232,7 @@ backup_library.run(open_library(Path(sys.argv[1])), Path(sys.argv[2]), progress=
 
 
 def rewritten(archive, change):
-    """Write the zip again with other content."""
+    """Rewrite the zip with other content."""
     with zipfile.ZipFile(archive) as old:
         content = {name: old.read(name) for name in old.namelist()}
     change(content)
@@ -301,7 +301,7 @@ def test_each_byte_counts(place, back_up, archive, tmp_path):
         restore_library.restore(archive, tmp_path / "restored", parts=PARTS, progress=Progress())
     except (InputError, StorageError):
         assert not list(tmp_path.glob("restored/*"))
-    else:  # a byte that is no part of any file: the time in a header, say
+    else:  # a byte outside all files, such as the time in a header
         assert (tmp_path / "restored" / "park").is_dir()
 
 
@@ -380,8 +380,8 @@ def test_while_the_map_is_edited_all_the_time(library, back_up, restore):
     with restored.database.read() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
     assert export.file_sha256(restored.cfg("park")) == record.exported_sha256
-    assert record.revision - record.exported_revision in (0, 1)  # the last edit may not be in the file yet
-    export.export_map(restored, record.id)  # as the first sweep of a server does
+    assert record.revision - record.exported_revision in (0, 1)  # the last edit may not be exported yet
+    export.export_map(restored, record.id)  # like the first sweep of a server
     assert is_current(restored)
     assert [line for line in restored.cfg("park").read_text().splitlines() if line.startswith("1;")] == [
         line for line in library.cfg("park").read_text().splitlines() if line.startswith("1;")
@@ -449,7 +449,7 @@ def raw_positions(database):
     ],
 )
 def test_a_hostile_backup_changes_nothing(library, back_up, archive, tmp_path, sql, error):
-    """Its checksums are right: somebody has made it so."""
+    """Its checksums are valid, as it was made on purpose."""
     back_up()
 
     def change(content):

@@ -1,4 +1,4 @@
-"""Weights come here whole and right, or not at all."""
+"""Weights are downloaded completely and verified, or not at all."""
 
 import hashlib
 import threading
@@ -23,7 +23,7 @@ CONTENT = bytes(range(256)) * 1000
 
 @pytest.fixture
 def host():
-    """A host that sends CONTENT, or half of it, or leads elsewhere."""
+    """A host that sends CONTENT, or half of it, or redirects."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self):
@@ -50,14 +50,14 @@ def host():
 
 @pytest.fixture
 def file(host):
-    """What is to be fetched."""
+    """The file to fetch."""
     sha256 = hashlib.sha256(CONTENT).hexdigest()
     return ModelFile("net.onnx", len(CONTENT), sha256, "Apache-2.0", "its maker", f"{host}/right")
 
 
 @pytest.fixture
 def settings(tmp_path):
-    """Weights are kept in a folder that is not there yet."""
+    """Settings with a folder of weights that does not exist yet."""
     return Settings(models=tmp_path / "kept" / "models")
 
 

@@ -1,4 +1,4 @@
-"""The records of a library move from SQLite to PostgreSQL and back, unchanged, and are in one place only."""
+"""The records of a library move from SQLite to PostgreSQL and back unchanged, and are in one place only."""
 
 import hashlib
 import os
@@ -194,11 +194,11 @@ STEPS = [
     (move, "_join_journal"),
     (move, "sync_folder"),
 ]
-"""What a move does, one after the other; it is killed before and after each, when it first comes there."""
+"""The steps of a move, in order; it is killed before and after the first call of each."""
 
 
 def run_until(monkeypatch, step, run):
-    """Run in a process of its own, which is killed at a step; returns whether it came so far."""
+    """Run in a separate process, which is killed at a step; return whether it got there."""
     module, name, after = step
     done = getattr(module, name)
 

@@ -1,4 +1,4 @@
-"""A move that cannot be is refused in words, and the library is as it was."""
+"""An impossible move is refused with a message, and the library stays unchanged."""
 
 import pytest
 from filelock import FileLock

@@ -1,4 +1,4 @@
-"""A radius in pixels stays the same length when a map gets another image."""
+"""A radius in pixels keeps its length when a map gets another image."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from webapp.tasks.satellite.apply import ImageChange
 
 
 def image(*, side, metres=None):
-    """A square image, with a georeference where it is said how large its pixels are."""
+    """Return a square image, with a georeference if the size of its pixels is given."""
     plane = (metres, 0.0, 470_683.0, 0.0, -(metres or 0.0), 6_696_811.0, 0.0, 0.0, 1.0)
     return MapImage(side, side, None if metres is None else Georeference("EPSG:32635", plane, "corners"))
 

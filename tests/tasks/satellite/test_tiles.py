@@ -1,4 +1,4 @@
-"""An area exported from a tile service on this machine: corners and landmarks right to a pixel."""
+"""An area exported from a local tile service: corners and landmarks are correct to a pixel."""
 
 import json
 
@@ -75,7 +75,7 @@ def pixels_of(library, name):
 
 
 def crosses(pixels):
-    """The middles of the red crosses."""
+    """Return the centres of the red crosses."""
     red = (pixels[:, :, 0] > 200) & (pixels[:, :, 1] < 60) & (pixels[:, :, 2] < 60)
     middles = [
         (x, y)
@@ -99,7 +99,7 @@ def test_corners_and_landmarks_are_right_to_a_pixel(fetch, library, zoom):
     assert south_east == pytest.approx((BOX.south, BOX.east), abs=0.51 * degrees_a_pixel)
 
     at = image.georeference.pixel_from_latlon(LANDMARKS)
-    # the pixel that holds the place is the middle of the cross
+    # the pixel that contains the place is the centre of the cross
     assert crosses(pixels) == sorted((int(x), int(y)) for x, y in np.floor(at).tolist())
 
 
@@ -178,7 +178,7 @@ class TestPoliteness:
         with pytest.raises(Cancelled):
             fetch(zoom=18, progress=Stop())
         fetch(zoom=18)
-        # at most the requests that were on their way were made in vain
+        # at most the pending requests were in vain
         assert sum(server.asked.values()) <= len(server.asked) + 6
 
 

@@ -1,4 +1,4 @@
-"""A map with a georeference, in a folder or in a library, and a service with photos of its area."""
+"""A georeferenced map, in a folder or in a library, and a service with photos of its area."""
 
 from dataclasses import replace
 
@@ -17,11 +17,11 @@ from webapp.tasks.street.survey import StreetRequest, survey_street
 from webapp.tasks.street.targets import FolderTarget, LibraryTarget
 
 PLACE = Georeference("EPSG:4326", (1e-5, 0, 14.4, 0, -1e-5, 50.1, 0, 0, 1), "corners")
-"""Of an image of 300 x 200 pixels, each of which is 0.00001 degrees."""
+"""Georeference of an image of 300 x 200 pixels of 0.00001 degrees."""
 
 
 def at(x, y, id, **fields):
-    """A photo of the service at a pixel of the map."""
+    """Return a photo of the service at a pixel of the map."""
     position = PLACE.latlon_from_pixel([(x, y)])[0]
     return Shot(id, *map(float, position), **fields)
 
@@ -75,7 +75,7 @@ def map_id(library, make_map):
 
 @pytest.fixture
 def bring(cfg, settings):
-    """Survey an area and add its photos to the map in the folder; gives both results."""
+    """Survey an area and add its photos to the map in the folder; return both results."""
 
     def run(source="panoramax", *, target=None, progress=None, **wishes):
         given = wishes.pop("settings", settings)
@@ -96,7 +96,7 @@ def library_target(library, map_id, settings):
 
 @pytest.fixture
 def photos(library, map_id):
-    """Records of the map's photos by their names."""
+    """Return the records of the map's photos by name."""
 
     def read():
         with library.database.read() as session:

@@ -1,4 +1,4 @@
-"""Street-level photos come into a map with places, headings and licences; nothing twice, nothing lost."""
+"""Street-level photos are added to a map with positions, headings and licences, without duplicates."""
 
 import os
 import signal

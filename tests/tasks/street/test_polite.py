@@ -1,4 +1,4 @@
-"""Which hosts are asked, and what goes to them."""
+"""Contacted hosts, and data sent to them."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def client():
 
 
 class Answer:
-    """What the session of `requests` would give."""
+    """A response like those of `requests`."""
 
     is_redirect, ok = False, True
 
@@ -35,7 +35,7 @@ class Answer:
 
 
 class Asked(list):
-    """Requests, and the answers that are given first."""
+    """Recorded requests, and responses to return first."""
 
     def __init__(self):
         super().__init__()
@@ -44,7 +44,7 @@ class Asked(list):
 
 @pytest.fixture
 def asked(client, monkeypatch):
-    """Requests that were made, each with its headers."""
+    """The requests made, each with its headers."""
     made = Asked()
 
     def get(address, *, headers, **_):

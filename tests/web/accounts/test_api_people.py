@@ -1,4 +1,4 @@
-"""Accounts, tokens and members through the API, as by the forms of the pages."""
+"""Accounts, tokens and members through the API, like with the forms of the pages."""
 
 import pytest
 
@@ -10,7 +10,7 @@ API = "/api/v1"
 
 @pytest.fixture
 def bearer(app):
-    """Ask the API with a token and without cookies."""
+    """Send a request with a token and without cookies."""
 
     def ask(token, method, path, **options):
         headers = {"Authorization": f"Bearer {token}"}
@@ -90,13 +90,13 @@ def test_accounts_are_for_the_owner_of_the_library(client, sign_in, new_account,
 
 @pytest.fixture
 def people(new_account):
-    """Three accounts by the role that they get."""
+    """Three accounts by their role."""
     return {role: new_account(role.title()) for role in ("owner", "editor", "viewer")}
 
 
 @pytest.fixture
 def members(people, new_map):
-    """Address of the members of a map that they share."""
+    """The address of the members of a map that they share."""
     others = {people[role]: role for role in ("editor", "viewer")}
     return f"{API}/maps/{new_map(people['owner'], name='Shared', shared=others)}/members"
 

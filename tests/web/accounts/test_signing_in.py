@@ -1,4 +1,4 @@
-"""Links, passwords, sessions, tokens, and the pages around them."""
+"""Sign-in links, passwords, sessions, tokens, and their pages."""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +20,7 @@ PASSWORD = "correct horse battery"
 
 @pytest.fixture
 def link(library, owner):
-    """The path of a link for the owner."""
+    """Return the path of a sign-in link of the owner."""
     with library.database.write() as session:
         return f"/sign-in/{signin.new_link(session, owner, hours=1)}"
 
@@ -35,12 +35,12 @@ def jana(library):
 
 
 def enter(client, *, name="Jana", password=PASSWORD, **more):
-    """Send the form."""
+    """Send the sign-in form."""
     return client.post("/sign-in", data={"name": name, "password": password, **more})
 
 
 def is_in(client):
-    """Return whether somebody is signed in."""
+    """Return whether a browser is signed in."""
     return client.get("/account").status_code == 200
 
 
@@ -229,7 +229,7 @@ def test_a_token_that_is_revoked_or_unknown_is_refused(app, client, library, own
         answer = program.get(path, headers={"Authorization": f"Bearer {sent}"})
         assert answer.status_code == 401
         assert answer.json["error"]["message"] == "unknown token"
-    # A wrong token is not made up for by a session.
+    # A valid session does not compensate for a wrong token.
     assert client.get(path, headers={"Authorization": "Bearer expmap_guess"}).status_code == 401
 
 

@@ -1,4 +1,4 @@
-"""A map with an image, whose photos are placed or in its tray; and one with landmarks."""
+"""A map with an image, whose photos are placed or in its tray, and one with landmarks."""
 
 import io
 
@@ -16,7 +16,7 @@ from webapp.tasks.localize.index_location import landmarks_folder
 
 AT = [(10, 10), (200, 40), (120, 220)]
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Camera from world, of one that looks to the top of the image; the world is map pixels, y up, z up."""
+"""Camera-from-world rotation, facing the top of the image; the world is map pixels with y and z up."""
 
 
 def jpeg(number):
@@ -33,7 +33,7 @@ def place(client, url, id, *, at):
 
 @pytest.fixture
 def yard(client, library, park):
-    """The address of a map with an image, a placed photo, and three photos in the tray; and its slug."""
+    """The address of a map with an image, one placed photo and three in the tray, and its slug."""
     slug = park
     library.map_folder(slug).mkdir()
     Image.new("RGB", (400, 300)).save(library.map_folder(slug) / "plan.png")
@@ -50,7 +50,7 @@ def yard(client, library, park):
 
 @pytest.fixture
 def joined(yard, client, library):
-    """The map with three of its photos placed, and landmarks that all of these see; and its record."""
+    """The map with three placed photos and landmarks that all of them see, and its record."""
     url, slug = yard
     for id, at in enumerate(AT):
         place(client, url, id, at=at)

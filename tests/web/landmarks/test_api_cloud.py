@@ -1,4 +1,4 @@
-"""The landmarks of a map by the API: laid by the photos as they are placed, sent in blocks, taken away."""
+"""The landmarks of a map through the API: laid by its placed photos, sent in blocks, downloaded."""
 
 import gzip
 import io
@@ -29,7 +29,7 @@ from webapp.web.localize import pages as localize_pages
 
 @pytest.fixture
 def laid(joined, library):
-    """The same, laid on the map; the address, and what the page gets."""
+    """The same, laid on the map: the address, and the data of the page."""
     url, record = joined
     align_in_library(library, record)
     return url

@@ -1,4 +1,4 @@
-"""Places for the photos in the tray: shown, accepted as one step, and looked for by a job."""
+"""Places for the photos in the tray: shown, accepted as one step, and computed by a job."""
 
 import pytest
 
@@ -105,7 +105,7 @@ def correction(id, before, *, heading_deg):
 
 @pytest.fixture
 def corrected(yard, library):
-    """The same, with three photos where their GPS has them, and corrections for two of those."""
+    """The same, with three photos placed by GPS, and corrections for two of them."""
     url, slug = yard
     plane_from_pixel = [[0.2, 0.0, 470_683.0], [0.0, -0.2, 6_696_811.0], [0.0, 0.0, 1.0]]
     stated = {"plane": "EPSG:32635", "plane_from_pixel": plane_from_pixel, "method": "corners"}

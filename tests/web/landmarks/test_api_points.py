@@ -1,4 +1,4 @@
-"""Control points by the API: kept as edits, and judged when the landmarks are laid."""
+"""Control points by the API: saved as edits, and evaluated when the landmarks are laid."""
 
 import pytest
 
@@ -13,7 +13,7 @@ WIDTH, HEIGHT, FOCAL = 40, 30, 30.0
 
 
 def clicks(spot, photos):
-    """Where photos, which all look to the top of the image, show a spot: map pixels, and up."""
+    """Return the pixels of a spot (map pixels, height) in photos that all face the top of the image."""
     found = []
     for id in photos:
         x, y = AT[id]
@@ -26,7 +26,7 @@ def clicks(spot, photos):
 
 @pytest.fixture
 def points(joined, monkeypatch):
-    """The address of the control points of a map with landmarks of three placed photos; and its record."""
+    """The address of the control points of a map with landmarks of three placed photos, and its record."""
     url, record = joined
     lens = Lens(WIDTH, HEIGHT, FOCAL)
     monkeypatch.setattr(control_points.PhotoLenses, "lens", lambda self, number: lens)

@@ -1,4 +1,4 @@
-"""The 3D view of a shared map: what visitors get of it, and that they get nothing beyond the share."""
+"""The 3D view of a shared map: data for visitors, and nothing beyond the share."""
 
 import io
 import zipfile
@@ -25,7 +25,7 @@ NO_KEY = "0" * 32
 
 @pytest.fixture
 def seen(joined, yard, client, library):
-    """A map with landmarks whose third photo is back in the tray; gives its record."""
+    """A map with landmarks whose third photo is back in the tray: its record."""
     url, _slug = yard
     changes = [{"id": 2, "x_px": None, "y_px": None}]
     assert client.patch(f"{url}/experiences", json={"kind": "unplace", "changes": changes}).status_code == 200
@@ -37,7 +37,7 @@ def seen(joined, yard, client, library):
 
 @pytest.fixture
 def share(client, seen):
-    """Share it; gives the address of the page, and of its API."""
+    """Share the map, and return the addresses of the page and its API."""
 
     def make(slug=seen.slug, **wish):
         answer = client.post(f"/api/v1/maps/{slug}/shares", json={"landmarks": True, **wish})
@@ -179,7 +179,7 @@ def test_what_failed_is_not_queued_by_each_visit(client, stranger, share, yard, 
         session.query(Job).filter_by(kind="landmarks").one().state = ended
     stranger.get(api)
     assert states() == [ended]
-    place(180)  # perhaps that helps
+    place(180)  # a change, after which it may succeed
     stranger.get(api)
     assert states() == [ended, "queued"]
 
@@ -191,7 +191,7 @@ def test_what_failed_before_an_update_is_tried_again(client, stranger, share, ya
     stranger.get(api)
     with library.database.write() as session:
         job = session.query(Job).filter_by(kind="landmarks").one()
-        job.state, job.key = "failed", "lay"  # as it was called then
+        job.state, job.key = "failed", "lay"  # the key of the earlier version
     stranger.get(api)
     with library.database.read() as session:
         states = [job.state for job in session.query(Job).filter_by(kind="landmarks").order_by(Job.id)]
@@ -212,7 +212,7 @@ def test_visitors_take_their_slot_of_the_server(app, stranger, share, seen):
 def test_points_that_only_photos_in_the_tray_see_are_not_given_out(client, stranger, share, seen, library):
     folder = landmarks_folder(library.cfg(seen.slug))
     stored = read_cloud(folder / CLOUD_FILE)
-    alone = replace(  # the fourth point is seen by the third photo alone, which is in the tray
+    alone = replace(  # the fourth point is only seen by the third photo, which is in the tray
         stored.cloud,
         first=np.array([0, 3, 6, 10]),
         seen_point=np.array([0, 1, 2, 0, 1, 2, 0, 1, 2, 3], np.int32),
@@ -269,7 +269,7 @@ def test_models_name_a_blurred_photo_by_what_is_not_blurred_in_it(client, seen, 
     with library.database.read() as session:
         photo = session.query(Photo).filter_by(map_id=seen.id, id=0).one()
     content = content_of_part(photo.sha256, view=None, blurred=(BlurBox(**box),))
-    # a model of before, which has what is in the box, has it under the SHA-256 of the whole file
+    # a model from before the blur, which includes the box, is stored under the SHA-256 of the whole file
     assert names_of({"0-0.jpg": photo}) == {content: "0-0.jpg"}
 
 

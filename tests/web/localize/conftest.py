@@ -27,7 +27,7 @@ def queries(sample_folder):
 
 @pytest.fixture
 def ask():
-    """Ask where photos were taken, as a browser."""
+    """Localize photos, as a browser does."""
 
     def run(browser, *photos, slug=SLUG, **options):
         files = [(io.BytesIO(p.read_bytes()), p.name) if isinstance(p, Path) else p for p in photos]

@@ -1,4 +1,4 @@
-"""A photo that was asked about becomes an experience of the map, and maps answer as they are now."""
+"""A query photo becomes an experience of the map, and answers use the present state of the map."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def index_jobs(library, map_id):
 
 @pytest.fixture
 def quiet(library, sample):
-    """The map without jobs that wait."""
+    """The map without queued jobs."""
     with library.database.write() as session:
         for job in session.scalars(select(Job)):
             session.delete(job)
@@ -71,7 +71,7 @@ def test_a_place_outside_the_image_is_refused(client, library, sample, ask, quer
 
 
 def test_a_moved_photo_counts_at_once(client, sample, ask, queries):
-    """All photos are moved by 7 pixels, and so is the answer."""
+    """If all photos are moved by 7 pixels, so is the answer."""
     before = ask(client, queries / "query_01.jpg").get_json()
     state = client.get("/api/v1/maps/sample").get_json()
     moved = [{"id": p["id"], "x_px": p["x_px"] + 7, "y_px": p["y_px"]} for p in state["photos"]]

@@ -1,4 +1,4 @@
-"""Answers as files: a table, waypoints and points, of all or of one's own."""
+"""Answers as files: a table, waypoints and points, of all or only one's own."""
 
 import csv
 import io
@@ -26,7 +26,7 @@ GPX = "{http://www.topografix.com/GPX/1/1}"
 
 @pytest.fixture
 def park(library, owner, new_account, new_map):
-    """A map of which the owner has asked twice and somebody else once."""
+    """A map with two answers of the owner and one of another person."""
     slug, other = new_map(owner), new_account("eva")
     answers = [
         (owner, "=cmd.jpg", {"hypotheses": [FOUND], "off_map_probability": 0.1}),

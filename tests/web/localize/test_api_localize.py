@@ -1,4 +1,4 @@
-"""Localizing through the API: the answer, who may ask, what is refused."""
+"""Localizing through the API: answers, permissions, and refusals."""
 
 import csv
 import io
@@ -26,7 +26,7 @@ KEYS = {
     "off_map_probability", "statistics", "seconds", "map_revision", "map_kind", "place_radius_px", "looks",
     "verdict", "sentence",
 }  # fmt: skip
-"""Of `expmap localize --json`."""
+"""Fields of `expmap localize --json`."""
 
 
 def jobs_of(library):

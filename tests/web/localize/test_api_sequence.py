@@ -1,4 +1,4 @@
-"""Frames that come one by one are one sequence, whoever answers; hints of compass headings."""
+"""Frames sent one by one form a sequence, whichever process answers; hints of compass headings."""
 
 import os
 import time

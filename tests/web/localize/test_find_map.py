@@ -1,4 +1,4 @@
-"""Which map is this? Asked through the API and by the command, of maps that one may see."""
+""""Which map is this?" through the API and by the command, among the maps that one may see."""
 
 import io
 import json
@@ -23,7 +23,7 @@ def ask(browser, path):
 
 @pytest.fixture
 def empty(library, owner):
-    """A map that nothing was built for."""
+    """A map without an index."""
     with library.database.write() as session:
         return maps.create(session, "Nothing yet", account_id=owner.id).slug
 

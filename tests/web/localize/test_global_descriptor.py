@@ -1,4 +1,4 @@
-"""A server's maps and a global descriptor: it takes part once the map is described and calibrated with it."""
+"""Maps on a server and a global descriptor: it is used once the map is described and calibrated with it."""
 
 from dataclasses import replace
 
@@ -18,14 +18,14 @@ from webapp.tasks.maps import adopt_map
 
 @pytest.fixture
 def small(library, owner, make_map):
-    """A map of six photos in the library: its id and its file."""
+    """The id and file of a map of six photos in the library."""
     make_map(library.map_folder("small"), 6)
     return adopt_map.adopt_map(library, "small", account_id=owner.id), library.cfg("small")
 
 
 @pytest.fixture
 def server(settings, tmp_path):
-    """Settings with a folder for models, which is empty."""
+    """Settings with an empty folder for models."""
     (tmp_path / "models").mkdir()
     extract = ExtractSettings(max_side_px=320, keypoints=120)
     return replace(settings, models=tmp_path / "models", extract=extract)
@@ -41,7 +41,7 @@ def described(opened):
 
 
 def same_map(one, other):
-    """Whether the index was opened once for both."""
+    """Return whether both share one opened index."""
     return one.pipeline.opened.indexed is other.pipeline.opened.indexed
 
 
@@ -89,7 +89,7 @@ def test_a_job_describes_the_map_once_for_each_model(library, small, server):
     request = LocalizeRequest((photo,), choice=MethodChoice("verified", "sift"))
 
     def ask():
-        """Answer, and count the jobs that were queued for that and not before."""
+        """Answer, and count the jobs that this queued."""
         with library.database.write() as session:
             session.execute(update(Job).values(state="done", ended_at=func.now()))
             before = {job.id for job in session.scalars(select(Job))}

@@ -1,4 +1,4 @@
-"""A question that is sent again with its key is asked once; shared answers are not forgotten."""
+"""A query that is sent again with its key is localized once; shared answers are not deleted."""
 
 import io
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from webapp.tasks.localize.upload import LocalizeResult
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Names of the photos that were localized; each is answered off the map."""
+    """Names of the localized photos; each gets the answer "not on this map"."""
     names = []
 
     def run(_maps, _map_id, *, request, settings):
@@ -33,7 +33,7 @@ def asked(monkeypatch):
 
 @pytest.fixture
 def send(client, park, sample_folder):
-    """Ask about a photo, with a key."""
+    """Localize a photo, with a key."""
     photo = (sample_folder / "queries" / "query_02.jpg").read_bytes()
 
     def post(key=None, *, browser=client, **fields):
@@ -84,7 +84,7 @@ def test_a_key_that_is_too_long_is_refused(send, asked):
 
 def test_two_at_the_same_time_leave_one_answer(client, park, send, asked, monkeypatch):
     first = send("one").json["id"]
-    # The first look finds nothing, as for one that came while the other was being answered.
+    # The first check finds no answer, as when two requests arrive in parallel.
     monkeypatch.setattr(queries, "keyed", _blind_once(queries.keyed))
     assert send("one").json["id"] == first
     assert len(asked) == 2

@@ -1,4 +1,4 @@
-"""Robots that ask where they are by a photo."""
+"""Visual fixes: robots localize themselves by photos."""
 
 import csv
 import io
@@ -30,7 +30,7 @@ KEYS = {
 
 @pytest.fixture
 def mission(client, sample):
-    """A mission on the sample map; gives its address."""
+    """The address of a mission on the sample map."""
     made = client.post("/api/v1/missions", json={"name": "Round", "map": "sample"})
     assert made.status_code == 201, made.json
     return f"/api/v1/missions/{made.json['id']}"
@@ -38,7 +38,7 @@ def mission(client, sample):
 
 @pytest.fixture
 def send(client):
-    """Send a photo; gives the answer."""
+    """Send a photo and return the answer."""
 
     def post(address, photo, *, browser=client, **fields):
         data = {**fields, "file": (io.BytesIO(photo.read_bytes()), photo.name)}
@@ -49,7 +49,7 @@ def send(client):
 
 @pytest.fixture
 def truth_of(queries, record):
-    """Where a query was taken, degrees."""
+    """Return the position of a query, degrees."""
 
     def read(name):
         with (queries.parent / "queries.csv").open(encoding="utf-8", newline="") as file:

@@ -1,4 +1,4 @@
-"""A library whose photos and indexes are in S3, on machines that share its folder, each with a cache."""
+"""A library with photos and indexes in S3, on machines that share its folder and have separate caches."""
 
 import hashlib
 import io
@@ -80,7 +80,7 @@ for file in sys.argv[2:]:
 
 @pytest.fixture
 def database_url(postgresql, monkeypatch):
-    """Of a database on the server: SQLite has no object storage."""
+    """The address of a database on the server: SQLite does not support object storage."""
     url = postgresql.new_database()
     monkeypatch.setenv("EXPMAP_DATABASE", url)
     yield url
@@ -88,7 +88,7 @@ def database_url(postgresql, monkeypatch):
 
 
 def objects_in(s3, bucket):
-    """The objects in a bucket, but for that which says whose it is."""
+    """Return the objects in a bucket, except the marker of its library."""
     return [key for key in s3.keys(bucket) if key != "lib/library"]
 
 
@@ -115,7 +115,7 @@ def settings(tmp_path, database_url, bucket, monkeypatch):
 
 @pytest.fixture
 def machine(settings, library, owner, tmp_path):
-    """Go to another machine, whose cache is cold at first; gives a browser there."""
+    """Switch to another machine with an empty cache, and return a browser there."""
 
     apps = {}
 
@@ -136,7 +136,7 @@ def machine(settings, library, owner, tmp_path):
 
 @pytest.fixture
 def row(library, make_map, owner, settings):
-    """Id of a map whose photos and index are files, as they were before the library had a storage."""
+    """The id of a map whose photos and index are files, as before the library had object storage."""
     make_map(library.map_folder("row"), 4)
     id = adopt_map.adopt_map(library, "row", account_id=owner.id)
     storage.use(None)
@@ -146,7 +146,7 @@ def row(library, make_map, owner, settings):
 
 @pytest.fixture
 def moved(library, settings, row):
-    """The same after it was moved."""
+    """The same after the move to S3."""
     open_storage.open_storage(library, settings)
     assert maintain_objects.move_photos(library) == 4 + 1, "the photos and the image"
     folder = library.map_folder("row") / "photos"
@@ -159,7 +159,7 @@ def moved(library, settings, row):
 
 
 def build(library, settings, map_id):
-    """Let a worker build the index; gives the job's record."""
+    """Let a worker build the index, and return the job's record."""
     with library.database.write() as session:
         id = jobs.enqueue(session, "index", map_id=map_id, arguments={}, key="").id
     Worker(library, settings, registry=REGISTRY).run(once=True)
@@ -168,7 +168,7 @@ def build(library, settings, map_id):
 
 
 def question(save_photo, tmp_path):
-    """What the second photo of the map shows."""
+    """A query that shows the second photo of the map."""
     save_photo(tmp_path / "question.jpg", 1)
     return tmp_path / "question.jpg"
 
@@ -193,7 +193,7 @@ def photos(library, slug):
 
 
 def at(monkeypatch, hours):
-    """Let the sweep believe that it is so many hours later."""
+    """Shift the clock of the sweep by hours."""
     monkeypatch.setattr(maintain_objects, "now", lambda: clock.now() + timedelta(hours=hours))
 
 
@@ -398,7 +398,7 @@ def test_a_job_waits_for_s3_and_then_ends(machine, moved, library, settings, s3,
     monkeypatch.setattr(bucket_module, "_WAIT_S", 1)
     s3.refuse = (503, "SlowDown")
     with pytest.raises(StorageUnavailable, match="overloaded or out of order"):
-        build(library, cold, moved)  # `--once` ends, and the job waits
+        build(library, cold, moved)  # a worker with `--once` ends, and the job stays queued
     assert last_job(library).state == "queued"
     worker = Worker(library, cold, registry=REGISTRY)
     with ThreadPoolExecutor(1) as pool:
@@ -515,7 +515,7 @@ def test_a_photo_that_is_deleted_while_it_is_stored_gets_no_pointer(moved, libra
 
 @pytest.fixture
 def move(machine, library, park, expmap):
-    """Run `expmap library move --to s3`, with a photo that is a file; gives exit code and what is said."""
+    """Run `expmap library move --to s3` with a photo that is a file; return exit code and messages."""
     send(machine("a"), jpeg())
     (library.map_folder(park) / "photos/a.jpg").write_bytes(jpeg(7))
     return lambda: expmap("library", "move", "--to", "s3", "--library", library.folder)
@@ -616,7 +616,7 @@ def test_commands_refuse_a_library_without_its_storage(machine, library, setting
 
 @pytest.fixture
 def expmap(capsys):
-    """Run a command in this process; gives exit code, standard output and standard error."""
+    """Run a command in this process and return exit code, standard output and standard error."""
 
     def call(*arguments):
         with pytest.raises(SystemExit) as ended:
@@ -809,7 +809,7 @@ def test_photos_move_into_s3_and_back(row, library, settings, expmap, s3, bucket
     code, _, said = expmap(*back)
     assert code != 0 and "overloaded or out of order" in said
     s3.reset()
-    s3.cut = {"GET": 700}  # the image is smaller, the photos are not: it is stopped in the middle
+    s3.cut = {"GET": 700}  # the image is smaller, the photos are larger: it stops in the middle
     assert expmap(*back)[0] != 0
     s3.reset()
     code, out, said = expmap(*back)
@@ -843,7 +843,7 @@ def test_a_move_back_names_what_is_lost_and_asks_for_the_library_alone(
 
 
 def files_of(folder):
-    """What is in a folder of a map, and since when."""
+    """Return the files in a folder of a map and their times."""
     files = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     return {
         str(path.relative_to(folder)): (path.read_bytes(), path.stat().st_mtime_ns)
@@ -867,7 +867,7 @@ def test_a_backup_names_what_s3_has_lost_or_damaged(machine, moved, library, s3,
 
 
 def stored_files(folder):
-    """The files of a map that are objects, without those of its index."""
+    """Return the files of a map that are objects, without those of its index."""
     return sorted(pointed_path(path) for path in folder.rglob(".*.object") if "derived" not in path.parts)
 
 
@@ -890,7 +890,7 @@ def test_kills_in_the_middle_of_uploads_lose_nothing_and_leave_orphans_that_are_
         for number in range(8):
             files.append(library.uploads / f"{kill}-{number}.jpg")
             files[-1].write_bytes(jpeg(100 * kill + number, side=40))
-        s3.bytes_per_s = 20_000  # answers take a while: most of the time is spent in uploads
+        s3.bytes_per_s = 20_000  # slow responses: most of the time is spent in uploads
         process = adder(map_id, *files)
         acknowledged |= {int(process.stdout.readline()) for _ in range(2 + kill)}
         time.sleep(0.01 * kill)
@@ -926,7 +926,7 @@ def test_a_build_that_is_killed_between_objects_loses_nothing(
 
     def killed(self, file):
         if stored:
-            raise SystemExit  # as nothing in between would handle a kill
+            raise SystemExit  # like a kill, which nothing handles
         stored.append(original(self, file))
         return stored[0]
 

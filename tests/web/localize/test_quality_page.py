@@ -29,7 +29,7 @@ LOST = {"path": "photos/1.jpg", "error_px": None, "answer": {"query": "x", "erro
 
 @pytest.fixture
 def evaluated(library, owner, make_map):
-    """A map with an evaluation of both schemes; gives its slug."""
+    """The slug of a map with an evaluation of both schemes."""
     cfg = make_map(library.map_folder("row"), 2)
     adopt_map.adopt_map(library, "row", account_id=owner.id)
     schemes = [{"scheme": "leave-one-out"}, {"scheme": "leave-one-place-out", "hide_within_px": 50.0}]

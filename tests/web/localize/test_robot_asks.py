@@ -1,4 +1,4 @@
-"""A robot's own code asks a map where it is."""
+"""A robot's own code localizes itself on a map."""
 
 import io
 import re
@@ -38,7 +38,7 @@ def token(library, owner):
 
 @pytest.fixture
 def new_mission(client, sample):
-    """Make a mission; gives its number."""
+    """Make a mission, and return its number."""
     return lambda **more: client.post("/api/v1/missions", json={"name": "Round", **more}).json["id"]
 
 

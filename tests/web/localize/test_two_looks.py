@@ -1,4 +1,4 @@
-"""A server's maps with a second look: one look answers until the other one is built, and builds end."""
+"""Maps on a server with a second look: the first answers until the second is built, and builds finish."""
 
 from dataclasses import replace
 
@@ -18,14 +18,14 @@ AUTO = OpenOptions(jobs=1)
 
 @pytest.fixture
 def with_models(settings, tmp_path):
-    """Settings under which the models of ALIKED are here."""
+    """Settings with the models of ALIKED."""
     models = write_aliked(tmp_path / "models")
     return replace(settings, models=models, extract=ExtractSettings(max_side_px=320, keypoints=120))
 
 
 @pytest.fixture
 def small(library, owner, make_map):
-    """A map of six photos in the library: its id and its file."""
+    """The id and file of a map of six photos in the library."""
     make_map(library.map_folder("small"), 6)
     return adopt_map.adopt_map(library, "small", account_id=owner.id), library.cfg("small")
 

@@ -1,4 +1,4 @@
-"""An image for maps of tests, and where its corners are on the Earth."""
+"""An image for the maps of tests, and the positions of its corners."""
 
 import io
 
@@ -8,7 +8,7 @@ CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.09
 
 
 def png(size=(300, 200), colour="green"):
-    """A picture of one colour, as a file to be sent."""
+    """Return a picture of one colour as a file."""
     file = io.BytesIO()
     Image.new("RGB", size, colour).save(file, "PNG")
     file.seek(0)

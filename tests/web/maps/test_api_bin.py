@@ -1,4 +1,4 @@
-"""Maps that leave the bin for good."""
+"""Permanent deletion of maps in the bin."""
 
 
 def test_only_what_is_in_the_bin_is_deleted_and_then_it_is_gone(client, library, park):

@@ -1,4 +1,4 @@
-"""Findings with buttons, health, edits from outside and placements through the API."""
+"""Findings with fixes, health, external edits and placements through the API."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Maps come in and go out through the API, and only to those who may see them."""
+"""Import and export of maps through the API, only for those who may see them."""
 
 import io
 import json
@@ -38,7 +38,7 @@ def park(library, owner, make_map):
 
 @pytest.fixture
 def work(library, settings):
-    """Do the next job; gives its result."""
+    """Run the next job, and return its result."""
 
     def run(function):
         with library.database.write() as session:

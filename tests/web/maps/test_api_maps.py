@@ -1,4 +1,4 @@
-"""Maps and edits over the API: answers, errors, and the files that follow."""
+"""Maps and edits through the API: responses, errors, and updated files."""
 
 import pytest
 from sqlalchemy import event
@@ -82,7 +82,7 @@ def test_many_maps_are_listed_with_as_many_statements_as_few(
             event.remove(library.database.engine, "before_cursor_execute", note)
         return len(asked)
 
-    statements(1)  # what is asked once only, such as the session
+    statements(1)  # statements that are only needed once, such as for the session
     assert statements(1) == statements(4)
 
 

@@ -1,4 +1,4 @@
-"""A full disk or database is answered by 507 in the one shape, and nothing is lost or left behind."""
+"""A full disk or database gives a 507 in the usual form, and nothing is lost or left behind."""
 
 import errno
 import io
@@ -34,7 +34,7 @@ def park(library, owner, make_map):
 
 @pytest.fixture
 def disk(monkeypatch):
-    """A disk that is full as long as one says so: what is written cannot be kept."""
+    """A switch that makes the disk full: writes fail."""
     real, full = os.fsync, [True]
 
     def fsync(handle):
@@ -48,7 +48,7 @@ def disk(monkeypatch):
 
 @pytest.fixture
 def database(library):
-    """A database that cannot grow as long as one says so."""
+    """A switch that keeps the database from growing."""
     full = [True]
 
     def limit(connection, _record, _proxy):
@@ -93,7 +93,7 @@ WRITERS = {
 
 
 def error_of(answer):
-    """The error of an answer, whichever way it came."""
+    """Return the error of a response: of its first item (207), or of the whole (507)."""
     if answer.status_code == 207:
         return answer.json[0]["error"]
     assert answer.status_code == 507, answer.text
@@ -102,7 +102,7 @@ def error_of(answer):
 
 
 def state(library):
-    """All that is known of the map and its photos, and every file that is no lock and can not be computed."""
+    """Return the state of the map and its photos, and all files except locks and computed ones."""
     with library.database.read() as session:
         record = session.query(MapRecord).filter_by(slug="park").one()
         rows = session.query(Photo).filter_by(map_id=record.id).order_by(Photo.id)
@@ -116,7 +116,7 @@ def state(library):
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 def test_a_full_disk(write, client, library, park, disk):
-    client.get("/")  # the key of the sessions
+    client.get("/")  # creates the key of the sessions
     before = state(library)
     error = error_of(write(client))
     assert error["code"] == "disk_full" and error["hint"]
@@ -143,7 +143,7 @@ CHANGES = {
 
 
 def fill(client):
-    """Ask for something small until the database is full."""
+    """Send small requests until the database is full."""
     for number in range(200):
         answer = client.post("/api/v1/maps", json={"name": f"{number:03}" + "x" * 100})
         if answer.status_code != 201:
@@ -158,7 +158,7 @@ def test_a_full_database(change, client, library, park, database):
     assert str(library.folder) not in str(error)
     before = state(library)
     answer = change(client)
-    if answer.status_code == 507 or "disk_full" in answer.text:  # a small row may have found its place
+    if answer.status_code == 507 or "disk_full" in answer.text:  # a small row may still have found space
         assert error_of(answer)["code"] == "disk_full"
         assert state(library)[:3] == before[:3]
     assert client.get("/api/v1/maps/park").status_code == 200
@@ -169,7 +169,7 @@ def test_a_full_database(change, client, library, park, database):
 
 
 def test_an_edit_whose_files_cannot_be_written_is_safe_all_the_same(client, library, park, disk):
-    """The database is the truth: it has the edit, and the worker writes the files when there is room."""
+    """The database is authoritative: it has the edit, and the worker writes the files when there is space."""
     path, place = "/api/v1/maps/park/experiences/0", {"x_px": 7.0, "y_px": 8.0}
     cfg = library.cfg("park").read_bytes()
     answer = client.patch(path, json=place)
@@ -194,7 +194,7 @@ def test_a_bug_is_not_taken_for_a_full_disk(app, client, monkeypatch):
 
 @pytest.fixture
 def read_only(library, monkeypatch):
-    """A library that turns read-only, as a disk does after an error, as long as one says so."""
+    """A switch that makes the library read-only, like a disk after an error."""
     real, refused = os.fsync, [True]
 
     def fsync(handle):

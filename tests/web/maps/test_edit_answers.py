@@ -1,4 +1,4 @@
-"""An edit's answer is about this edit alone, whatever others do at the same time."""
+"""The response to an edit is about this edit only, whatever others do at the same time."""
 
 import pytest
 
@@ -11,7 +11,7 @@ IMAGE = {"satellite_path": "plan.png", "satellite_width": 100, "satellite_height
 
 @pytest.fixture
 def paper(library, owner, new_map):
-    """A map with an image and two photos, which only the database knows."""
+    """A map with an image and two photos, which exist only in the database."""
     slug = new_map(owner, name="Paper")
     library.map_folder(slug).mkdir()
     (library.map_folder(slug) / "plan.png").write_bytes(b"only named here")

@@ -1,4 +1,4 @@
-"""The page on which photos are placed: what comes with it, and for whom."""
+"""The editor page: its content, and permissions."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""Notes on floors through the API: written, moved, aligned, kept where a floor goes, exported and printed."""
+"""Notes on floors through the API: created, moved, aligned, kept if a floor is removed, exported, printed."""
 
 import json
 
@@ -13,7 +13,7 @@ from webapp.tasks.maps.export import export_late_maps
 
 @pytest.fixture
 def url(client, park):
-    """The address of a map on the Earth with two floors."""
+    """The address of a georeferenced map with two floors."""
     url = f"/api/v1/maps/{park}"
     satellite = {"file": (png(), "s.png"), "corners": json.dumps(CORNERS)}
     assert client.put(f"{url}/satellite", data=satellite).status_code == 200

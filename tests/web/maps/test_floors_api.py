@@ -1,4 +1,4 @@
-"""Floors through the API: added, changed, aligned, removed and undone; photos on them; in zips and back."""
+"""Floors through the API: added, changed, aligned, removed, undone; photos on them; export and import."""
 
 import io
 import json
@@ -136,8 +136,8 @@ def test_a_floor_with_photos_is_removed_only_with_them(client, url):
 def test_what_others_have_put_on_a_floor_keeps_it(client, url, library, park):
     add(client, url)
     place(client, url, 1, 60, 70, floor=1)
-    client.post(f"{url}/undo")  # of the placing
-    client.post(f"{url}/undo")  # of the floor
+    client.post(f"{url}/undo")  # the placing
+    client.post(f"{url}/undo")  # the floor
     assert floors(client, url) == []
     client.post(f"{url}/redo")
     client.post(f"{url}/redo")
@@ -273,7 +273,7 @@ def test_removed_photos_are_aligned_with_their_floor(client, url, library):
     with library.database.read() as session:
         rows = session.scalars(select(Photo).order_by(Photo.id)).all()
         assert [(p.removed, p.x_px, p.y_px, p.floor) for p in rows] == [
-            (True, 140, 60, 1), (True, None, None, 0)  # the second one would be off the map
+            (True, 140, 60, 1), (True, None, None, 0)  # the second one would be outside the map
         ]  # fmt: skip
 
 

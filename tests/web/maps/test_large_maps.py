@@ -1,4 +1,4 @@
-"""A map of very many photos reaches its pages in pieces: dots first, then the details by and by."""
+"""A map of very many photos is loaded in parts: dots first, then details in batches."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def few_first(monkeypatch):
 
 @pytest.fixture
 def record(library, owner):
-    """Every third photo waits in the tray, the last one was removed, and later ids were taken earlier."""
+    """Every third photo is in the tray, the last one is removed, and later ids have earlier times."""
     with library.database.write() as session:
         record = maps.create(session, "Large", account_id=owner.id)
         record.satellite_width, record.satellite_height = 100, 80

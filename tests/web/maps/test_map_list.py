@@ -1,4 +1,4 @@
-"""The list of maps in parts: what follows, what a search finds, and for whom."""
+"""The paginated list of maps: next page, search, and permissions."""
 
 import re
 
@@ -12,7 +12,7 @@ API = "/api/v1/maps"
 
 @pytest.fixture
 def rows(library, owner):
-    """Sixty maps; the one made last is listed first."""
+    """Sixty maps; the newest is listed first."""
     names = [f"Žlutá row {number:02}" for number in range(60)]
     with library.database.write() as session:
         for name in names:

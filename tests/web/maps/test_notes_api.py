@@ -1,4 +1,4 @@
-"""Notes on photos and on spots through the API: written, undone, shared where allowed, in zips and back."""
+"""Notes on photos and positions through the API: written, undone, shared if allowed, export and import."""
 
 import io
 import json
@@ -15,7 +15,7 @@ KML = {"k": "http://www.opengis.net/kml/2.2"}
 
 @pytest.fixture
 def url(client, park):
-    """The address of a map on the Earth with two photos, one of them placed."""
+    """The address of a georeferenced map with two photos, one of them placed."""
     url = f"/api/v1/maps/{park}"
     satellite = {"file": (png(), "s.png"), "corners": json.dumps(CORNERS)}
     assert client.put(f"{url}/satellite", data=satellite).status_code == 200

@@ -1,4 +1,4 @@
-"""Panoramas in the library: recognised when they come, one experience each, masked and unmasked by edits."""
+"""Panoramas in the library: recognised when added, one experience each, masked and unmasked by edits."""
 
 import io
 import json
@@ -21,7 +21,7 @@ BOX = {"x": 0.0, "y": 0.75, "width": 1.0, "height": 0.25}
 
 @pytest.fixture
 def full(client, park, tmp_path):
-    """A map with an image, a panorama that says where its middle looks, and one that says nothing."""
+    """A map with an image, a panorama with the heading of its middle, and one without."""
     image = io.BytesIO()
     Image.new("RGB", (300, 200), "green").save(image, "PNG")
     image.seek(0)

@@ -1,4 +1,4 @@
-"""Photos in through the API: many in a request, or chunk by chunk; and out again."""
+"""Upload of photos through the API, many in a request or in chunks, and download."""
 
 import io
 import mimetypes
@@ -28,7 +28,7 @@ def settings(settings):
 
 
 def jpeg(seed=0, *, side=200):
-    """A JPEG of noise, some 20 kB."""
+    """Return a JPEG of noise, about 20 kB."""
     pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3)).astype(np.uint8)
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "JPEG")
@@ -37,12 +37,12 @@ def jpeg(seed=0, *, side=200):
 
 @pytest.fixture
 def send(client, park):
-    """Send files in one request: (content, name) each."""
+    """Send files, (content, name), in one request."""
 
     def post(*files, browser=None, slug=park):
         data = {"file": [(io.BytesIO(content), name) for content, name in files]}
         answer = (browser or client).post(f"/api/v1/maps/{slug}/photos", data=data)
-        answer.request.environ["wsgi.input"].close()  # a temporary file of the client where it is large
+        answer.request.environ["wsgi.input"].close()  # a temporary file of the client if it is large
         return answer
 
     return post
@@ -50,7 +50,7 @@ def send(client, park):
 
 @pytest.fixture
 def photos(library, park):
-    """Names of the photos of the map."""
+    """Return the names of the photos of the map."""
 
     def look():
         with library.database.read() as session:
@@ -80,7 +80,7 @@ class Sender:
         )
 
     def rest(self, begun, data):
-        """Send from where it stands; gives the last answer."""
+        """Send the rest of the file, and return the last response."""
         offset, answer = begun["offset"], None
         while offset < len(data):
             answer = self.chunk(begun["id"], data[offset : offset + begun["chunk_bytes"]], offset=offset)
@@ -94,7 +94,7 @@ def sender(client, park):
 
 
 def left(library):
-    """Names of files in the uploads folder."""
+    """Return the names of files in the uploads folder."""
     return [path.name for path in library.uploads.iterdir() if path.suffix != ".lock"]
 
 
@@ -173,7 +173,7 @@ def test_pictures_and_the_original_come_back(send, client, park, library):
     assert original.data == data
     assert original.headers["Content-Disposition"].startswith("attachment")
     thumb = library.map_folder(park) / "derived/previews/0-256.webp"
-    former = thumb.rename(thumb.with_suffix(".jpg"))  # of 0.7.0
+    former = thumb.rename(thumb.with_suffix(".jpg"))  # the name in 0.7.0
     assert client.get(f"{base}/thumb", buffered=True).status_code == 200
     assert thumb.exists() and not former.exists()
 

@@ -1,4 +1,4 @@
-"""Many photos placed at once: by GPS, by a list of names, by a track; each undone in one step."""
+"""Placing many photos at once: by GPS, by a list of names, by a track; each undone in one step."""
 
 import io
 import math
@@ -24,7 +24,7 @@ def latlon(east, north):
 
 
 def photo(number, *, at=None, taken_at=NOON):
-    """A JPEG like no other, perhaps with a GPS position in metres and a time."""
+    """Return a unique JPEG, optionally with a GPS position in metres and a time."""
     tags = CameraTags(taken_at=taken_at, focal_35mm=26, position=None if at is None else latlon(*at))
     file = io.BytesIO()
     colour = (20 * number, 0, 0)
@@ -63,7 +63,7 @@ class Park:
         return self.client.post(f"{self.url}/{path}", data=data, content_type="multipart/form-data")
 
     def places(self):
-        """Position and heading of each photo by its name."""
+        """Return position and heading of each photo by name."""
         with self.library.database.read() as session:
             rows = maps.photos(session, self.record(session))
             return {p.name: p.x_px and (round(p.x_px, 1), round(p.y_px, 1), p.heading_deg) for p in rows}
@@ -207,7 +207,7 @@ def test_a_bad_list_is_reported_with_its_line(map_, content, name, where):
 
 
 def track(*, start=NOON, points=11):
-    """A walk to the east, a metre a second, a fix each 10 s, from the middle of the map."""
+    """Return a walk to the east from the middle of the map, at 1 m/s with a fix every 10 s."""
     rows = []
     for number in range(points):
         lat, lon = latlon(10 * number / 5, 0)

@@ -1,4 +1,4 @@
-"""The plan of the next photos through the API: made, kept, given as a walk, and its photos taken in."""
+"""The plan of the next photos through the API: computed, stored, exported as a walk, and its photos added."""
 
 import io
 import json
@@ -34,7 +34,7 @@ def put_satellite(client, url, colour):
 
 @pytest.fixture
 def url(client, park):
-    """The address of a map on the Earth whose four photos in a row look east."""
+    """The address of a georeferenced map with four photos in a row facing east."""
     url = f"/api/v1/maps/{park}"
     put_satellite(client, url, "green")
     for number in range(4):

@@ -1,4 +1,4 @@
-"""A map printed through the API, with the answers that are asked for, in the language of the page."""
+"""A map printed through the API, with chosen answers, in the language of the page."""
 
 import io
 import json
@@ -15,7 +15,7 @@ CORNERS = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.09
 
 @pytest.fixture
 def url(client, park):
-    """The address of a map on the Earth."""
+    """The address of a georeferenced map."""
     file = io.BytesIO()
     Image.new("RGB", (300, 200), "green").save(file, "PNG")
     file.seek(0)

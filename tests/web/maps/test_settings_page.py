@@ -1,4 +1,4 @@
-"""Sharing a map, and what each role may do there."""
+"""Sharing a map, and the permissions of each role."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from webapp.store.maps import maps
 
 @pytest.fixture
 def people(new_account):
-    """Three accounts by the role that they get."""
+    """Three accounts by their role."""
     return {role: new_account(role.title()) for role in ("owner", "editor", "viewer")}
 
 
@@ -20,7 +20,7 @@ def shared(people, new_map):
 
 
 def roles(library, slug, account):
-    """Who may use the map: name to role."""
+    """Return the members of the map: name to role."""
     with library.database.read() as session:
         record = maps.find(session, slug, account=account)
         return {person.name: role for person, role in accounts.members_of(session, record)}

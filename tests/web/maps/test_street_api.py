@@ -32,7 +32,7 @@ def settings(tmp_path, service):
 
 @pytest.fixture
 def place(client, park):
-    """Give the map an image that knows where it is."""
+    """Give the map a georeferenced image."""
     file = io.BytesIO()
     Image.new("RGB", (300, 200), "green").save(file, "PNG")
     file.seek(0)
@@ -47,7 +47,7 @@ def base(park):
 
 @pytest.fixture
 def run_job(library, settings):
-    """Do a job that was queued, as the worker does."""
+    """Run a queued job, as the worker does."""
 
     def run(id):
         with library.database.write() as session:

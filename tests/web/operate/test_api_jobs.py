@@ -1,4 +1,4 @@
-"""Jobs as pages and programs see them."""
+"""Jobs through the API, for pages and programs."""
 
 from datetime import timedelta
 
@@ -12,19 +12,19 @@ from webapp.store.schema import Job
 
 @pytest.fixture
 def people(new_account):
-    """Accounts by the role that they get, and one without any."""
+    """Accounts by their role, and one without any."""
     return {role: new_account(role) for role in ("owner", "editor", "viewer", "stranger")}
 
 
 @pytest.fixture
 def slug(people, new_map):
-    """A map that the first three share."""
+    """The slug of a map that the first three share."""
     return new_map(people["owner"], shared={people[role]: role for role in ("editor", "viewer")})
 
 
 @pytest.fixture
 def job(library, people, slug):
-    """The id of a job that waits."""
+    """The id of a queued job."""
     with library.database.write() as session:
         record = maps.find(session, slug, account=people["owner"])
         return jobs.enqueue(session, "index", map_id=record.id, account_id=people["owner"].id).id

@@ -1,4 +1,4 @@
-"""What was backed up while it was served is served again elsewhere: the same maps, photos and answers."""
+"""A backup made while serving is served elsewhere with the same maps, photos and answers."""
 
 import re
 from dataclasses import replace
@@ -41,7 +41,7 @@ def expmap(*words):
 
 
 def answers(app, token):
-    """What the API gives of the map."""
+    """Return the API's data of the map."""
     client = app.test_client()
     client.csrf = False
     queries = ("/queries", "/queries/1/photo")
@@ -50,7 +50,7 @@ def answers(app, token):
     for path in paths:
         answer = client.get(f"/api/v1/maps/park{path}", headers={"Authorization": f"Bearer {token}"})
         assert answer.status_code == 200, path
-        got[path] = re.sub(rb"\?v=\w+", b"", answer.data)  # for browsers: another file, another address
+        got[path] = re.sub(rb"\?v=\w+", b"", answer.data)  # the version for browsers' caches
         answer.close()
     return got
 

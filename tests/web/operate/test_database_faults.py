@@ -1,4 +1,4 @@
-"""A database that is cut off, read-only or too slow: one sentence, nothing half done, and then it goes on."""
+"""A database that is cut off, read-only or too slow: a clear error, no partial changes, and recovery."""
 
 import pytest
 from sqlalchemy import make_url, text
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("postgresql_only")
 
 @pytest.fixture
 def network(database_url):
-    """What is between this machine and the server."""
+    """The proxy between this machine and the server."""
     proxy = TcpProxy(f"{make_url(database_url).query['host']}/.s.PGSQL.5432")
     yield proxy
     proxy.close()
@@ -21,7 +21,7 @@ def network(database_url):
 
 @pytest.fixture
 def app(settings, library, database_url, network, app):
-    """The application across the network, where statements may take a second."""
+    """The application across the network, with a timeout of a second for statements."""
     host, port = network.address
     url = make_url(database_url).set(host=host, port=port, query={"options": "-cstatement_timeout=1s"})
     far = open_library(library.folder, url=url.render_as_string(hide_password=False))
@@ -33,7 +33,7 @@ def app(settings, library, database_url, network, app):
 
 
 def refused(answer, sentence):
-    """Check that an answer is the one error shape, and says when to come back."""
+    """Check that a response is an error in the usual form with a time to retry."""
     assert (answer.status_code, answer.headers["Retry-After"]) == (503, "2")
     error = answer.get_json()["error"]
     assert (error["code"], error["message"]) == ("database_unavailable", sentence)
@@ -68,7 +68,7 @@ def test_cut_during_a_request(client, network, monkeypatch):
 
 
 def set_default(library, change):
-    """Change a setting of the database for all connections, which are made anew."""
+    """Change a setting of the database for all connections, which are reopened."""
     others = "FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()"
     with library.database.engine.connect() as connection:
         connection.exec_driver_sql("SET TRANSACTION READ WRITE")
@@ -80,7 +80,7 @@ def set_default(library, change):
 
 
 def test_read_only(client, library, park):
-    """As a standby, or a server whose disk ran full and was set so."""
+    """As with a standby, or a server set read-only because its disk is full."""
     set_default(library, "SET default_transaction_read_only = on")
     for answer in (
         client.post("/api/v1/maps", json={"name": "Yard"}),
@@ -94,7 +94,7 @@ def test_read_only(client, library, park):
 
 
 def test_others_hold_what_a_request_needs_for_too_long(client, library, park):
-    with library.database.write() as session:  # which keeps all other writers out
+    with library.database.write() as session:  # excludes all other writers
         session.execute(text("SELECT 1"))
         answer = client.post("/api/v1/maps", json={"name": "Yard"})
         assert refused(answer, "the database took too long, and was stopped")

@@ -1,4 +1,4 @@
-"""`/healthz` says what is not well, and nothing more; `/readyz` whether requests should come here."""
+"""`/healthz` reports problems only; `/readyz` whether requests should be sent here."""
 
 import shutil
 import sqlite3
@@ -14,7 +14,7 @@ Usage = namedtuple("Usage", "total used free")
 
 @pytest.fixture
 def worker(library):
-    """A worker that lives."""
+    """A running worker."""
     sign = ProcessLock(library.inner / "workers")
     yield sign
     sign.release()

@@ -1,4 +1,4 @@
-"""Figures for Prometheus, for whoever has the token."""
+"""Metrics for Prometheus, protected by a token."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def settings(settings):
 
 @pytest.fixture
 def figures(stranger):
-    """Ask for the figures; gives them by name and labels."""
+    """Request the metrics, and return them by name and labels."""
 
     def ask():
         answer = stranger.get("/metrics", headers=TOKEN)
@@ -62,7 +62,7 @@ def figures(stranger):
 
 @pytest.fixture
 def stored(app, s3, tmp_path):
-    """A file that is an object, and a machine that has nothing of it."""
+    """A file that is an object, and a machine without a copy."""
     bucket, path = Bucket(f"s3://{s3.new_bucket()}"), tmp_path / "photo.jpg"
     path.write_bytes(b"photo")
     with storage.using(ObjectStorage(bucket, ObjectCache(tmp_path / "warm", limit=10**6))):

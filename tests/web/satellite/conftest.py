@@ -1,4 +1,4 @@
-"""A map of the owner, whose image is sent and read through the API."""
+"""A map of the owner, whose image is uploaded and read through the API."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Images for tests, and what a test says about an answer that is an error."""
+"""Images for tests, and a check of error responses."""
 
 import io
 

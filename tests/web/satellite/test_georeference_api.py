@@ -1,4 +1,4 @@
-"""A georeference is looked at, applied, and taken away."""
+"""A georeference is previewed, applied, and removed."""
 
 import pytest
 

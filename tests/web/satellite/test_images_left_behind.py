@@ -1,4 +1,4 @@
-"""An image that a map does not take leaves no file, and one that it had is kept for undo."""
+"""A rejected image leaves no file, and a replaced one is kept for undo."""
 
 import os
 import time
@@ -12,7 +12,7 @@ from webapp.tasks.satellite import files
 
 @pytest.fixture
 def images(library, park):
-    """Name the images in the map's folder, and the folders of what was made of them."""
+    """Return the names of the images in the map's folder, and of the folders derived from them."""
 
     def listed():
         folder = library.map_folder(park)

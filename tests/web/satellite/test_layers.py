@@ -1,4 +1,4 @@
-"""Pages of a map may show the tiles of the services that the server names, and no page of others."""
+"""Pages of a map may show tiles of the configured services, and no others."""
 
 import dataclasses
 import io
@@ -20,7 +20,7 @@ def test_the_pages_of_a_map_may_load_images_of_these_services(client, park, page
 
 @pytest.fixture
 def services(app, tmp_path):
-    """Let the server offer the services of a file; gives what writes it."""
+    """Let the server offer the services of a file; return a function that writes it."""
     file = tmp_path / "services.json"
     state = app.extensions["expmap"]
     app.extensions["expmap"] = dataclasses.replace(

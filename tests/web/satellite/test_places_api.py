@@ -1,4 +1,4 @@
-"""Places by their names: off until asked for, one request at a time, each once, and nothing believed."""
+"""Search for places: off by default, one request at a time, each only once, and results validated."""
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""What becomes of the photos of a map that gets another image."""
+"""Photos of a map that gets another image."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A satellite image is uploaded, kept and given to browsers; what is no image changes nothing."""
+"""A satellite image is uploaded, stored and served; other files change nothing."""
 
 import io
 import json
@@ -158,7 +158,7 @@ class TestLargeImages:
 
 
 def test_images_are_taken_one_after_the_other(put, app, library):
-    """Each may keep a core busy for long, and would keep a thread from all others."""
+    """Each may keep a core busy for long, and waiting ones would block threads."""
     permits = app.extensions["expmap_concurrency"]["satellite images"]
     assert permits.acquire(blocking=False) and not permits.acquire(blocking=False)
     answer = put(png(30, 20))

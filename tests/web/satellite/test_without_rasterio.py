@@ -1,4 +1,4 @@
-"""Without the extra `geotiff` PNG and JPEG images work as ever; a TIFF is answered by what is missing."""
+"""Without the extra `geotiff`, PNG and JPEG images work as usual; a TIFF gives an error with a hint."""
 
 from tests.web.satellite.images import CORNERS, geotiff, png
 from webapp.extras import install_line

@@ -1,4 +1,4 @@
-"""Faces and plates are blurred in every picture of a photo, and nobody outside gets its file."""
+"""Faces and plates are blurred in every picture of a photo, and outsiders do not get its file."""
 
 import io
 import json
@@ -26,7 +26,7 @@ BOX = {"x": 0.25, "y": 0.25, "width": 0.5, "height": 0.5}
 
 
 def stripes():
-    """A JPEG of stripes: blurred, they are grey."""
+    """Return a JPEG of stripes, which become grey when blurred."""
     pixels = np.zeros((120, 160, 3), np.uint8)
     pixels[:, ::2] = 255
     file = io.BytesIO()
@@ -35,7 +35,7 @@ def stripes():
 
 
 def contrast(picture):
-    """Of the middle of a picture."""
+    """Return the contrast in the middle of a picture."""
     grey = np.asarray(Image.open(io.BytesIO(picture)).convert("L"), float)
     height, width = grey.shape
     return grey[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3].std()
@@ -49,7 +49,7 @@ def fetched(browser, address):
 
 @pytest.fixture
 def full(client, park):
-    """A map with an image and a photo that has a place."""
+    """A map with an image and a placed photo."""
     image = io.BytesIO()
     Image.new("RGB", (300, 200), "green").save(image, "PNG")
     image.seek(0)
@@ -94,7 +94,7 @@ def test_pictures_that_are_made_again_are_blurred_too(client, full, library):
 def test_previews_made_before_the_blur_and_written_after_it_are_not_shown(
     client, stranger, full, library, monkeypatch
 ):
-    """As by a visitor who opens the photo of a restored map while it is being blurred."""
+    """For example, when a visitor opens the photo of a restored map while it is being blurred."""
     token = client.post(f"/api/v1/maps/{full}/shares", json={"photos": True}).json["url"].rpartition("/")[2]
     for file in (library.folder / full / "derived" / "previews").iterdir():
         file.unlink()
@@ -240,7 +240,7 @@ def test_who_may_only_look_gets_no_suggestions(sign_in, new_account, new_map):
 
 @pytest.fixture
 def meanwhile(client, monkeypatch):
-    """Have somebody blur a box while the next pictures of a photo are made."""
+    """Blur a box while the next pictures of a photo are being made."""
 
     def blur_another(slug, box):
         make = show_photo.make_previews
@@ -275,7 +275,7 @@ def test_boxes_that_were_chosen_without_those_of_others_are_refused(client, full
 
 @pytest.fixture
 def accepting(client, park, finding, library, tmp_path):
-    """Accept what is suggested for a photo; gives what `accept_in_library` does."""
+    """Accept the suggestions for a photo, and return the result of `accept_in_library`."""
     client.post(f"/api/v1/maps/{park}/photos", data={"file": [(io.BytesIO(spot()), "a.png")]})
     with library.database.read() as session:
         map_id = session.scalars(select(MapRecord.id).where(MapRecord.slug == park)).one()

@@ -1,4 +1,4 @@
-"""What a share opens, what it never opens, and that it stops working."""
+"""What a share gives access to and what not, and revoking it."""
 
 import io
 import json
@@ -16,12 +16,12 @@ from webapp.tasks.localize import upload
 from webapp.tasks.localize.upload import LocalizeResult
 
 SECRETS = ("IMG_GPS", "2019:05:04", "2019-05-04", "50.1", '"exif"')
-"""What the files say, and only the owner may pass on."""
+"""Contents of the files that only the owner may disclose."""
 
 
 @pytest.fixture
 def stranger(stranger):
-    """A visitor, who closes each file that is sent."""
+    """A visitor, who closes each received file."""
     real = stranger.get
 
     def get(*args, **options):
@@ -35,7 +35,7 @@ def stranger(stranger):
 
 
 def jpeg(shade, *, exif=True):
-    """A JPEG with GPS, a time, and a maker's name."""
+    """Return a JPEG with GPS, a time, and a maker's name."""
     gps = {
         piexif.GPSIFD.GPSLatitudeRef: b"N",
         piexif.GPSIFD.GPSLatitude: ((50, 1), (6, 1), (0, 1)),
@@ -52,7 +52,7 @@ def jpeg(shade, *, exif=True):
 
 @pytest.fixture
 def full(client, park):
-    """A map with an image and three photos, two of them placed; gives its slug."""
+    """The slug of a map with an image and three photos, two of them placed."""
     image = io.BytesIO()
     Image.new("RGB", (300, 200), "green").save(image, "JPEG", exif=piexif.dump({"0th": {271: b"SECRETCAM"}}))
     image.seek(0)
@@ -67,7 +67,7 @@ def full(client, park):
 
 @pytest.fixture
 def answer(library, full, owner):
-    """Id of an answer about a photo, which speaks of photo 1."""
+    """The id of an answer that names photo 1."""
     form = {
         "query": "IMG_GPS_Q.jpg",
         "fov_deg": 61.0,
@@ -89,7 +89,7 @@ def answer(library, full, owner):
 
 @pytest.fixture
 def share(client, full):
-    """Share the map, or an answer; gives the answer to the owner."""
+    """Share the map or an answer, and return the response to the owner."""
 
     def make(slug=full, **wish):
         answer = client.post(f"/api/v1/maps/{slug}/shares", json=wish)
@@ -108,7 +108,7 @@ def api(shared, rest=""):
 
 
 def addresses(state):
-    """Every address that a state names."""
+    """Yield every address in a state."""
     text = json.dumps(state).replace("{z}/{x}/{y}", "0/0/0")
     return [part for part in text.split('"') if part.startswith("/")]
 
@@ -303,7 +303,7 @@ def test_the_embed_tag_is_safe_html(share, new_map, owner):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """How many photos were localized; each is answered off the map."""
+    """Names of the localized photos; each gets the answer "not on this map"."""
     names = []
 
     def run(_maps, _map_id, *, request, settings):

@@ -50,7 +50,7 @@ export function noteDialog(commands, ids) {
   });
 }
 
-/** A checkbox: checked if all photos have the tag, indeterminate if some have it, which leaves them unchanged. */
+/** A checkbox: checked if all photos have the tag, indeterminate (no change) if only some have it. */
 function tick(count, all) {
   const input = h("input", { type: "checkbox" });
   input.checked = count === all;

@@ -12,7 +12,7 @@ export class PhotoGrid {
   /**
    * @param {import("../commands.js").Commands} commands
    * @param {import("./photo-order.js").PhotoOrder} order
-   * @param {{open: function(): void, menu: function(number, {x: number, y: number}): void}} on `open` for a double click, `menu` for a right click
+   * @param {{open: function(): void, menu: function(number, {x: number, y: number}): void}} on double click; right click
    */
   constructor(commands, order, on) {
     this.commands = commands;

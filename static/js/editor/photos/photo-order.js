@@ -72,7 +72,7 @@ export class PhotoOrder extends EventTarget {
     const { gps, heading, accuracy, camera, note, from, to, text } = this.filters;
     const photo = this.store.photos.get(id);
     if (text && !`${photo.name} ${photo.note ?? ""}`.toLowerCase().includes(text.toLowerCase())) return false;
-    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // details not loaded yet
+    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // not loaded
     if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
     if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
     if (accuracy !== "any" && !(this.store.isPlaced(id) && Number.isFinite(photo.radius_px) === (accuracy === "suggested"))) return false;

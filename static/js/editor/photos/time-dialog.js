@@ -1,4 +1,4 @@
-/** The dialog to correct times from a wrong camera clock: the first is set, the others shift by the same amount. */
+/** The dialog to correct times of a wrong camera clock: one is set, the others shift by the same amount. */
 
 import { field, openDialog } from "../../shared/dialogs.js";
 import { h } from "../../shared/dom.js";

@@ -30,7 +30,7 @@ let opened = null;
  * @property {Array<Node>} [fields] fields to choose it
  * @property {function(string): Object} wish fields of the import request; called with the name of the file
  * @property {function(): Promise<{place: import("./preview.js").Place, start: ?Object}>} look its surroundings and start
- * @property {function(function(): void): void} [onChange] registers a function to call when the result of `look` changes
+ * @property {function(function(): void): void} [onChange] registers a callback for changes of `look`
  */
 
 /**

@@ -10,7 +10,7 @@ const LITTLE = 0.05;
 export function verdictOf(answer) {
   const { hypotheses: [first], off_map_probability: off } = answer;
   if (isOffMap(answer)) return off === null || off >= LIKELY ? "off_map" : "perhaps_off_map";
-  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` gives shares of votes, no probabilities
+  return off === null || first.probability >= LIKELY ? "place" : "perhaps_place"; // `vote` gives shares, no probabilities
 }
 
 /** The sentence above the list. */

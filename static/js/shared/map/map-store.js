@@ -36,7 +36,7 @@ export class MapStore extends EventTarget {
     this.history = { undo: state.undo, redo: state.redo };
     this.pending = new Map();
     this.preview = new Map();
-    /** @type {?{id: number, turn: number, fov: number}} viewing direction in a panorama, from its middle, and field of view; degrees */
+    /** @type {?{id: number, turn: number, fov: number}} view in a panorama, relative to its middle; degrees */
     this.look = null;
     this.placement = null;
     this.currentId = null;
@@ -156,7 +156,7 @@ export class MapStore extends EventTarget {
     return waiting && field in waiting ? waiting : null;
   }
 
-  /** Replace the edits that overlay the server's state. @param {Map<string, Object>} pending by `pendingKey` */
+  /** Replace the edits over the server's state. @param {Map<string, Object>} pending by `pendingKey` */
   setPending(pending) {
     this.pending = pending;
     this._order = null;

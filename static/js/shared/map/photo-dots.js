@@ -1,6 +1,6 @@
 /**
  * All photos of the image on one canvas: dots, headings, the selection, the GPS circle of the current photo.
- * Redrawn at every move. If thousands are in view, neighbouring photos share a dot, which splits on zooming in.
+ * Redrawn at every move. If thousands are in view, neighbouring photos share a dot until one zooms in.
  */
 
 import { h } from "../dom.js";
@@ -30,7 +30,7 @@ export class PhotoDots extends CanvasLayer {
     this.suggestions = [];
     this._spots = [];
     this._stamps = new Map();
-    /** @type {Map<number, {x: number, y: number}>} offsets of spread dots from their positions, screen pixels */
+    /** @type {Map<number, {x: number, y: number}>} offsets of spread dots, screen pixels */
     this._fan = new Map();
     store.on("photos preview look current selection placement satellite floor", this._draw);
   }

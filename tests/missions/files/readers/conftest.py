@@ -1,4 +1,4 @@
-"""Bags that are written for the tests."""
+"""Bags written for the tests."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -24,7 +24,7 @@ DEFINITIONS = {
 
 
 class Messages:
-    """Makes messages of ROS 1 or ROS 2, and bags of them."""
+    """Makes messages of ROS 1 or ROS 2, and bags with them."""
 
     def __init__(self, *, ros1: bool) -> None:
         self.ros1 = ros1
@@ -77,7 +77,7 @@ class Messages:
         return self.make("geometry_msgs/msg/PoseStamped", self.header(time_s, frame), pose)
 
     def transforms(self, moves: list[tuple[float, str, str, Any]]) -> Any:
-        """Transforms: time, frame, body, and the pose of the body in the frame."""
+        """Make transforms: time, frame, body, and the pose of the body in the frame."""
         made = []
         for time_s, frame, body, pose in moves:
             at = self.make("geometry_msgs/msg/Vector3", pose.position.x, pose.position.y, pose.position.z)
@@ -138,7 +138,7 @@ class Messages:
         return self.make("visualization_msgs/msg/MarkerArray", made)
 
     def bag(self, path: Path, messages: Iterable[tuple[str, float, Any]], *, mcap: bool = False) -> Path:
-        """Write a bag of (topic, time of recording, message); gives the path of its file."""
+        """Write a bag of (topic, time of recording, message), and return its path."""
         plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
         writer = Writer1(path) if self.ros1 else Writer2(path, version=9, storage_plugin=plugin)
         known = {}
@@ -154,6 +154,6 @@ class Messages:
 
 @pytest.fixture(scope="session")
 def ros() -> Callable[[bool], Messages]:
-    """Give what makes messages of ROS 1 (True) or ROS 2 (False)."""
+    """Return a maker of messages of ROS 1 (True) or ROS 2 (False)."""
     made = {ros1: Messages(ros1=ros1) for ros1 in (True, False)}
     return lambda ros1: made[ros1]

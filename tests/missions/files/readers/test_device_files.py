@@ -25,7 +25,7 @@ def read(reader: Callable[..., object], data: bytes | str) -> tuple[list[object]
 
 
 def crc(data: bytes) -> int:
-    """The checksum of FIT: CRC-16 with the polynomial 0xA001."""
+    """Compute the checksum of FIT: CRC-16 with the polynomial 0xA001."""
     value = 0
     for byte in data:
         value ^= byte
@@ -35,7 +35,7 @@ def crc(data: bytes) -> int:
 
 
 def fit_file(rows: list[tuple[int, float | None, float, float]]) -> bytes:
-    """A FIT file of records: time, latitude, longitude, height."""
+    """Return a FIT file of records (time, latitude, longitude, height)."""
     fields = [(253, 4, 0x86), (0, 4, 0x85), (1, 4, 0x85), (2, 2, 0x84)]
     body = bytes([0x40, 0, 0]) + struct.pack("<HB", 20, len(fields)) + b"".join(map(bytes, fields))
     for time_s, lat, lon, height in rows:

@@ -1,4 +1,4 @@
-"""Tables as loggers and datasets write them: columns, units, dates and axes of many kinds."""
+"""Tables of loggers and datasets: columns, units, dates and axes of many kinds."""
 
 import io
 import math

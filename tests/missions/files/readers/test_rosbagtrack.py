@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2: all their kinds, and damaged ones."""
+"""Bags of ROS 1 and ROS 2: all formats, and damaged ones."""
 
 import math
 import random

@@ -23,7 +23,7 @@ from webapp.missions.files.track_chunks import (
 
 
 def sentence(body: str) -> str:
-    """An NMEA sentence with its checksum."""
+    """Return an NMEA sentence with its checksum."""
     check = 0
     for letter in body.encode():
         check ^= letter

@@ -1,4 +1,4 @@
-"""Tracks in XML: GPX, KML and KMZ, and what is made to hurt their readers."""
+"""Tracks in XML: GPX, KML and KMZ, and hostile files."""
 
 import io
 import math

@@ -1,4 +1,4 @@
-"""Missions on their way out."""
+"""Missions to export."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def poses():
 
 @pytest.fixture
 def track():
-    """Make a track of poses that come in parts of some size."""
+    """Make a track of poses that are read in parts of a size."""
 
     def make(poses, *, id=1, source="gps", name="", size=7):
         def parts():

@@ -1,4 +1,4 @@
-"""CSV holds every number exactly."""
+"""CSV stores every number exactly."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""GPX reads back as what was written."""
+"""GPX is read back as written."""
 
 import gpxpy
 import numpy as np

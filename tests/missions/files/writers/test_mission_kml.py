@@ -1,4 +1,4 @@
-"""KML keeps to the standard, and others read it."""
+"""KML conforms to the standard, and can be read by other programs."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def written(mission, **more):
 
 
 def read(mission):
-    """Tracks and objects as fastkml reads them."""
+    """Read tracks and objects with fastkml."""
     document = fastkml.KML.from_string(written(mission).decode()).features[0]
     assert document.name == mission.name.replace("\x07", "?")
     tracks, objects = document.features

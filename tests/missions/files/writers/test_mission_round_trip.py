@@ -1,4 +1,4 @@
-"""What is exported is read again as it was: GPX, GeoJSON, TUM, KITTI."""
+"""Round trip of exports: GPX, GeoJSON, TUM, KITTI."""
 
 import io
 import zipfile

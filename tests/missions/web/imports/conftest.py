@@ -1,4 +1,4 @@
-"""A mission, and the worker that does what is queued."""
+"""A mission, and a worker for queued jobs."""
 
 import pytest
 
@@ -11,14 +11,14 @@ from webapp.store.operate.jobs import Lease, Limits
 
 @pytest.fixture
 def mission(library, owner):
-    """Make a mission; gives its id."""
+    """Make a mission and return its id."""
     with library.database.write() as session:
         return missions.create(session, "Yard", account_id=owner.id).id
 
 
 @pytest.fixture
 def work(library, settings):
-    """Do the job that waits, as a worker does; gives its result."""
+    """Run the queued job as a worker does, and return its result."""
 
     def go(**limits):
         with library.database.write() as session:

@@ -1,4 +1,4 @@
-"""Files that come through the API: refused at once, or imported by a job."""
+"""Files sent to the API: refused at once, or imported by a job."""
 
 import io
 
@@ -14,7 +14,7 @@ COLUMNS = "time=stamp:ms, lat=la, lon=lo"
 
 @pytest.fixture
 def upload(client, mission):
-    """Send a file; gives the answer."""
+    """Send a file, and return the response."""
 
     def send(data, name="log.csv", *, by=None, **fields):
         form = {"file": (io.BytesIO(data), name), **fields}

@@ -1,4 +1,4 @@
-"""Files are sent, looked at, and imported or dropped; nothing is left behind."""
+"""Files are uploaded, inspected, and imported or dropped; nothing is left behind."""
 
 import os
 import time
@@ -23,7 +23,7 @@ START = {"lat": 50.0, "lon": 14.0, "heading_deg": 90.0}
 
 @pytest.fixture
 def stage(client):
-    """Send a file; gives its address."""
+    """Send a file and return its address."""
 
     def send(data, name="log.csv", *, by=client):
         begun = by.post(FILES, json={"name": name, "size_bytes": len(data)})
@@ -38,7 +38,7 @@ def stage(client):
 
 @pytest.fixture
 def missions_made(library):
-    """Names of the missions that there are."""
+    """Return the names of all missions."""
 
     def names():
         with library.database.read() as session:
@@ -48,7 +48,7 @@ def missions_made(library):
 
 
 def left(library):
-    """What waits in the library besides locks."""
+    """Return the staged files in the library, without locks."""
     folders = (library.uploads, library.inner / "imports")
     return [
         path for folder in folders if folder.is_dir() for path in folder.iterdir() if path.suffix != ".lock"
@@ -138,7 +138,7 @@ def test_a_killed_import_goes_on_in_the_mission_that_it_made(client, stage, work
     with monkeypatch.context() as patch:
         patch.setattr(import_file, "_store", killed)
         with pytest.raises(KeyboardInterrupt):
-            work(seconds=-1)  # its lease has run out at once
+            work(seconds=-1)  # its lease expires at once
     assert missions_made() == ["Morning"]
     assert sum(track["poses"] for track in work()["tracks"]) == 4
     assert missions_made() == ["Morning"]

@@ -1,4 +1,4 @@
-"""Missions of the owner, and what robots send."""
+"""Missions of the owner, and data sent by robots."""
 
 import pytest
 from sqlalchemy import select
@@ -15,7 +15,7 @@ from webapp.store.schema import MapRecord
 
 @pytest.fixture
 def new_mission(client):
-    """Make a mission; gives its id."""
+    """Make a mission and return its id."""
 
     def make(browser=client, **fields):
         answer = browser.post("/api/v1/missions", json={"name": "Yard", **fields})
@@ -32,7 +32,7 @@ def mission(new_mission):
 
 @pytest.fixture
 def send(client, mission):
-    """Send records to the mission; gives the answer."""
+    """Send records to the mission and return the answer."""
 
     def post(records, *, first=0, sender="robot", browser=client, id=mission):
         given = {"sender": sender, "first": first, "records": records}
@@ -43,7 +43,7 @@ def send(client, mission):
 
 @pytest.fixture
 def place_image(library):
-    """Say that a map has an image of a thousand pixels a side, between two corners."""
+    """Give a map the record of an image of 1000 x 1000 pixels between two corners."""
 
     def place(slug, north_west, south_east):
         corners = Corners(LatLon(*north_west), LatLon(*south_east))
@@ -58,7 +58,7 @@ def place_image(library):
 
 @pytest.fixture
 def walk():
-    """Make poses that go north, a metre each."""
+    """Make poses towards north, one metre apart."""
 
     def make(count, *, begin=0, **more):
         return [
@@ -77,7 +77,7 @@ def state(client, mission):
 
 @pytest.fixture
 def add_photo(client, mission, save_photo, tmp_path):
-    """Add a photo to the mission; each seed is another one. Gives the answer."""
+    """Add a photo to the mission, different for each seed, and return the response."""
 
     def post(seed=1, **fields):
         path = tmp_path / f"{seed}.jpg"
@@ -91,7 +91,7 @@ def add_photo(client, mission, save_photo, tmp_path):
 
 @pytest.fixture
 def work(library, settings):
-    """Do the job that waits, as a worker does."""
+    """Run the queued job as a worker does."""
 
     def go():
         with library.database.write() as session:

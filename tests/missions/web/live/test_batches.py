@@ -1,4 +1,4 @@
-"""Batches are stored as a whole, and each record of them once."""
+"""Batches are stored as a whole, and each of their records once."""
 
 import json
 import math

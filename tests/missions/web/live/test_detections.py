@@ -1,4 +1,4 @@
-"""Detections that robots send: accuracy and size, and objects that are joined where there is no id."""
+"""Detections of robots: accuracy, size, and association to objects without an id."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ METRE_EAST = 1 / 71_700
 
 
 def victim(east, north=0.0, *, time=0.0, **more):
-    """A detection so many metres from the origin."""
+    """Return a detection at an offset from the origin, metres."""
     at = {"lat": 50 + north / 111_229, "lon": 14 + east * METRE_EAST, "time": time}
     covariance = [SIGMA_M**2, SIGMA_M**2, 0]
     return {"type": "object", "class": "victim", "covariance": covariance, **at, **more}
@@ -31,7 +31,7 @@ def one(client, mission):
 
 
 def detections(count):
-    """Detections of two objects 30 m apart, in turn."""
+    """Return alternating detections of two objects 30 m apart."""
     noise = np.random.default_rng(4).normal(0, SIGMA_M, (count, 2, 2))
     return [
         victim(30.0 * o + e, n, time=10.0 * k + 3 * o)

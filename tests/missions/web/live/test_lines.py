@@ -1,4 +1,4 @@
-"""Lines of tracks are what the poses are, simpler; wherever one looks, and however much is prepared."""
+"""Lines of tracks agree with the poses within the tolerance, in any view, prepared or not."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ DEGREE_M = 111_195.0
 
 
 def wave(count):
-    """Poses of a way that swings 20 m to the sides and has 0.1 m steps."""
+    """Return poses of a path that swings 20 m to the sides, with 0.1 m steps."""
     n = np.arange(count)
     latlon = np.column_stack([n * 0.1, 20 * np.sin(n / 300)]) / DEGREE_M
     return make_poses(1e9 + n * 0.1, latlon, height_m=np.sin(n / 1000), heading_deg=n % 360)
@@ -23,7 +23,7 @@ def wave(count):
 
 @pytest.fixture
 def track(library, mission):
-    """A track of more poses than five pieces."""
+    """A track with more poses than five pieces."""
     with library.database.write() as session:
         track = tracks.get_or_create(session, mission, source="gps")
         tracks.append(session, track, wave(COUNT))
@@ -49,7 +49,7 @@ def line(library, mission, track):
 
 
 def error_m(found, count=COUNT):
-    """How far the poses lie from a line, where it is looked at as a function of the way north."""
+    """Return the error of a line, as a function of the northward distance."""
     metres = found.points[:, 2:4] * DEGREE_M
     n = np.arange(count)
     return np.abs(np.interp(n * 0.1, metres[:, 0], metres[:, 1]) - 20 * np.sin(n / 300)).max()
@@ -74,7 +74,7 @@ def test_lines_are_as_fine_as_asked(build, line, tolerance):
     build()
     found = line(tolerance_m=tolerance)
     for one in (found, unbuilt) if unbuilt.complete else (found,):
-        assert error_m(one) <= tolerance * 1.3  # measured across, not at a right angle
+        assert error_m(one) <= tolerance * 1.3  # measured east-west, not perpendicular to the line
         assert one.points[[0, -1], 0].tolist() == [0, COUNT - 1]
         assert np.all(np.diff(one.points[:, 0]) > 0)
     assert found.complete
@@ -104,7 +104,7 @@ def test_a_box_close_up_has_every_pose(build, line):
     box = (1000 / DEGREE_M, -1.0, 1010 / DEGREE_M, 1.0)
     found = line(box=box)
     assert (found.level, found.complete) == (-1, True)
-    assert found.points[:, 0].tolist() == list(range(9_999, 10_102))  # one more at each side
+    assert found.points[:, 0].tolist() == list(range(9_999, 10_102))  # one more on each side
 
 
 def test_a_box_that_the_line_leaves_has_gaps(build, line):
@@ -123,7 +123,7 @@ def test_a_box_outside_it_is_empty(build, line):
     build()
     assert not len(line(box=(-10.0, 3.0, 10.0, 4.0)).points)
     assert not len(line(box=(-10.0, 170.0, 10.0, -170.0)).points)
-    assert len(line(tolerance_m=2.0, box=(-10.0, -1.0, 10.0, -1.5)).points)  # all but a sliver
+    assert len(line(tolerance_m=2.0, box=(-10.0, -1.0, 10.0, -1.5)).points)  # nearly outside the box
 
 
 def test_since(build, line):
@@ -143,7 +143,7 @@ def test_more_poses_come_later(build, line, library, mission, track):
         more = wave(COUNT + 20_000).take(slice(COUNT, None))
         tracks.append(session, found, more)
         missions.count_change(session.get_one(missions.Mission, mission))
-    assert build() == 5  # the tail of before belongs to the first of these
+    assert build() == 5  # the previous tail becomes part of the first of these
     assert error_m(line(tolerance_m=2.0), COUNT + 20_000) <= 2.6
 
 

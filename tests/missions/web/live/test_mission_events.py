@@ -1,4 +1,4 @@
-"""Who follows a mission hears of everything that is new, once."""
+"""Followers of a mission receive every change, once."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ CAR = {"type": "object", "id": "car-1", "class": "car", "time": 5.0, "lat": 50.0
 
 @pytest.fixture
 def stream_s():
-    """How long a stream stays open, in seconds."""
+    """How long a stream stays open, seconds."""
     return 0.6
 
 
@@ -30,7 +30,7 @@ def settings(tmp_path, stream_s):
 
 
 def parsed(text):
-    """The data and id of the events of a stream."""
+    """Return the data and ids of the events of a stream."""
     found = []
     for block in text.split("\n\n"):
         fields = dict(line.partition(": ")[::2] for line in block.splitlines())
@@ -41,7 +41,7 @@ def parsed(text):
 
 @pytest.fixture
 def follow(client, mission):
-    """Read a stream to its end; gives its events."""
+    """Read a stream to its end, and return its events."""
 
     def get(known=None, **query):
         headers = {} if known is None else {"Last-Event-ID": known}
@@ -178,7 +178,7 @@ def test_of_very_many_objects_each_comes_once_in_several_events(send, follow, st
         send([CAR | {"id": f"{batch}-{n}"} for n in range(count)], first=first)
         first += count
     found = follow(known)
-    while found[-1][1] != state()["cursor"]:  # a slow stream ends before all is sent; browsers connect again
+    while found[-1][1] != state()["cursor"]:  # a slow stream ends before all is sent; browsers reconnect
         found += follow(found[-1][1])
     ids = [[o["id"] for o in data["objects"]] for data, _ in found]
     assert [len(some) for some in ids] == [15, 8, 8, 4]

@@ -1,4 +1,4 @@
-"""The list of missions: in pages, and in as many statements for twenty as for one."""
+"""The list of missions: paginated, with a number of statements independent of its length."""
 
 import pytest
 from sqlalchemy import event
@@ -10,7 +10,7 @@ from webapp.store.schema import Account
 
 @pytest.fixture
 def ask(client):
-    """Ask for a page; gives the names on it, and where the next one begins."""
+    """Request a page; return the names on it, and the cursor of the next one."""
 
     def get(browser=client, **query):
         answer = browser.get("/api/v1/missions", query_string=query)
@@ -22,7 +22,7 @@ def ask(client):
 
 @pytest.fixture
 def statements(library):
-    """The statements that the database gets."""
+    """The statements that are executed."""
     seen = []
 
     def note(_connection, _cursor, statement, *_rest):
@@ -64,7 +64,7 @@ def test_each_page_has_its_content(client, new_mission, new_map, new_account, si
         new_map(owner, name=name, shared={ann: role}) for name, role in (("A", "viewer"), ("B", "editor"))
     )
     first, second, own = new_mission(map=park), new_mission(map=wood), new_mission(sign_in(ann))
-    new_mission()  # somebody else's
+    new_mission()  # of another owner
     send(walk(3), id=first)
     send(
         [*walk(5), {"type": "object", "id": "a", "class": "car", "time": 1.0, "lat": 50, "lon": 14}],
@@ -80,7 +80,7 @@ def test_each_page_has_its_content(client, new_mission, new_map, new_account, si
     }
     for id, mission in result.items():
         alone = browser.get(f"/api/v1/missions/{id}").json
-        mission.pop("preview")  # for a row of the list alone
+        mission.pop("preview")  # only in the list
         assert {key: alone[key] for key in mission} == mission
 
 
@@ -111,12 +111,12 @@ def test_missions_that_changed_at_one_moment_are_all_listed(library, new_mission
 def test_a_mission_that_changes_meanwhile_is_not_listed_twice(new_mission, ask, send, walk):
     ids = [new_mission(name=str(number)) for number in range(4)]
     names, after = ask(limit=2)
-    send(walk(1), id=ids[2])  # it was the last on the page
+    send(walk(1), id=ids[2])  # the last one on the page
     assert (names, ask(limit=2, after=after)[0]) == (["3", "2"], ["1", "0"])
 
 
 def test_a_mission_that_changes_between_two_statements_keeps_its_tracks(library, new_mission, send, walk):
-    """As with a database whose statements each see what was committed before them."""
+    """As in a database in which each statement sees what was committed before it."""
     ids = [new_mission(name=str(number)) for number in range(3)]
     for id in ids:
         send(walk(3), id=id)

@@ -1,4 +1,4 @@
-"""Photos of missions come in once, and out as pictures."""
+"""Photos of missions are stored once, and served as pictures."""
 
 import hashlib
 import io

@@ -1,4 +1,4 @@
-"""Missions: made, changed, binned, deleted; and who may."""
+"""Missions: created, changed, binned, deleted; permissions."""
 
 import pytest
 
@@ -95,7 +95,7 @@ def test_the_bin(client, mission, send, walk):
 def test_a_mission_with_links_comes_onto_a_map_by_its_owners(
     new_account, new_map, new_mission, sign_in, owner
 ):
-    """Who opens a link sees the image of the map, and editors of a map cannot share that."""
+    """Visitors with a link see the map's image, which editors of a map may not share."""
     ann = new_account("ann")
     slug, own = new_map(owner, shared={ann: "editor"}), new_map(ann, name="Own")
     browser = sign_in(ann)
@@ -126,7 +126,7 @@ def test_deleted_for_good(client, library, mission, send, walk, add_photo, work)
 
 
 class Stopped(Progress):
-    """Is cancelled at one of its looks."""
+    """A progress that is cancelled at a given check."""
 
     def __init__(self, at):
         self.looks, self.at = 0, at
@@ -152,7 +152,7 @@ def test_a_deletion_that_is_stopped_leaves_shorter_tracks(
     line = client.get(f"/api/v1/missions/{mission}/tracks/{track['id']}/line").json
     assert [point[0] for point in line["points"]] == list(range(20))
     client.delete(f"/api/v1/missions/{mission}")
-    for _ in range(2):  # once more where it was killed at its end
+    for _ in range(2):  # a second time, as if it had been killed at the end
         delete_mission.delete_mission(library, mission, write=write, progress=Progress())
     with library.database.read() as session:
         assert session.query(Mission).count() == session.query(ObjectSighting).count() == 0

@@ -1,4 +1,4 @@
-"""The list of tasks: states of objects, with who set them and when; who may; what visitors see of it."""
+"""The list of tasks: states of objects with author and time, permissions, and the view of visitors."""
 
 import json
 

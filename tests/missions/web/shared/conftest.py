@@ -1,4 +1,4 @@
-"""Missions on the server, filled as robots fill them."""
+"""Missions on the server with data sent as by robots."""
 
 import io
 
@@ -12,7 +12,7 @@ BEGIN = 1_777_629_600.0
 
 @pytest.fixture
 def stranger(stranger):
-    """A visitor, who takes each answer to its end and closes it."""
+    """A visitor, who reads each response to its end and closes it."""
     real = stranger.get
 
     def get(*args, **options):
@@ -48,7 +48,7 @@ def send(client):
 
 @pytest.fixture
 def new_mission(client, send):
-    """Make a mission with some poses and two objects; gives its id."""
+    """Make a mission with some poses and two objects and return its id."""
 
     def make(poses=10, **wish):
         wish = {"name": "Search", "note": "SECRETNOTE", **wish}
@@ -63,7 +63,7 @@ def new_mission(client, send):
 
 @pytest.fixture
 def add_photo(client):
-    """Send a photo with EXIF to a mission; gives its SHA-256."""
+    """Send a photo with EXIF to a mission and return its SHA-256."""
 
     def add(mission):
         exif = piexif.dump({"0th": {piexif.ImageIFD.Make: b"SECRETCAM"}})
@@ -80,7 +80,7 @@ def add_photo(client):
 
 @pytest.fixture
 def share(client):
-    """Share a mission; gives the answer to its owner."""
+    """Share a mission and return the answer to its owner."""
 
     def make(mission, **wish):
         answer = client.post(f"/api/v1/missions/{mission}/shares", json=wish)

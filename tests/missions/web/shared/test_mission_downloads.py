@@ -1,4 +1,4 @@
-"""Missions are taken away, and asked about, by those who may see them."""
+"""Missions are downloaded and queried by those who may see them."""
 
 import csv
 import io

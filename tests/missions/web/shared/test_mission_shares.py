@@ -1,4 +1,4 @@
-"""What a share of a mission opens, what it never opens, and that it stops working at once."""
+"""What a share of a mission gives access to and what not, and that revoking it takes effect at once."""
 
 import io
 import zipfile

@@ -1,4 +1,4 @@
-"""Whatever is asked of missions on their way out is answered as the API's document says."""
+"""Any request for data of missions is answered according to the OpenAPI document."""
 
 import pytest
 import schemathesis
@@ -22,7 +22,7 @@ MINE = (
 
 @pytest.fixture
 def asked(app, library, owner, client, new_mission, share, add_photo):
-    """A mission that is shared: the headers of its owner, and the ids of all in it."""
+    """A shared mission: headers of its owner, and the ids of its content."""
     with library.database.write() as session:
         token = accounts.new_token(session, session.merge(owner), name="test")
     mission = new_mission()
@@ -40,7 +40,7 @@ def asked(app, library, owner, client, new_mission, share, add_photo):
 
 @pytest.mark.parametrize("part", MINE)
 def test_answers_keep_to_the_document(app, asked, part):
-    app.testing = False  # mistakes of the program are answered as the server does
+    app.testing = False  # errors of the program give a response, as on the server
     headers, ids = asked
     schema = schemathesis.openapi.from_dict(app.test_client().get(PATH).json)
     schema.app = app
