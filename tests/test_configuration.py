@@ -101,7 +101,7 @@ def test_megabytes_that_are_none(text):
         ("[photo]\nmax_mb = 0", ": photo.max_mb", "a number above 0"),
         ("[photo]\nmax_mb = [1]", ": photo.max_mb", "a number above 0"),
         ("library = 5", ": library", "a path"),
-        ('token = ""', ": token", "a text"),
+        ('token = ""', ": token", "a string"),
         ("[extract\n", "", "at line 1"),
     ],
 )

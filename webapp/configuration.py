@@ -63,7 +63,7 @@ class Setting:
     def allowed(self) -> str:
         """Description of the allowed values."""
         if self.kind in (str, Path):
-            return "a text" if self.kind is str else "a path"
+            return "a string" if self.kind is str else "a path"
         number = "a whole number" if self.kind is int else "a number"
         limit = f"of at least {self.minimum.value:g}" if self.minimum else "above 0"
         return f"{number} {limit}, for example {self.default:g}"

@@ -48,7 +48,7 @@ def test_a_point_is_clicked_in_two_photos_and_on_the_image(page, api, app, joine
     expect(rows).to_have_count(PHOTOS + 1)
     expect(rows.first).to_contain_text(photos[WRONG]["name"])
     expect(rows.first).to_contain_text("left out: it contradicts the others")
-    expect(page.locator("[data-name=gate]")).to_contain_text("is clicked in no joined photo")
+    expect(page.locator("[data-name=gate]")).to_contain_text("is not clicked in any joined photo")
     expect(page.locator("#map-view path.sat-arrow")).not_to_have_count(0)
     (gate,) = api.ask("GET", f"/maps/{slug}/landmarks/control-points")["points"]
     assert [click["id"] for click in gate["photos"]] == [photo["id"] for photo in photos[:2]]

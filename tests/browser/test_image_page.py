@@ -140,7 +140,7 @@ def test_an_uploaded_file_and_points_on_it(image_page, tiles):
     assert axe.findings(page) == []
 
     page.get_by_role("button", name="Remove point 4").click()
-    expect(by_id(page, "verdict")).to_contain_text("none are left to check the fit")
+    expect(by_id(page, "verdict")).to_contain_text("the fit cannot be checked")
     reloads(page, by_id(page, "georeference-apply").click)
     assert state()["georeference"]["method"] == "affine"
 

@@ -52,7 +52,7 @@ def test_what_a_job_waits_for_and_when_it_is_tried_again(make_page):
         "state": "queued",
         "done": 0,
         "total": 0,
-        "note": "the scheduler of Dask cannot be reached",
+        "note": "the Dask scheduler cannot be reached",
         "next_try_s": 79.6,
         "created_at": "2026-01-02T03:04:05+00:00",
         "mine": False,
@@ -63,7 +63,7 @@ def test_what_a_job_waits_for_and_when_it_is_tried_again(make_page):
     edit.page.route(re.compile(r"/api/v1/jobs\?map="), lambda route: route.fulfill(json={"jobs": [job]}))
     edit.page.goto(f"/maps/{edit.slug}/jobs")
     shown = edit.page.locator("#jobs").get_by_test_id("job-progress")
-    expect(shown).to_have_text("the scheduler of Dask cannot be reached · retrying in 80 seconds")
+    expect(shown).to_have_text("the Dask scheduler cannot be reached · retrying in 80 seconds")
 
 
 def test_the_card_of_jobs_leaves_image_and_photos_free_on_a_wide_screen(make_page):

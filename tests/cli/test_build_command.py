@@ -115,7 +115,7 @@ def test_the_index_goes_where_it_is_asked(expmap, cfg, tmp_path):
     [
         (["--matcher", "hamming"], "matcher hamming cannot compare the float descriptors of sift"),
         (["--method", "vote", "--matcher", "ivf"], "does not work with method vote"),
-        (["--extractor", "orb-wta4", "--matcher", "hamming"], "come in pairs"),
+        (["--extractor", "orb-wta4", "--matcher", "hamming"], "consist of pairs of bits"),
         (["--detector", "brief"], "unknown detector 'brief'"),
     ],
 )

@@ -96,14 +96,14 @@ def test_how_far_they_are_off_is_said(expmap, cfg, monkeypatch):
     judged = [
         Residual(None, "gate", MapPixel(20.5, 18.25), MapPixel(23.5, 22.25), True, ("photos/1.jpg",)),
         Residual(2, "photos/2.jpg", MapPixel(1.0, 1.0), MapPixel(1.0, 2.0)),
-        Residual(None, "well", MapPixel(3.0, 4.0), problem="it is clicked in no joined photo"),
+        Residual(None, "well", MapPixel(3.0, 4.0), problem="it is not clicked in any joined photo"),
     ]
     monkeypatch.setattr(landmark_points, "stored_residuals", lambda *_: judged)
     _, out, _ = expmap("landmarks", "points", cfg)
     assert out.splitlines() == [
         "gate  x 20.5, y 18.2, clicked in 2 photos; 5.0 px off; left out: the others agree on another place; "
         "wrong click in photos/1.jpg",
-        "well  x 3.0, y 4.0, clicked in 0 photos; it is clicked in no joined photo",
+        "well  x 3.0, y 4.0, clicked in 0 photos; it is not clicked in any joined photo",
     ]
     found = json.loads(expmap("landmarks", "points", cfg, "--json")[1])
     assert found["laid"] is True

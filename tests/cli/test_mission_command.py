@@ -40,7 +40,7 @@ def test_from_a_file_to_a_file(mission, tmp_path):
     bad.write_text("<svg/>")
     code, out, err = mission("import", "1", good, bad)
     assert code == 1, "one of two failed"
-    assert "walk.gpx: gps 'walk track 1': 2 poses, 0 that had not moved, 11" in out
+    assert "walk.gpx: gps 'walk track 1': 2 poses, 0 left out (not moved), 11" in out
     assert "1 sightings of objects" in out
     assert "bad.gpx: the XML is neither GPX, TCX nor KML" in err
     code, out, _ = mission("list")
@@ -64,7 +64,7 @@ def test_a_trajectory_continues_from_a_start_of_its_own(mission, tmp_path):
     assert "needs a start position and heading" in err
     code, out, _ = mission("import", "1", path, "--start", "50,14,0", "--source", "visual", "--min-move", "0")
     assert code == 0
-    assert "visual 'way': 2 poses, 0 that had not moved, 5.0 m" in out
+    assert "visual 'way': 2 poses, 0 left out (not moved), 5.0 m" in out
 
 
 @pytest.mark.parametrize(

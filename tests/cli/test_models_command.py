@@ -48,11 +48,10 @@ def test_a_global_descriptor_is_named_and_tried(expmap, models):
     assert code == 0 and line.startswith(said) and line.endswith("; here")
     (models / "global.json").write_text('{"width": 20}')
     code, out, err = expmap("models", "list")
-    problem = "global.onnx: not a global descriptor: it takes images of width 64"
+    problem = "global.onnx: not a global descriptor: its input width is 64"
     assert (
         code == 0
-        and f"; unusable: {problem}, and not of the stated width 20 (see 'A global descriptor' in"
-        in out.splitlines()[-1]
+        and f"; unusable: {problem}, but 20 is stated (see 'A global descriptor' in" in out.splitlines()[-1]
     )
     state = json.loads(expmap("models", "list", "--json")[1])[-1]
     assert state["state"] == "unusable" and state["problem"].startswith(problem)

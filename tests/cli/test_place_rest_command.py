@@ -29,7 +29,7 @@ REPORT = RestReport(
         SuggestedPlace(2, "photos/2.jpg", MapPixel(290.0, 110.5), 12.0, 45.0, (0, 1)),
         SuggestedPlace(3, "photos/3.jpg", MapPixel(410.0, 90.0), 80.0, None, (1,)),
     ),
-    left=(LeftPhoto(4, "photos/4.jpg", "too few photos show enough of the same", (0,)),),
+    left=(LeftPhoto(4, "photos/4.jpg", "too few photos overlap enough", (0,)),),
     checked=(
         CheckedPhoto(0, "photos/0.jpg", 3.5, False, MapPixel(103.5, 90.0)),
         CheckedPhoto(1, "photos/1.jpg", 250.0, True, MapPixel(40.0, 300.25), 14.0),
@@ -86,7 +86,7 @@ def test_suggestions_are_printed_and_nothing_is_changed(expmap, cfg):
     assert out.splitlines() == [
         "photos/2.jpg  x 290.0, y 110.5, within 12.0 px, heading 45 degrees",
         "photos/3.jpg  x 410.0, y 90.0, within 80.0 px",
-        "photos/4.jpg  too few photos show enough of the same",
+        "photos/4.jpg  too few photos overlap enough",
     ]
     assert "photos/1.jpg (id 1) contradicts the other placed photos: they put it 250 px (14 m) away" in err
     assert "2 photos joined, 1 not" in err
@@ -111,7 +111,7 @@ def test_json_has_everything(expmap, cfg):
     assert told["photos"][2] == {
         "id": 4,
         "photo": "photos/4.jpg",
-        "error": "too few photos show enough of the same",
+        "error": "too few photos overlap enough",
         "place_first": [0],
     }
     assert [photo["contradicts"] for photo in told["checked"]] == [False, True, False, False]

@@ -164,7 +164,7 @@ def test_a_scheduler_that_is_not_there(tmp_path, make_map, quick, monkeypatch):
     cfg = make_map(tmp_path, 6)
     with reserved_port() as port:
         settings = replace(quick, dask=f"tcp://127.0.0.1:{port}")
-        with pytest.raises(ClusterUnavailable, match=r"tcp://.*: the scheduler of Dask cannot be reached"):
+        with pytest.raises(ClusterUnavailable, match=r"tcp://.*: the Dask scheduler cannot be reached"):
             build(cfg, settings, tmp_path / "there", method="vote")
     with pytest.raises(UsageError, match="is not the address of a Dask scheduler"):
         build(cfg, replace(quick, dask="nowhere://x"), tmp_path / "there", method="vote")

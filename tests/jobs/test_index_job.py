@@ -57,7 +57,7 @@ def test_index_of_a_method_with_a_network(library, quick, queue, seen, row, shar
 
 def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queue, seen, monkeypatch):
     def away(pool):
-        raise ClusterUnavailable("the scheduler of Dask cannot be reached", wait_s=1)
+        raise ClusterUnavailable("the Dask scheduler cannot be reached", wait_s=1)
 
     pytest.importorskip("distributed")
     monkeypatch.setattr(DaskPool, "_connect", away)
@@ -69,11 +69,11 @@ def test_an_index_waits_for_the_scheduler_of_dask(library, make_map, quick, queu
     working = threading.Thread(target=worker.run)
     working.start()
     until = time.monotonic() + 30.0
-    while seen(id)["note"] != "the scheduler of Dask cannot be reached" and time.monotonic() < until:
+    while seen(id)["note"] != "the Dask scheduler cannot be reached" and time.monotonic() < until:
         time.sleep(0.1)
     worker.stop()
     working.join()
-    assert (seen(id)["state"], seen(id)["note"]) == ("queued", "the scheduler of Dask cannot be reached")
+    assert (seen(id)["state"], seen(id)["note"]) == ("queued", "the Dask scheduler cannot be reached")
     assert seen(id)["error"] is None
     Worker(library, quick, registry=REGISTRY).run(once=True)
     assert (seen(id)["state"], seen(id)["result"]["computed"]) == ("done", 6)

@@ -27,7 +27,7 @@ def test_a_number_that_no_column_can_hold_is_not_found(library):
 
 
 def test_a_record_that_somebody_has_deleted_is_not_found(library):
-    with pytest.raises(NotFound, match="has deleted this"), library.database.write() as session:
+    with pytest.raises(NotFound, match="this was deleted"), library.database.write() as session:
         session.get_one(Account, 7)
 
 

@@ -250,7 +250,7 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
         found[field] = Column(index, _scale(field, unit, units=fields.units[field]))
     problem = _missing(found, fields)
     if 0 < sum(f"q{axis}" in found for axis in "xyzw") < len("xyzw"):
-        problem = "some parts of the quaternion have no column"
+        problem = "the quaternion is incomplete"
     if problem:
         raise UsageError(problem, where="columns", hint=f"write them like {fields.example}")
     return found
@@ -276,7 +276,7 @@ def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) 
             units = fields.units[field]
             found[field] = Column(index, units.get(unit or "", _scale(field, None, units=units)))
     if _missing(found, fields):
-        hint = f"say which column holds what, like {fields.example}"
+        hint = f"assign columns to fields, such as {fields.example}"
         what = " and ".join((*(f"{field}s" for field in fields.needed), "positions"))
         raise TrackError(f"no columns of {what} are recognised in {', '.join(header)[:100]!r}", hint=hint)
     return found
@@ -303,7 +303,7 @@ def _scale(field: str, unit: str | None, *, units: Mapping[str, float]) -> float
         raise UsageError(
             f"{field} has no unit {unit!r}",
             where="columns",
-            hint=f"it can have {', '.join(filter(None, units)) or 'none'}",
+            hint=f"permitted units: {', '.join(filter(None, units)) or 'none'}",
         )
     return units[unit.lower()]
 

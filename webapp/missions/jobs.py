@@ -65,7 +65,7 @@ def _destination(context: Context) -> int | MissionToMake:
         job.arguments = {**job.arguments, "mission": id}
 
     if context.account_id is None:
-        raise NotFound("who wanted this mission no longer exists")
+        raise NotFound("the account that requested this mission no longer exists")
     return MissionToMake(arguments["mission_name"], context.account_id, context.map_id, remember)
 
 
@@ -73,7 +73,7 @@ def inspect_mission_file(context: Context) -> dict[str, Any]:
     """Report the content of the staged file that the argument `file` names."""
     arguments = context.arguments
     if context.account_id is None:
-        raise NotFound("who uploaded this file no longer exists")
+        raise NotFound("the account that uploaded this file no longer exists")
     staged = staged_file.find(context.library, arguments["file"], account_id=context.account_id)
     return staged_file.inspect_staged(staged, arguments, progress=context.progress)
 

@@ -58,7 +58,5 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
         message = f"the host cannot be reached ({type(error).__name__})"
         raise InputError(message, where=address, hint=_HINT) from error
     if len(data) != size:
-        raise InputError(
-            f"it should have {size} bytes and has {len(data)} or more", where=address, hint=_HINT
-        )
+        raise InputError(f"expected {size} bytes, received {len(data)}", where=address, hint=_HINT)
     return bytes(data)

@@ -102,7 +102,7 @@ class PoliteClient:
             `stop` was called.
         """
         if not self._is_own(address):
-            raise self._error("leads to another host", hint="is its address right?")
+            raise self._error("leads to another host", hint="check its address")
         data = self._fetch(address, max_bytes=_MAX_JSON_BYTES)
         try:
             return json.loads(data)
@@ -137,7 +137,7 @@ class PoliteClient:
             if isinstance(answer, bytes):
                 return answer
             if answer.status_code in _REFUSED:
-                hint = "check its token in the settings" if self._headers else "it may be for members only"
+                hint = "check its token in the settings" if self._headers else "it may require an account"
                 raise self._error(f"refused access ({answer.status_code})", hint=hint)
             if answer.status_code not in _TRY_AGAIN or turn == _TRIES:
                 raise self._error(f"answered {answer.status_code}", hint=_LATER)

@@ -153,7 +153,7 @@ def named(services: tuple[TileService, ...], name: str) -> TileService:
 
 def _service(item: object, *, where: str) -> TileService:
     if not isinstance(item, dict) or not set(item).issubset(_FIELDS):
-        raise UsageError(f"its fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
+        raise UsageError(f"the allowed fields are {', '.join(_FIELDS)}", where=where, hint=_HINT)
     name, url, attribution = (item.get(field) for field in _FIELDS[:3])
     max_zoom, max_tiles, public = item.get("max_zoom"), item.get("max_tiles"), item.get("public", False)
     texts = all(isinstance(text, str) and text.strip() for text in (name, url, attribution))

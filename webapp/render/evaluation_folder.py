@@ -59,7 +59,7 @@ def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: i
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(folder)) from error
+        raise StorageError(f"the folder cannot be created: {error.strerror}", where=str(folder)) from error
     shown = pictured(evaluation, worst_rows(evaluation.rows, worst), limits=limits)
     write_text(folder / "report.html", render_report(evaluation, worst=shown))
     write_text(folder / "results.csv", results_csv(evaluation.rows))

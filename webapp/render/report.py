@@ -96,8 +96,8 @@ def figures(evaluation: Evaluation) -> list[Figure]:
         "ece": ("calibration error", number(s.ece, 3)),
         "seconds_per_query_p50": ("time per query, median", _unit(number(s.seconds_per_query_p50, 3), "s")),
         "seconds_per_query_p95": ("time per query, 95 %", _unit(number(s.seconds_per_query_p95, 3), "s")),
-        "extract_seconds_p50": ("of it keypoints", _unit(number(s.extract_seconds_p50, 3), "s")),
-        "match_seconds_p50": ("of it matching and geometry", _unit(number(s.match_seconds_p50, 3), "s")),
+        "extract_seconds_p50": ("of which keypoints", _unit(number(s.extract_seconds_p50, 3), "s")),
+        "match_seconds_p50": ("of which matching and geometry", _unit(number(s.match_seconds_p50, 3), "s")),
         "build_seconds": ("time to build the index", _unit(number(subject.build_seconds, 1), "s")),
         "calibration_seconds": ("time to calibrate", _unit(number(subject.calibration_seconds, 1), "s")),
         "index_bytes": ("size of the index", _unit(number(subject.index_bytes / 1e6, 1), "MB")),
@@ -105,7 +105,7 @@ def figures(evaluation: Evaluation) -> list[Figure]:
         "queries": ("queries", str(s.queries)),
         "failed": ("photos that could not be used", str(s.failed)),
         "abstained": ("answered “not on this map”", str(s.abstained)),
-        "second_looks": ("looked at twice", str(s.second_looks)),
+        "second_looks": ("with a second look", str(s.second_looks)),
     }
     lines = [
         Figure(

@@ -141,7 +141,7 @@ class SpoolDatabase:
         with self.guard:
             pages = _SPARE_PAGES + 2 * size // _PAGE_BYTES
             if not self._reserve.make() and self._pragma("freelist_count") < pages:
-                raise _disk_full(self._path, "no space is left but for acknowledgements")
+                raise _disk_full(self._path, "the remaining space is reserved for acknowledgements")
 
     def require_reserve(self) -> None:
         """Check that a file can be added next to the database without using the reserve.
@@ -151,7 +151,7 @@ class SpoolDatabase:
         DiskFull
         """
         if not self.make_reserve():
-            raise _disk_full(self._path, "no space is left but for acknowledgements")
+            raise _disk_full(self._path, "the remaining space is reserved for acknowledgements")
 
     def make_reserve(self) -> bool:
         """Recreate the reserve if it was used up and there is space; return whether it exists."""

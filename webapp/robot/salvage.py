@@ -71,7 +71,7 @@ def _copy_tables(damaged: Path, database: SpoolDatabase) -> None:
             if not database.select("SELECT 1 FROM spool"):
                 break
     known = database.select("SELECT 1 FROM spool")
-    taken = "what could be read of it was taken over" if known else "nothing of it could be read"
+    taken = "the readable records were recovered" if known else "nothing of it could be read"
     ((count,),) = database.select("SELECT coalesce(max(number) + 1, 0) FROM records")
     note = (count, count, f"the database was damaged: {taken}; it is in {damaged.name}")
     database.write(("INSERT INTO aside (first, stop, reason) VALUES (?, ?, ?)", note), durable=True)

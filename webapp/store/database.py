@@ -154,7 +154,7 @@ class Database:
             raise too_large() from error
         except NoResultFound as error:
             # A record that an earlier session found was deleted since, perhaps with its map or account.
-            raise NotFound("somebody has deleted this in the meantime", hint="reload the page") from error
+            raise NotFound("this was deleted in the meantime", hint="reload the page") from error
         except PoolTimeout as error:
             raise DatabaseUnavailable(
                 "all connections to the database are in use", wait_s=1, hint="try again in a moment"

@@ -106,7 +106,7 @@ class _Metrics:
             buckets=_SECONDS,
         )
         self.looks = prometheus_client.Counter(
-            "expmap_map_cache", "Looks for an open map, by what was found.", ["result"], registry=registry
+            "expmap_map_cache", "Lookups in the cache of open maps, by result.", ["result"], registry=registry
         )
         self.stage_seconds = prometheus_client.Histogram(
             "expmap_answer_seconds",

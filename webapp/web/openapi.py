@@ -57,7 +57,7 @@ _TAGS = {
 }
 
 _PARAMETERS: dict[str, dict[str, Any]] = {
-    "key": {"description": "As the description of the landmarks has it."},
+    "key": {"description": "`key` in the description of the landmarks."},
     "number": {"description": "Which part, from 0."},
     "slug": {"description": "The map: the last part of its address."},
     "id": {"description": "Id, unique in the map."},
@@ -84,8 +84,8 @@ _OF_CHANGE = (400, 403, 404, 409, 422, 507)
 _OF_REVISION = (412,)
 _MEANINGS = {
     400: "The request cannot work as it was sent.",
-    401: "Nobody is signed in, or the token is not known.",
-    403: "Who asks may see it, but not do this.",
+    401: "The caller is not signed in, or the token is unknown.",
+    403: "The caller may see it, but not do this.",
     404: "It does not exist, or is not shared with the caller.",
     405: "This cannot be done at this address.",
     409: "Somebody else has changed it in the meantime, or it is not ready yet.",

@@ -49,7 +49,7 @@ except ModuleNotFoundError:  # optional: markers work without it
 PARAMETERS = (
     *SERVER,
     Parameter("mission", 0, "Number of the mission.", limits=(0, 2**31 - 1)),
-    Parameter("spool", "", "Folder for what waits, of this mission alone; the next start continues it."),
+    Parameter("spool", "", "Folder for unsent data, of this mission only; the next start sends it."),
     Parameter("start", "", "LAT,LON,HEADING of the origin of odometry; without it odometry is left out."),
     Parameter("tf", "", "FRAME,BODY: the transforms from one to the other are a track; without it none are."),
     Parameter(

@@ -58,7 +58,7 @@ class PoseEstimator(ManagedNode):
         super().__init__("pose_estimator", PARAMETERS, **options)
         self._fov_deg: float | None = self._values["fov_deg"] or None
         self._counts = {"images": 0, "answers": 0, "not on this map": 0, "failed": 0}
-        self._state: tuple[bytes, str] = (DiagnosticStatus.WARN, "no image has come")
+        self._state: tuple[bytes, str] = (DiagnosticStatus.WARN, "no image received yet")
         self._seconds = 0.0
         self._newest: str | None = None
         self.start()

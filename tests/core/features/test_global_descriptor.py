@@ -71,8 +71,8 @@ BAD = {
         an_image(),
         r"its output has the shape \(1, 3, 8, 8\) instead of \(1, d\)",
     ),
-    "any size": (passed_on(), "it takes images of any width, but none is stated"),
-    "any height": (passed_on(8), "it takes images of any height, but none is stated"),
+    "any size": (passed_on(), "its input width is not fixed, and none is stated"),
+    "any height": (passed_on(8), "its input height is not fixed, and none is stated"),
 }
 
 
@@ -95,7 +95,7 @@ def test_an_input_of_another_shape_is_refused():
 
 
 def test_a_stated_size_that_the_model_does_not_take_is_refused():
-    with pytest.raises(InputError, match="images of width 64, and not of the stated width 48"):
+    with pytest.raises(InputError, match="its input width is 64, but 48 is stated"):
         opened(tiny_image(64, 48), width=48)
 
 

@@ -115,7 +115,7 @@ def test_positions_at_one_spot_are_said(walk, rng):
     known = known_at(at, [1, 2])
     known.at[2] = known.at[1]
     result = align_submodel(submodel_of(at, headings, rng=rng), known)
-    assert result.reason == "those that are placed are all at one spot"
+    assert result.reason == "the placed ones are all at the same position"
 
 
 def test_mirrored_positions_are_refused(court, rng):
@@ -143,7 +143,7 @@ def test_cameras_without_a_common_up_need_three_positions_that_are_not_in_a_line
     result = align_submodel(submodel, known_at(at, [0, 1, 2]))
     assert np.abs(result.at - at).max() < 1e-6
     result = align_submodel(submodel, known_at(at, [0, 1]))
-    assert "no common up" in result.reason
+    assert "the vertical cannot be estimated" in result.reason
 
 
 def test_photos_that_bring_most_onto_the_map_are_proposed_first(walk, rng):

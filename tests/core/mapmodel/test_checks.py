@@ -82,7 +82,7 @@ def test_no_photos_is_a_warning() -> None:
 @pytest.mark.parametrize(
     ("facts", "code", "words"),
     [
-        (FileFacts("missing"), Code.MISSING_PHOTO, "put the photo there"),
+        (FileFacts("missing"), Code.MISSING_PHOTO, "add the photo to the folder"),
         (FileFacts("missing", actual="2.JPG"), Code.MISSING_PHOTO, "the folder has '2.JPG'"),
         (FileFacts("unreadable", "cut off"), Code.UNREADABLE_PHOTO, "again"),
         (FileFacts("outside"), Code.PATH_LEAVES_FOLDER, "copy of the file"),

@@ -66,5 +66,5 @@ def test_a_body_that_looks_up_has_no_heading() -> None:
 
 def test_other_axes_are_refused() -> None:
     assert parse_axes("") is None
-    with pytest.raises(UsageError, match="is not a kind of axes"):
+    with pytest.raises(UsageError, match="is not an axis convention"):
         parse_axes("enu")

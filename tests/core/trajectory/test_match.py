@@ -98,7 +98,7 @@ def test_the_offset_of_a_clock_is_found(offset):
 
 def test_photos_elsewhere_or_too_few_give_no_offset():
     far = estimate_offset(LINE, [1, 2, 3], latlon=[(40, 14), (40.1, 14), (40.2, 14)])
-    assert not far and "not on this track" in far.reason
+    assert not far and "not near this track" in far.reason
     few = estimate_offset(LINE, [1, 2], latlon=[(50, 14), (50, 14)])
     assert not few and "only 2" in few.reason
     assert not estimate_offset(LINE, [], latlon=[])

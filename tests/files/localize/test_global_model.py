@@ -51,11 +51,11 @@ def test_it_is_opened_once_until_its_files_change(supply):
     ("model", "form", "sentence"),
     [
         (b"no model", None, "global.onnx: not a global descriptor model that onnxruntime can run"),
-        (tiny_image("w", "h"), None, "global.onnx: not a global descriptor: it takes images of any width"),
+        (tiny_image("w", "h"), None, "global.onnx: not a global descriptor: its input width is not fixed"),
         (None, "{", "global.json: it is not JSON"),
         (None, '{"width": "64"}', "global.json: width is not a whole number"),
         (None, "[" * 100_000, "global.json: "),
-        (None, {"height": 99}, "global.onnx: not a global descriptor: it takes images of height 48"),
+        (None, {"height": 99}, "global.onnx: not a global descriptor: its input height is 48"),
         (
             passed_on(8, 8, scale=np.nan),
             None,

@@ -148,7 +148,7 @@ def test_an_object_that_is_lost_is_named(node, s3, bucket_name, tmp_path):
     with storage.using(node()):
         storage.publish(path)
     s3.client.delete_object(Bucket=bucket_name, Key=s3.keys(bucket_name)[0])
-    with storage.using(node("two")), pytest.raises(ObjectLost, match="has lost this file"):
+    with storage.using(node("two")), pytest.raises(ObjectLost, match="missing from the object storage"):
         storage.local(path)
 
 

@@ -61,7 +61,7 @@ def test_the_kind_is_detected_from_the_content(tmp_path, kind) -> None:
         (b"<kml/>", "nothing in it can be used: it has no track and no object"),
         ("lat,lon\n50,14".encode("utf-16"), "UTF-16 text"),
         (b"AXXX\nHFDTE010100\n", "no track and no object"),
-        (b"lat,lon\n91,14\n", r"positions that are not on the Earth \(1\)"),
+        (b"lat,lon\n91,14\n", r"positions with an invalid latitude or longitude \(1\)"),
     ],
 )
 def test_unusable_files_are_refused_in_a_sentence(tmp_path, data, message) -> None:

@@ -116,7 +116,7 @@ def test_a_point_that_takes_no_part_says_why(court, unplaced):
     assert [one.problem for one in residuals] == [
         f"it is clicked in one joined photo only, {name}: click it in two or more",
         "it is not on the map yet",
-        "it is clicked in no joined photo: click it in two or more",
+        "it is not clicked in any joined photo: click it in two or more",
     ]
 
 

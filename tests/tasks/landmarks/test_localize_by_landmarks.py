@@ -97,7 +97,7 @@ def test_a_photo_from_elsewhere_is_not_on_the_map(localizer, tmp_path):
     answer = localizer.localize(path, top=3)
     assert answer.hypotheses == ()
     assert answer.off_map_probability == 1.0
-    assert answer.no_pose.reason == "too few landmarks of the map agree with it"
+    assert answer.no_pose.reason == "too few matching landmarks"
 
 
 def test_hidden_photos_say_nothing(localizer, tmp_path):

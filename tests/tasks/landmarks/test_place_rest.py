@@ -43,7 +43,7 @@ def test_the_rest_is_placed_where_it_was_taken(court):
 
 def test_a_photo_from_elsewhere_stays_with_the_reason(court):
     (left,) = suggest(court.cfg).left
-    assert (left.id, left.reason) == (9, "too few photos show enough of the same")
+    assert (left.id, left.reason) == (9, "too few photos overlap enough")
 
 
 def test_nothing_is_computed_twice_and_only_what_is_new_is_added(court, counted, monkeypatch):

@@ -101,8 +101,8 @@ def test_what_is_no_panorama_is_told(tmp_path):
         ("d_odd.jpg", 1),
         ("e_broken.jpg", 0),
     ]
-    assert done[0].problem == "it does not say that it is a panorama"
-    assert done[1].problem == done[2].problem == "it is no whole panorama, twice as wide as high"
+    assert done[0].problem == "it is not marked as a panorama"
+    assert done[1].problem == done[2].problem == "it is not a full panorama, twice as wide as high"
     assert done[4].problem
     assert read_facts(tmp_path / "out" / "d_odd_000.jpg", limits=LIMITS).heading is None
     assert cut(folder, tmp_path / "again", views=1, assume=True)[0].views == ("a_plain_000.jpg",)

@@ -159,7 +159,7 @@ def test_nothing_is_written_where_the_library_is_not_mounted(library, map_id, tm
     place(library, map_id)
     (tmp_path / "library").rename(tmp_path / "elsewhere")
     (tmp_path / "library").mkdir()
-    with pytest.raises(StorageError, match="not there"):
+    with pytest.raises(StorageError, match="library is missing"):
         export.export_map(library, map_id)
     assert list((tmp_path / "library").iterdir()) == []
     (tmp_path / "library").rmdir()

@@ -267,7 +267,7 @@ def test_positions_by_name_come_instead_of_exif(folder, table):
     assert set(placed) == {"img10.jpg", "none.jpg"}
     assert placed["none.jpg"].position == pytest.approx((200, 155), abs=1e-6)
     assert placed["none.jpg"].gps_accuracy_m is None
-    assert "does not name it" in next(f.reason for f in report.files if f.name == "img2.jpg")
+    assert "not in the list of positions" in next(f.reason for f in report.files if f.name == "img2.jpg")
 
 
 def test_positions_from_another_map_need_no_georeference(folder):

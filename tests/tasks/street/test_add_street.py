@@ -185,7 +185,7 @@ class TestPanoramas:
         service.bodies["/photo/a1/hd"] = picture("a1")
         _, report = bring()
         (failed,) = report.failed
-        assert failed.id == "a1" and "no whole panorama" in failed.reason and report.added == 2
+        assert failed.id == "a1" and "not a full panorama" in failed.reason and report.added == 2
 
 
 class TestLists:

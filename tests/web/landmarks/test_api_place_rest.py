@@ -27,7 +27,7 @@ def suggested(yard, library):
             SuggestedPlace(1, "photos/1.jpg", MapPixel(100.0, 50.0), 5.0, 90.0, (0,)),
             SuggestedPlace(2, "photos/2.jpg", MapPixel(200.0, 60.0), 7.0, None, (0,)),
         ),
-        (LeftPhoto(3, "photos/3.jpg", "too few photos show enough of the same"),),
+        (LeftPhoto(3, "photos/3.jpg", "too few photos overlap enough"),),
         (CheckedPhoto(0, "photos/0.jpg", 120.0, True),),
         (3,),
     )
@@ -49,9 +49,7 @@ def test_suggestions_are_shown_for_the_photos_in_the_tray(client, suggested):
         (1, "1.jpg", 100.0, 5.0),
         (2, "2.jpg", 200.0, 7.0),
     ]
-    assert [(p["name"], p["reason"]) for p in rest["left"]] == [
-        ("3.jpg", "too few photos show enough of the same")
-    ]
+    assert [(p["name"], p["reason"]) for p in rest["left"]] == [("3.jpg", "too few photos overlap enough")]
     assert [(p["name"], p["residual_px"]) for p in rest["doubtful"]] == [("0.jpg", 120.0)]
     assert rest["place_next"] == [3]
 

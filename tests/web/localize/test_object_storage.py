@@ -751,7 +751,7 @@ def test_nothing_is_swept_where_the_folder_is_gone_or_a_pointer_is_lost(
     aside.rename(pointer)
     (library.inner / MARKER).unlink()
     at(monkeypatch, 90)
-    with pytest.raises(StorageError, match="not mounted"):
+    with pytest.raises(StorageError, match="no longer mounted"):
         maintain_objects.sweep_objects(library, settings)
 
 

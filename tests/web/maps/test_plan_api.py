@@ -139,9 +139,7 @@ def test_a_spot_of_another_image_is_not_suggested(client, url):
 
 def test_a_suggestion_by_a_spot_outlives_a_search_that_finds_none(client, url, library, park):
     id = photo_at(client, url).json["id"]
-    left = RestReport(
-        (), (LeftPhoto(id, "photos/new.jpg", "too few photos show enough of the same"),), (), ()
-    )
+    left = RestReport((), (LeftPhoto(id, "photos/new.jpg", "too few photos overlap enough"),), (), ())
     stored.keep(library.cfg(park), left, revision=9)
     rest = client.get(f"{url}/place-rest").json
     assert ([one["id"] for one in rest["suggested"]], rest["left"]) == ([id], [])

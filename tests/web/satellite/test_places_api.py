@@ -50,7 +50,7 @@ def test_a_place_is_found_by_its_name(client, geocoder):
 
 def test_nobody_is_asked_where_it_is_switched_off(geocoder, find):
     assert Settings().geocoder.address is None
-    with pytest.raises(NotFound, match="places are not searched here"):
+    with pytest.raises(NotFound, match="place search is disabled here"):
         find("Lund", address=None)
     assert geocoder.asked == []
 

@@ -93,9 +93,7 @@ class DemoCluster:
         for path in (self._library, self._logs):
             path.mkdir(parents=True)
         self._echo("starting the database, the S3 server and Dask")
-        objects = self._start_part(
-            "S3", "its objects are gone, as it has them in memory", "webapp.cli.demo.objects"
-        )
+        objects = self._start_part("S3", "its objects, kept in memory, are lost", "webapp.cli.demo.objects")
         scheduler = self._start_dask(
             "Dask scheduler",
             "jobs wait for it",
@@ -126,7 +124,7 @@ class DemoCluster:
             DemoProcess(
                 "PostgreSQL",
                 [*command, "-c", f"port={port}"],
-                role="nothing is answered any more",
+                role="no requests are answered",
                 folder=self._logs,
                 more={"cwd": "/", **as_user()},
                 stop_by=signal.SIGINT,  # fast shutdown: does not wait for clients to disconnect
@@ -201,7 +199,7 @@ class DemoCluster:
         nodes = [self._start_part(f"web {n}", role, "webapp", *command, cache=f"web-{n}") for n in (1, 2)]
         self._start_part(
             "jobs",
-            "jobs wait: nobody does them",
+            "jobs stay queued",
             "webapp",
             "worker",
             "--library",
@@ -212,7 +210,9 @@ class DemoCluster:
             node.address = node.printed(r"^listening on (\S+)$")
         link = nodes[0].printed(r"^sign in: http://[^/]+(/\S+)$")
         named = [f"{node.name}={node.address.removeprefix('http://')}" for node in nodes]
-        proxy = self._start_part("proxy", "nobody can come in", "webapp.cli.demo.proxy", self._port, *named)
+        proxy = self._start_part(
+            "proxy", "no server can be reached", "webapp.cli.demo.proxy", self._port, *named
+        )
         self.address = proxy.address = proxy.printed(r"^listening on (\S+)$")
         self.sign_in = self.address + link
 

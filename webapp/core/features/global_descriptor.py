@@ -195,9 +195,9 @@ class GlobalDescriptor:
     def _one_side(self, name: str, own: int | None, forms: tuple[InputForm, ...]) -> int:
         stated = next((side for form in forms if (side := getattr(form, name))), None)
         if own and stated and own != stated:
-            raise self._error(f"it takes images of {name} {own}, and not of the stated {name} {stated}")
+            raise self._error(f"its input {name} is {own}, but {stated} is stated")
         if not (own or stated):
-            raise self._error(f"it takes images of any {name}, but none is stated")
+            raise self._error(f"its input {name} is not fixed, and none is stated")
         return int(own or stated or 0)
 
     def _error(self, message: str) -> InputError:

@@ -73,7 +73,7 @@ MATCHERS: dict[str, MatcherEntry] = {
     "hamming2": MatcherEntry(("binary",), METHODS, "brute force, number of different pairs of bits"),
     "ivf": MatcherEntry(_BOTH, _VERIFY, "approximate: inverted file, read from the index"),
     "vlad": MatcherEntry(
-        ("float",), _VERIFY, "two stages: aggregated vectors name photos, which are compared exactly"
+        ("float",), _VERIFY, "two stages: aggregated vectors select photos, which are compared exactly"
     ),
 }
 
@@ -221,7 +221,7 @@ def _reject_foreign_keypoints(choice: FeatureChoice) -> None:
         message = f"{extractor} describes only its own keypoints, not those of {detector}"
         raise UsageError(message, where="--extractor", hint=f"use --features {extractor}")
     if detector in _LEARNED and extractor in _LEARNED:
-        message = f"{detector} and {extractor} each have a model of their own, and only one can be used"
+        message = f"{detector} and {extractor} need different models; only one can be used"
         hint = f"use --features {detector} or --features {extractor}"
         raise UsageError(message, where="--extractor", hint=hint)
 
@@ -247,7 +247,9 @@ def _reject_combination(choice: FeatureChoice, method: Method) -> None:
         others = [b for b, (_, extractor) in BUNDLES.items() if _fits(choice.matcher, extractor, method)]
         hint = f"use --features {' or '.join(others)}; {hint}"
     else:
-        message = f"the bits of {choice.extractor} come in pairs, which {choice.matcher} would split"
+        message = (
+            f"descriptors of {choice.extractor} consist of pairs of bits, which {choice.matcher} would split"
+        )
     raise UsageError(message, where="--matcher", hint=hint)
 
 

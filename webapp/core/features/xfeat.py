@@ -58,9 +58,7 @@ class XFeat:
     def _maps(self, gray: NDArray[np.uint8]) -> Maps | None:
         """Run the network on a photo; None if it has no texture."""
         if self._network is None:
-            raise MissingPart(
-                "the weights of XFeat are not installed", hint="get them with expmap models fetch"
-            )
+            raise MissingPart("the weights of XFeat are not installed", hint="run expmap models fetch")
         mean, contrast = (float(v.item()) for v in cv2.meanStdDev(gray))
         if contrast < LEAST_CONTRAST:
             return None

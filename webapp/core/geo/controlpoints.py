@@ -79,7 +79,7 @@ def from_control_points(
     check_on_image(georeference, width=width, height=height)
     residuals = np.hypot(*(georeference.enu_from_pixel(pixels, frame) - metres).T)
     if len(points) == NEEDED[chosen]:
-        warnings.append(f"{len(points)} points are just enough for {chosen}: none are left to check the fit")
+        warnings.append(f"{len(points)} points are the minimum for {chosen}: the fit cannot be checked")
     return GeoreferenceFit(georeference, tuple(float(r) for r in residuals), tuple(warnings))
 
 

@@ -106,7 +106,7 @@ def answer_from_json(form: Mapping[str, Any]) -> Answer:
         hypotheses,
         form.get("off_map_probability"),
         form.get("other_probability", 0.0),
-        no_pose=None if hypotheses else NoPose("nothing on this map matches"),
+        no_pose=None if hypotheses else NoPose("no match on this map"),
         statistics=MatchStatistics(0, 0, 0, None, None, None, None),
     )
 

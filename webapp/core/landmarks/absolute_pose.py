@@ -179,7 +179,7 @@ def absolute_pose(xy: Array, points: Array, *, lens: Lens) -> AbsolutePose | NoP
     off = xy[inlier] - project(points[inlier], lens=lens, rotation=rotation, centre=centre)
     covariance = _covariance(off, points[inlier], lens=lens, rotation=rotation, centre=centre)
     if covariance is None:
-        return NoPose("the landmarks leave the camera's position open")
+        return NoPose("the landmarks do not determine the camera's position")
     score = float(truncated_quadratic((off**2).sum(1), limit).sum())
     return AbsolutePose(centre, rotation, covariance, inlier, score)
 

@@ -142,7 +142,9 @@ def triangulate(point: KnownPoint, submodel: Submodel) -> Triangulated | NotTria
     names = [*clicked]
     if len(names) < 2:
         where = (
-            f"is clicked in one joined photo only, {names[0]}" if names else "is clicked in no joined photo"
+            f"is clicked in one joined photo only, {names[0]}"
+            if names
+            else "is not clicked in any joined photo"
         )
         return NotTriangulated(point, f"{where}: click it in two or more", len(names))
     row, click = (np.array(some, np.int64) for some in zip(*clicked.values(), strict=True))

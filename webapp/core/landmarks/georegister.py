@@ -86,7 +86,10 @@ def georegister(
     names = ", ".join(one.point.name for one in found)
     view = _view(submodel, known, found)
     if view is None:
-        reason = "their cameras have no common up: give three control points a height, or place three photos"
+        reason = (
+            "the vertical cannot be estimated from their cameras: give three control points a "
+            "height, or place three photos"
+        )
         return Georegistration(
             NotAligned(reason, tuple(submodel.photo[placed].tolist())), _unjudged(found), problems
         )

@@ -229,11 +229,12 @@ def align_submodel(
     spots = len(np.unique(at[placed]))
     if spots < 2:
         which = "none of them is placed" if not placed.any() else "only one of them is placed"
-        return NotAligned(which if spots == placed.sum() else "those that are placed are all at one spot")
+        return NotAligned(which if spots == placed.sum() else "the placed ones are all at the same position")
     view = view or view_by_level_cameras(submodel) or view_by_positions(submodel, known=placed, position=at)
     if view is None:
         return NotAligned(
-            "their cameras have no common up, and the placed ones are fewer than three or in a line",
+            "the vertical cannot be estimated from their cameras, and the placed ones are fewer than three "
+            "or in a line",
             tuple(submodel.photo[placed].tolist()),
         )
     problem = _misfit(view.position[placed], at[placed])

@@ -99,7 +99,7 @@ def find_by_landmarks(
     order = np.argsort(-weigh(evidence, DEFAULT), kind="stable")
     clock.append(time.perf_counter())
     distance = nearest.distance[:, 0][nearest.photo[:, 0] >= 0]
-    reason = "too few landmarks of the map agree with it" if len(query) else "no keypoints"
+    reason = "too few matching landmarks" if len(query) else "no keypoints"
     stages = ("retrieve", "verify", "position")
     return PlaceSearch(
         [places[n] for n in order],

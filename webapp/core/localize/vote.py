@@ -106,7 +106,7 @@ def match_statistics(keypoints: int, distance: NDArray[np.float32], *, left: int
 def _why_none(keypoints: int) -> str:
     if not keypoints:
         return "no keypoints: the photo has no texture to recognise"
-    return "no match: the map has no descriptors to compare with"
+    return "no match: the map has no descriptors"
 
 
 def _evidence(

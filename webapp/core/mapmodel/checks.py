@@ -214,7 +214,9 @@ def _satellite(image: ImageLine, facts: FolderFacts) -> Iterator[Finding]:
     column, state, name = image.columns[0], facts.satellite, quoted(image.image)
     if state.state == "missing":
         fix = (
-            f"the folder has {quoted(state.actual)}: write that name" if state.actual else f"put {name} there"
+            f"the folder has {quoted(state.actual)}: write that name"
+            if state.actual
+            else f"add {name} to the folder"
         )
         yield Finding(Code.MISSING_SATELLITE, 1, column, f"there is no satellite image {name}", fix)
     elif state.state == "unreadable":
@@ -238,7 +240,7 @@ def _photo(line: PhotoLine, facts: FileFacts) -> Iterator[Finding]:
     assert line.photo is not None
     at, name = (line.line, line.columns[1]), quoted(line.photo)
     if facts.state == "missing":
-        fix = "put the photo there, or delete the line"
+        fix = "add the photo to the folder, or delete the line"
         if facts.actual:
             fix = f"the folder has {quoted(facts.actual)}: write that name"
         yield Finding(Code.MISSING_PHOTO, *at, f"there is no photo {name}", fix)

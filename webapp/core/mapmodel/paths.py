@@ -68,7 +68,7 @@ def _unwritable(name: str) -> NameProblem | None:
 def _unsafe(name: str) -> NameProblem | None:
     if _URL.match(name):
         return NameProblem(
-            Code.PATH_LEAVES_FOLDER, f"{quoted(name)} is an address, not a file below the map's folder"
+            Code.PATH_LEAVES_FOLDER, f"{quoted(name)} is a URL, not a file in the map's folder"
         )
     if _DRIVE.match(name) or name.startswith(("/", "\\")):
         return NameProblem(Code.PATH_LEAVES_FOLDER, f"{quoted(name)} is an absolute path")

@@ -62,7 +62,9 @@ def parse_axes(text: str | None) -> Axes | None:
         return None
     found = next((axes for axes in AXES if axes == text), None)
     if found is None:
-        raise UsageError(f"{text[:40]!r} is not a kind of axes", where="axes", hint=f"use {', '.join(AXES)}")
+        raise UsageError(
+            f"{text[:40]!r} is not an axis convention", where="axes", hint=f"use {', '.join(AXES)}"
+        )
     return found
 
 
@@ -150,16 +152,16 @@ def _remark(found: Frames) -> str:
     if found.world == "camera":
         return (
             "the trajectory moves along its z axis and turns about y: it was read as that of a camera, "
-            "x right, y down, z forward (say axes=robot if it is not)"
+            "x right, y down, z forward (set axes=robot if it is not)"
         )
     if found.body == "camera":
         return (
             "the body moves along its z axis: headings are those of a camera that looks along z "
-            "(say axes=robot if x is forward)"
+            "(set axes=robot if x is forward)"
         )
     return (
         "the trajectory moves along its x axis and turns about z: it was read as that of a robot, "
-        "x forward, y left, z up (say axes=camera if it is not)"
+        "x forward, y left, z up (set axes=camera if it is not)"
     )
 
 
@@ -173,4 +175,4 @@ def _doubt(xyz_m: NDArray[np.float64], usual: Frames) -> str:
     if high < _HIGH_M or high < _NARROW * wide:
         return ""
     other = "camera" if usual.world == "robot" else "robot"
-    return f"the track is {wide:.0f} m wide and {high:.0f} m high: if its axes are others, say axes={other}"
+    return f"the track is {wide:.0f} m wide and {high:.0f} m high: if its axes are others, set axes={other}"

@@ -106,7 +106,7 @@ def estimate_offset(track: FixTrack, times_s: ArrayLike, *, latlon: ArrayLike) -
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     positions = np.asarray(latlon, dtype=np.float64).reshape(-1, 2)
     if len(times) < _LEAST:
-        return NoMatch(f"only {len(times)} photos have a time and a position of their own")
+        return NoMatch(f"only {len(times)} photos have a time and a GPS position")
     chosen = np.unique(np.linspace(0, len(times) - 1, min(_SAMPLE, len(times))).astype(int))
     times, positions = times[chosen], positions[chosen]
     frame = LocalFrame(centre_of(positions))
@@ -117,7 +117,7 @@ def estimate_offset(track: FixTrack, times_s: ArrayLike, *, latlon: ArrayLike) -
     medians = np.array([_median_m(track, fixes, times + offset, photos=photos) for offset in offsets])
     best = int(np.argmin(medians))
     if not medians[best] <= _NEAR_M:
-        return NoMatch("the photos that have a position of their own are not on this track")
+        return NoMatch("the photos with GPS positions are not near this track")
     return ClockOffset(float(offsets[best]), float(medians[best]))
 
 

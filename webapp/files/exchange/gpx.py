@@ -163,7 +163,7 @@ def _track(points: list[GpxPoint]) -> FixTrack:
         raise TrackError("the file has no track", hint="routes and waypoints have no times: export the track")
     hint = "export the track with times" if not timed else None
     raise TrackError(
-        f"of {len(points)} points of the track, {len(track)} have a time of their own",
+        f"of {len(points)} points of the track, {len(track)} have distinct times",
         hint=hint,
     )
 

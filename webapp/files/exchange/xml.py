@@ -98,7 +98,7 @@ def _events(file: BinaryIO) -> Iterator[tuple[str, Element]]:
     try:
         yield from iterparse(file, events=("start", "end"), forbid_dtd=True)
     except DefusedXmlException as error:
-        hint = "such a file can blow up a reader's memory: export the track again"
+        hint = "such a file can exhaust the memory of its reader: export the track again"
         raise TrackError("the XML declares a document type or entities", hint=hint) from error
     except (ParseError, ValueError, LookupError, RecursionError) as error:
         # an unknown encoding raises LookupError, a multi-byte encoding ValueError

@@ -59,7 +59,9 @@ def write(path: Path, stored: StoredCalibration) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+        raise StorageError(
+            f"the folder cannot be created: {error.strerror}", where=str(path.parent)
+        ) from error
     raw = {"format": FORMAT, **asdict(stored), "photos": sorted(stored.photos)}
     atomic.write_text(path, json.dumps(raw, sort_keys=True))
 

@@ -54,7 +54,9 @@ def write(path: Path, stored: StoredVectors) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+        raise StorageError(
+            f"the folder cannot be created: {error.strerror}", where=str(path.parent)
+        ) from error
     meta = {"format": FORMAT, "weights": stored.weights, "contents": stored.contents}
     write_arrays(path, {"vectors": stored.vectors}, meta=meta)
 

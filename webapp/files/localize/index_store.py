@@ -150,7 +150,7 @@ class IndexFolder:
             self.spool.mkdir(exist_ok=True)
         except OSError as error:
             raise StorageError(
-                f"the folder cannot be made: {error.strerror}", where=str(self.spool)
+                f"the folder cannot be created: {error.strerror}", where=str(self.spool)
             ) from error
 
     def read_manifest(self) -> Manifest | None:

@@ -31,7 +31,7 @@ from webapp.errors import MissingPart, UsageError
 from webapp.extras import is_installed
 from webapp.files.atomic import read_bytes
 
-_FETCH = "get them with expmap models fetch"
+_FETCH = "run expmap models fetch"
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,4 +139,6 @@ def _make_folder(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"the folder cannot be made: {error.strerror}", where=str(path.parent)) from error
+        raise StorageError(
+            f"the folder cannot be created: {error.strerror}", where=str(path.parent)
+        ) from error

@@ -28,7 +28,7 @@ def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
         if problem:
             raise fields["name"].error(problem)
         if name in found:
-            raise item.error(f"names the control point {name!r} a second time")
+            raise item.error(f"repeats the control point {name!r}")
         point = _point(name, fields, item)
         problem = facts_problem(point)
         if problem:
@@ -64,7 +64,7 @@ def _point(name: str, fields: Mapping[str, JsonField], item: JsonField) -> Groun
         part = click.record(required=("id", "x", "y"))
         id = part["id"].integer(largest=MAX_NUMBER)
         if id in clicks:
-            raise click.error(f"names the photo {id} a second time")
+            raise click.error(f"repeats the photo {id}")
         clicks[id] = PhotoClick(id, _share(part["x"]), _share(part["y"]))
     return GroundControlPoint(
         name,

@@ -123,7 +123,7 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
     for item in top["placements"].items():
         name, positions = _placement(item)
         if name in placements:
-            raise item.error(f"names the placement {name!r} a second time")
+            raise item.error(f"repeats the placement {name!r}")
         placements[name] = positions
     experiences, floors = by_id(top["experiences"], parse=_photo), parse_floors(top["floors"])
     notes = parse_notes(top["notes"])

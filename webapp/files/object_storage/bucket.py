@@ -302,10 +302,12 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
             "the bucket of the object storage does not exist",
             wait_s=_WAIT_S,
             where=url,
-            hint="ask who looks after the server",
+            hint="ask the administrator of the server",
         )
     if code in _NO_OBJECT:
-        return ObjectLost("the object storage has lost this file", where=key, hint="restore it from a backup")
+        return ObjectLost(
+            "this file is missing from the object storage", where=key, hint="restore it from a backup"
+        )
     if code == _DAMAGED:
         return StorageUnavailable(
             "the file was damaged on its way to the object storage",
@@ -314,10 +316,10 @@ def _refusal(response: dict[str, Any], *, key: str, url: str) -> ExpMapError:
             hint="try again in a moment",
         )
     if code in _FULL or status == HTTPStatus.INSUFFICIENT_STORAGE:
-        return DiskFull("the object storage is full", where=url, hint="ask who looks after the server")
+        return DiskFull("the object storage is full", where=url, hint="ask the administrator of the server")
     if code in _REFUSED or status == HTTPStatus.FORBIDDEN:
         return StorageUnavailable(
-            "the object storage refuses access", wait_s=_WAIT_S, hint="ask who looks after the server"
+            "the object storage refuses access", wait_s=_WAIT_S, hint="ask the administrator of the server"
         )
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR or status == HTTPStatus.TOO_MANY_REQUESTS:
         return StorageUnavailable(

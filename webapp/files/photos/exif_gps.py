@@ -76,12 +76,12 @@ def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
             return value
     assert not isinstance(lat, NoGps) and not isinstance(lon, NoGps)
     if abs(lat) < 1e-9 and abs(lon) < 1e-9:
-        return NoGps("its GPS says 0 N 0 E, which devices write when they have no fix")
+        return NoGps("its GPS position is 0 N 0 E, which devices write when they have no fix")
     north = _sign(tags.get(_LAT_REF), "NS")
     east = _sign(tags.get(_LON_REF), "EW")
     if north is None or east is None:
         missing = "N or S" if north is None else "E or W"
-        return NoGps(f"its GPS position does not say {missing}")
+        return NoGps(f"its GPS position lacks {missing}")
     if lat > 90.0 or lon > 180.0:
         return NoGps(f"its GPS position {lat:g} {lon:g} is out of range")
     datum = "".join(c for c in text(tags.get(_DATUM)).upper() if c.isalnum())

@@ -277,7 +277,7 @@ def _check_blocks(dataset: DatasetReader) -> None:
     block = rows * columns * dataset.count * np.dtype(dataset.dtypes[0]).itemsize
     if block > _MAX_BLOCK_BYTES:
         raise PhotoError(
-            "the TIFF is too large to be read in one piece, and has no smaller ones",
+            "the TIFF is too large to be read at once, and has no smaller tiles",
             hint="save it with tiles (gdal_translate -co TILED=YES)",
         )
 

@@ -32,7 +32,7 @@ _LINE_POSES = 2000
 @sink_options
 @library_option
 def mission(mission: int, out: Path | None, host: str, port: int, library: Path | None) -> None:
-    """Show tracks and objects of MISSION, a number, in Foxglove, as they come in."""
+    """Show tracks and objects of MISSION, a number, live in Foxglove."""
     require("foxglove")
     with existing_library(library_settings(library)) as place:
         find_revision(place.database, mission)

@@ -177,8 +177,8 @@ def _print_topics(path: Path) -> None:
 def _print_import(path: Path, done: TrackImport) -> None:
     for track in done.tracks:
         click.echo(
-            f"{path.name}: {track.source} {track.name!r}: {track.poses} poses, {track.skipped} that had not "
-            f"moved, {track.distance_m:.1f} m"
+            f"{path.name}: {track.source} {track.name!r}: {track.poses} poses, {track.skipped} left out (not "
+            f"moved), {track.distance_m:.1f} m"
         )
     if done.objects:
         click.echo(f"{path.name}: {done.objects} sightings of objects")

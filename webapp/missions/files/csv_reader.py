@@ -146,7 +146,7 @@ class _Rows:
     def row(self, fields: Sequence[str], where: str, *, findings: Findings) -> Iterator[Piece]:
         table = self.table
         if table.text(fields, "valid").lower() in _NO_FIX:
-            findings.skip("fixes that the receiver calls invalid", where=where)
+            findings.skip("fixes marked invalid by the receiver", where=where)
             return
         values = _UNKNOWN | {name: table.number(fields, name) for name in table.columns if name in _UNKNOWN}
         values["time"] = table.time(fields)

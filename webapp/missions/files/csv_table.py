@@ -267,14 +267,14 @@ def date_order(file: BinaryIO, table: Table, *, findings: Findings) -> str:
         if order is None and day:
             if len(day) == 6 and day.isdecimal() and name == "date":
                 findings.note(
-                    f"dates such as {day} were read with the year first (say date={name}:dmy if not)"
+                    f"dates such as {day} were read with the year first (set date={name}:dmy if not)"
                 )
             return ""
         unsure = unsure or day
     if unsure:
         findings.note(
             f"dates such as {unsure} may begin with the day or with the month: no times were taken "
-            "(say date=COLUMN:dmy or date=COLUMN:mdy)"
+            "(set date=COLUMN:dmy or date=COLUMN:mdy)"
         )
     return ""
 

@@ -85,7 +85,7 @@ class _Log:
         if math.isnan(self.midnight_s):
             raise TrackError("a fix comes before the date of the flight", where=where)
         if fix[4] + fix[5] + fix[7] + fix[8] == "0" * 15:
-            findings.skip("fixes that the receiver calls invalid", where=where)
+            findings.skip("fixes marked invalid by the receiver", where=where)
             return None
         clock = int(fix[1]) * 3600.0 + int(fix[2]) * 60.0 + int(fix[3]) + self.more(line, "TDS")
         if self.midnight_s + clock < self.last_s - _HALF_DAY_S:

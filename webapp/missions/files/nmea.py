@@ -118,7 +118,7 @@ def _finished(
 ) -> Iterator[tuple[float, ...]]:
     when = calendar.unix_time(fix.clock)
     if not fix.valid:
-        findings.skip("fixes that the receiver calls invalid", where=where)
+        findings.skip("fixes marked invalid by the receiver", where=where)
     elif math.isnan(fix.lat):
         findings.skip("times without a position", where=where)
     else:

@@ -112,7 +112,7 @@ class _Log:
         if self.kind == PATH:
             rows = self.fresh(rows)
         elif not rows and self.kind == WORLD:
-            findings.skip("fixes that the receiver calls invalid", where=self.topic)
+            findings.skip("fixes marked invalid by the receiver", where=self.topic)
         for row in rows:
             if not all(map(math.isfinite, row.values[:4])):
                 findings.skip("poses with a time or a position that is not a number", where=self.topic)
@@ -172,7 +172,7 @@ def _chosen(
     chosen = []
     for c in connections:
         if c.msgtype == TRANSFORMS and moving and not wanted:
-            reason = "messages of a topic of transforms: other topics say where the robot was"
+            reason = "transforms: other topics have the robot's poses"
             findings.skip(reason, where=c.topic, count=c.msgcount)
             continue
         readable = c.msgtype in POSES or c.msgtype in OBJECTS

@@ -12,12 +12,12 @@ from webapp.robot.fields import RECORDS, FieldError
 CHUNK = 2048
 """Maximum number of poses in a piece."""
 
-BAD_POSITION = "positions that are not on the Earth"
-BAD_COVARIANCE = "accuracies of objects that are no covariance of a position are left out"
-UNTIMED = "tracks without times keep the order of their points and nothing else"
-FEW_TIMES = "times of tracks of which most points have none"
+BAD_POSITION = "positions with an invalid latitude or longitude"
+BAD_COVARIANCE = "invalid covariances of objects are left out"
+UNTIMED = "tracks without times keep only the order of their points"
+FEW_TIMES = "times of tracks in which most points have no time"
 NO_TIME = "points without a time, in a track that has times"
-UNTIMED_OBJECTS = "objects without a time count as of 1970-01-01"
+UNTIMED_OBJECTS = "objects without a time are dated 1970-01-01"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,8 +34,8 @@ _MAX_NAME = 100
 BAD_TIME = "poses or objects with an invalid time"
 TOO_EARLY = "poses dated before 1980, when no receiver existed: perhaps seconds since a start, or days"
 TOO_LATE = "poses dated in the future"
-BACKWARDS = "poses that are dated before the one that they follow"
-NULL_ISLAND = "positions at 0, 0: receivers without a fix write that"
+BACKWARDS = "poses dated earlier than the previous pose"
+NULL_ISLAND = "positions at 0, 0, as written by receivers without a fix"
 NO_START = "poses in the robot's own frame: the mission needs a start position and heading for them"
 
 

@@ -89,10 +89,10 @@ def answer_out_of_order(error: OutOfOrder) -> Response:
 @blueprint.input(BatchKeyIn, location="headers", arg_name="sent")
 @blueprint.output(BatchOut)
 @blueprint.doc(
-    description="All records of a batch are stored, or none. The answer comes when they are on the disk; who "
-    "lost it sends the same again, and no record is stored twice. A batch without records asks what comes "
-    "next. A batch after a gap is answered by 409 with `error.next`. When the server is busy it answers 503: "
-    "wait for as long as `Retry-After` says."
+    description="All records of a batch are stored, or none. The answer comes when they are on the disk; a "
+    "client that lost it sends the batch again, and no record is stored twice. A batch without records "
+    "asks for the next number. A batch after a gap is answered by 409 with `error.next`. When the server is "
+    "busy it answers 503: wait for as long as `Retry-After` says."
 )
 def send(mission_id: int, *, given: dict[str, Any], sent: dict[str, str | None]) -> dict[str, Any]:
     """Send poses and objects of a mission."""

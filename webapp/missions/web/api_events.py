@@ -66,7 +66,7 @@ class EventsQuery(Schema):
 @blueprint.doc(
     description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `tracks` (the "
     "changed ones as in the state, with their `new` points) and `objects` (the changed ones). Its id is a "
-    "cursor. The stream ends after a while, or at once where many are open: an `EventSource` comes back by "
+    "cursor. The stream ends after a while, or at once where many are open: an `EventSource` reconnects by "
     "itself.",
     responses=file_answer("Server-sent events.", "text/event-stream"),
 )

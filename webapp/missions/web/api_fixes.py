@@ -55,11 +55,13 @@ class AskIn(Schema):
         metadata={"description": "Horizontal field of view of the upright photo, degrees."},
     )
     heading_deg = Float(
-        metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+        metadata={"description": "Approximate compass heading of the camera, degrees clockwise from north."}
     )
     hint_lat = Float(
         validate=Range(-90, 90),
-        metadata={"description": "About where it was: places in this circle gain, and none is left out."},
+        metadata={
+            "description": "Approximate position: places in this circle gain probability, none is excluded."
+        },
     )
     hint_lon = Float(validate=Range(-180, 180))
     hint_radius_m = Float(validate=Range(0, min_inclusive=False))

@@ -93,7 +93,7 @@ class ObjectList(Schema):
     """Objects of a mission."""
 
     objects = List(Nested(ObjectOut))
-    total = Integer(metadata={"description": "All that fit, on other pages too."})
+    total = Integer(metadata={"description": "Number of matching objects on all pages."})
     kinds = List(Nested(KindOut), metadata={"description": "Of the whole mission."})
 
 

@@ -61,7 +61,9 @@ class MissionPhotoOut(Schema):
     height = Integer()
     time_s = Float(allow_none=True)
     object = String(allow_none=True)
-    fix = Dict(allow_none=True, metadata={"description": "Where it was taken, as `localize --json` says it."})
+    fix = Dict(
+        allow_none=True, metadata={"description": "Result of the localization, as in `localize --json`."}
+    )
     fix_state = String(allow_none=True, metadata={"enum": ["queued", "done", "failed", None]})
     url = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})

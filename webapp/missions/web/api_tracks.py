@@ -43,7 +43,9 @@ class LineQuery(Schema):
     """The requested part of a track, and its resolution."""
 
     tolerance_m = Float(
-        load_default=0.0, validate=Range(min=0), metadata={"description": "So far a pose may lie from it."}
+        load_default=0.0,
+        validate=Range(min=0),
+        metadata={"description": "Maximum distance of a pose from the line."},
     )
     south = Float(validate=Range(-90, 90), metadata={"description": "Of a box, whose sides come together."})
     west = Float(validate=Range(-180, 180))

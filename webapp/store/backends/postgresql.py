@@ -73,13 +73,13 @@ _BUSY = DatabaseUnavailable(
     "the database is busy: others have been writing for long", wait_s=_AGAIN_S, hint="try again in a moment"
 )
 _READ_ONLY = DatabaseUnavailable(
-    "the database is read-only", wait_s=_AGAIN_S, hint="ask who looks after the server"
+    "the database is read-only", wait_s=_AGAIN_S, hint="ask the administrator of the server"
 )
 _TOO_SLOW = DatabaseUnavailable(
     "the database took too long, and was stopped", wait_s=_AGAIN_S, hint="try again in a moment"
 )
 _TOO_MANY = DatabaseUnavailable(
-    "the database has too many connections", wait_s=_AGAIN_S, hint="ask who looks after the server"
+    "the database has too many connections", wait_s=_AGAIN_S, hint="ask the administrator of the server"
 )
 _SQLSTATES: Mapping[str, DatabaseUnavailable] = {
     "25006": _READ_ONLY,

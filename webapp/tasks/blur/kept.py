@@ -74,7 +74,7 @@ class DetectionCache:
                 os.fsync(file.fileno())
         except Timeout as error:
             raise StorageError(
-                "others keep what they find just now", where=self._path.name, hint="try again in a moment"
+                "another process is storing detections", where=self._path.name, hint="try again in a moment"
             ) from error
         except OSError as error:
             raise storage_error(error, where=self._path.name) from error

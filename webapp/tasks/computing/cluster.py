@@ -87,12 +87,12 @@ class DaskPool:
             ) from error
         except OSError as error:
             raise ClusterUnavailable(
-                "the scheduler of Dask cannot be reached", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
+                "the Dask scheduler cannot be reached", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
             ) from error
 
     def _lost(self) -> ClusterUnavailable:
         return ClusterUnavailable(
-            "the scheduler of Dask is lost", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
+            "the connection to the Dask scheduler is lost", wait_s=_WAIT_S, where=self._address, hint=_WAY_OUT
         )
 
     @property

@@ -145,7 +145,7 @@ def _copy_files(source: Path, target: Path, *, wanted: Iterable[Path], progress:
         raise StorageError(
             f"the map cannot be copied: {error.strerror or error}",
             where=error.filename,
-            hint="is there room on the disk of the library?",
+            hint="check the free space on the disk of the library",
         ) from error
 
 

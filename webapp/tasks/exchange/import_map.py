@@ -90,7 +90,7 @@ def add_placements(cfg: Path) -> None:
         raise InputError(
             f"these are not placements of {cfg.name}: they have another image or other photos: "
             f"{_listed(strangers, cfg.parent)}",
-            hint="a placement has the first line, ids and photos of the map; zip other maps on their own",
+            hint="a placement has the first line, ids and photos of the map; zip other maps separately",
         )
     new = [Placement(p.stem, {e.id: e.position for e in read_cfg(p).map.experiences}) for p in others]
     write_bytes(json_path(cfg), format_map_json(replace(map_, placements=(*map_.placements, *new))))
@@ -226,7 +226,7 @@ def run_into(
         with (writes or library.database.write)() as session:
             record = session.get(MapRecord, map_id)
             if record is None or record.binned_at is not None:
-                raise NotFound("the map is gone, or in the bin")
+                raise NotFound("the map was deleted, or is in the bin")
             if record.exported_sha256 != found.contents.cfg_sha256 or not record.photos:
                 if record.photos or record.satellite_path is not None:
                     raise Conflict("the map is no longer empty", hint="import the zip as a new map")

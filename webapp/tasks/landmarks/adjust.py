@@ -87,7 +87,7 @@ def adjust_submodels(
     with writer_lock(found.shared, wait_s=wait_s):
         rigid, now = (read_submodels(found.folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
         if rigid is None:
-            raise IndexDamaged("the pieces are gone", where=str(found.folder), hint="run it again")
+            raise IndexDamaged("the stored pieces are missing", where=str(found.folder), hint="run it again")
         known = known_positions(found.photos, the_map)
         points, adjusted = found_points(found, the_map), _key_of(known, the_map)
         if now is None or (now.key, now.adjusted) != (rigid.key, adjusted):
@@ -134,7 +134,7 @@ def _adjust(
     problem = _too_little([result for _, result in aligned])
     if problem:
         return replace(rigid, adjusted=adjusted, problem=problem)
-    progress.note("adjusting them by the known positions")
+    progress.note("adjusting the pieces to the known positions")
     usable = np.isfinite(known.at)
     for submodel, result in zip(of_photos, results, strict=True):
         if isinstance(result.aligned, AlignedSubmodel):

@@ -83,14 +83,14 @@ def compare_photos(
     ------
     Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart
     """
-    progress.note("finding photos that show the same")
+    progress.note("finding overlapping photos")
     stored = [photo for _, photo in photos]
     pairs = [
         (one, other)
         for one, other in choose_pairs([p.descriptors for p in stored], at=at, views=views).tolist()
         if not database.is_compared(stored[one], stored[other])
     ]
-    progress.note("comparing them")
+    progress.note("matching the photos")
     progress.size(len(pairs))
     shared = ComparedPhotos(
         place.folder.absolute(),

@@ -270,7 +270,7 @@ def _unjoined(found: Reconstruction) -> Iterator[LeftPhoto]:
         if number in joined or isinstance(photo, Experience):
             continue
         problem = found.problems.get(number)
-        reason = "too few photos show enough of the same" if problem is None else problem
+        reason = "too few photos overlap enough" if problem is None else problem
         yield LeftPhoto(photo.id, photo.photo, reason)
 
 

@@ -259,7 +259,7 @@ def _submodels(
     """Read the stored submodels, or compute them if photos or matches have changed."""
     stored, used = (read_submodels(folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
     if stored is None or stored.key != key:
-        progress.note("joining them")
+        progress.note("joining the photos")
         submodels = _map(folder, database, contents=contents, progress=progress)
         stored = StoredSubmodels(tuple(submodels), tuple(contents), key)
         write_submodels(folder / RIGID_FILE, stored)

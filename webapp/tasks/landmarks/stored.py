@@ -129,7 +129,7 @@ def _one_writer(cfg: Path) -> Iterator[None]:
             yield
     except Timeout as error:
         raise StorageError(
-            "the suggested places are busy", where=_FILE, hint="try again in a moment"
+            "the suggested places are being changed", where=_FILE, hint="try again in a moment"
         ) from error
 
 

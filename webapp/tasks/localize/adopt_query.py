@@ -72,7 +72,7 @@ def adopt_query(
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
-            raise NotFound("the map is gone")
+            raise NotFound("the map was deleted")
         query = queries.find(session, record, query_id)
         at = _where(query, spot)
         position, heading = at.position, at.heading_deg

@@ -179,7 +179,7 @@ class MapCache:
         with self._library.database.read() as session:
             record = session.get(MapRecord, map_id)
             if record is None:
-                raise NotFound("the map is gone")
+                raise NotFound("the map was deleted")
             return self._library.cfg(record.slug)
 
     def _get_look(self, map_id: int, options: OpenOptions) -> OpenedMap:
@@ -210,7 +210,7 @@ class MapCache:
         with self._library.database.read() as session:
             record = session.get(MapRecord, map_id)
             if record is None:
-                raise NotFound("the map is gone")
+                raise NotFound("the map was deleted")
             cfg, revision = self._library.cfg(record.slug), record.revision
             same_index = there is not None and slot.opened_with == self._files(there.pipeline.opened)
             is_open = there is not None and same_index and there.revision == revision

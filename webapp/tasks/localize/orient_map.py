@@ -316,7 +316,7 @@ class _Comparison:
             progress.note(
                 "comparing the map's photos with each other"
                 if self.matcher is None
-                else "comparing them by a network"
+                else "matching the map's photos with a network"
             )
         if stage:
             progress.size(len(todo))

@@ -367,7 +367,7 @@ def with_second_look(
     calibrations = cascade.agree_on_scale(first.calibration.calibration, second.calibration.calibration)
     both = cascade.calibrate_looks(opened, calibrations, progress=progress)
     if not cascade.is_within_budget(both, first.settings):
-        progress.note("without a second look: it takes longer than the budget")
+        progress.note("without a second look: it would exceed the time budget")
         return first
     return join_looks(first, second, calibrations=calibrations, both=both.calibration)
 

@@ -180,7 +180,7 @@ def store_result(
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
         if record is None:
-            raise NotFound("the map is gone")
+            raise NotFound("the map was deleted")
         known = queries.keyed(session, record, key=request.key, account_id=account_id)
         if known is not None:  # the same request was sent twice
             return known.id

@@ -162,7 +162,7 @@ def add_photo(
     with (changing or library.changing)(map_id) as change:
         session, record = change.session, change.record
         if record.binned_at is not None:
-            raise NotFound("the map is gone, or in the bin")
+            raise NotFound("the map was deleted, or is in the bin")
         folder = library.map_folder(record.slug)
         row = _row(facts, name=name, sha256=sha256, size_bytes=source.stat().st_size)
         if around is not None:

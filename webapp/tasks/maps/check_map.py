@@ -89,11 +89,11 @@ def _stale(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Iterato
     for id, record in known.experiences.items():
         line = lines.get(id)
         if line is None:
-            message = f"the id {id} ({quoted(record.photo)}) is not in the .cfg: its record does not count"
+            message = f"the id {id} ({quoted(record.photo)}) is not in the .cfg: its record is ignored"
             yield Finding(Code.MAP_JSON_STALE, 1, 1, message, f"delete the record of id {id}", file)
         elif line.photo is not None and line.photo != record.photo:
             message = f"the id {id} is {quoted(line.photo)} in the .cfg, but {quoted(record.photo)} in {file}"
-            fix = f"write the same photo in both; until then the record in {file} does not count"
+            fix = f"write the same photo in both; until then the record in {file} is ignored"
             yield Finding(Code.MAP_JSON_STALE, line.line, line.columns[1], message, fix)
 
 
@@ -111,7 +111,9 @@ def _positions(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Ite
             message = f"x and y seem to be swapped: {file} has ({exact.x:g}, {exact.y:g})"
             yield Finding(Code.SWAPPED_XY, *at, message, f"write {line.text(x=x, y=y)}")
         else:
-            message = f"{file} has ({exact.x:g}, {exact.y:g}), which is not this position; this line counts"
+            message = (
+                f"{file} has ({exact.x:g}, {exact.y:g}), which differs; the position in this line is used"
+            )
             fix = f"write {line.text(x=x, y=y)}, or delete x_px and y_px of id {id} in {file}"
             yield Finding(Code.MAP_JSON_POSITION, *at, message, fix)
 
@@ -133,7 +135,7 @@ def _placement(cfg_path: Path, name: str, *, pieces: Scan) -> list[Finding]:
     photos = {line.id: line.photo for line in pieces.photos if line.id is not None}
     for line in placed.photos:
         if line.id is not None and line.id not in photos:
-            message = f"the id {line.id} is not in {cfg_path.name}: the line does not count"
+            message = f"the id {line.id} is not in {cfg_path.name}: the line is ignored"
             found.append(Finding(Code.PLACEMENT_STALE, line.line, 1, message, "delete the line", path.name))
         elif (
             line.id is not None

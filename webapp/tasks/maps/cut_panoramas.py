@@ -88,7 +88,7 @@ def cut_panoramas(
         progress.check()
         try:
             if (views := (out / name).with_suffix("")) in taken:
-                raise PhotoError("its views would be those of another photo, whose name ends otherwise")
+                raise PhotoError("its views would have the same names as those of another photo")
             taken.add(views)
             cut = cut_panorama(folder / name, out / name, options=options, limits=limits)
             yield CutPhoto(name, tuple(cut))
@@ -126,9 +126,9 @@ def cut_panorama(
     size = pixels.shape[1], pixels.shape[0]
     panorama = read_panorama(content, size)
     if not panorama.is_whole:
-        raise PhotoError("it is no whole panorama, twice as wide as high")
+        raise PhotoError("it is not a full panorama, twice as wide as high")
     if not (panorama.is_marked or options.assume):
-        raise PhotoError("it does not say that it is a panorama")
+        raise PhotoError("it is not marked as a panorama")
     known = pose or _pose_in_file(facts, panorama)
     view = view_size(size[0], options.focal_35mm)
     for number in range(options.views):

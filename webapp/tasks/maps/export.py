@@ -61,7 +61,7 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
         return True
     derived = library.map_folder(slug) / DERIVED
     if not has_library(library.folder):  # not mounted: do not write files below the mount point
-        raise StorageError("the folder of the library is not there", where=str(library.folder))
+        raise StorageError("the folder of the library is missing", where=str(library.folder))
     try:
         derived.mkdir(parents=True, exist_ok=True)
         with FileLock(derived / LOCK, poll_interval=_POLL_S):

@@ -213,7 +213,7 @@ def _outside(shown: dict[str, Any]) -> Problem:
     what_counts = ("added", "moved", "turned", "removed", "control_points")
     counts = ", ".join(f"{len(shown[what])} {what.replace('_', ' ')}" for what in what_counts if shown[what])
     message = "map.cfg was changed outside of this program"
-    message += f": {shown['problem']}" if shown["problem"] else f" ({counts or 'nothing that counts'})"
+    message += f": {shown['problem']}" if shown["problem"] else f" ({counts or 'no relevant change'})"
     fixes: tuple[FixName, ...] = (
         ("outside-discard",) if shown["problem"] else ("outside-take", "outside-discard")
     )

@@ -355,7 +355,7 @@ class NewMapFolder:
         try:
             self._base.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            message = f"the folder cannot be made: {error.strerror}"
+            message = f"the folder cannot be created: {error.strerror}"
             raise StorageError(message, where=str(self._base), hint="choose another folder") from error
         for name, original in originals.items():
             self._bring(self._photos / original, name)

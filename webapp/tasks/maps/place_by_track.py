@@ -170,9 +170,7 @@ def _match(session: Session, record: MapRecord, *, track: FixTrack, clock: Clock
     timed = [photo for photo in tray if photo.taken_at]
     times = [clock.seconds(photo.taken_at or "") + clock.offset_s for photo in timed]
     matches = match(track, times, max_gap_s=clock.max_gap_s)
-    unmatched = [
-        UnmatchedPhoto(p.id, p.name, "it does not say when it was taken") for p in tray if not p.taken_at
-    ]
+    unmatched = [UnmatchedPhoto(p.id, p.name, "it has no capture time") for p in tray if not p.taken_at]
     unmatched += [
         UnmatchedPhoto(p.id, p.name, m.reason)
         for p, m in zip(timed, matches, strict=True)

@@ -130,7 +130,7 @@ def _look(
     listed = positions.find(name)
     if listed is None:
         return SurveyedFile(
-            name, facts, state=FileState.NO_POSITION, reason="the list of positions does not name it"
+            name, facts, state=FileState.NO_POSITION, reason="it is not in the list of positions"
         )
     heading = positions.heading_of(name)
     if heading is not None:

@@ -242,7 +242,7 @@ def pointed_files(folder: Path) -> Iterator[Path]:
             if name.startswith(".") and name.endswith(SUFFIX):
                 yield pointed_path(Path(parent, name))
     if not (folder / INNER / MARKER).is_file():
-        raise StorageError("the folder is not mounted any more; no object is deleted", where=str(folder))
+        raise StorageError("the folder is no longer mounted; no object is deleted", where=str(folder))
 
 
 def _delete(
@@ -254,7 +254,7 @@ def _delete(
         by_hash.setdefault(key.rpartition("/")[2].partition("-")[0], []).append(key)
     needed = _missing(library, list(by_hash))
     if needed:
-        _log.warning("%d photos have lost their files, and their objects are kept", len(needed))
+        _log.warning("%d photos have no file; their objects are kept", len(needed))
     deleted: set[str] = set()
     for sha256, same in by_hash.items():
         for key in same if sha256 not in needed else ():

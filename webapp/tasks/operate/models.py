@@ -143,7 +143,7 @@ def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError(f"cannot be made: {error.strerror}", where=str(target.parent)) from error
+        raise StorageError(f"cannot be created: {error.strerror}", where=str(target.parent)) from error
     atomic.write_bytes(target, data)
     return target
 

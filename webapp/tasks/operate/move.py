@@ -223,7 +223,7 @@ def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -
         raise StorageError(
             f"the records of this library have moved to {moved.place}",
             where=name,
-            hint="run the command with that address, which completes a move that was killed",
+            hint="run the command with that address to complete an interrupted move",
         )
 
 

@@ -148,7 +148,7 @@ def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> O
             files = _bring_all(folder.resolve(), progress=progress)
             address = read_marker(inner)[0]
             (inner / MARKER).rename(inner / f"{MARKER}-until-{now():%Y%m%dT%H%M%S}")
-    return ObjectsMoved(files, f"{folder}; {address} has them, too")
+    return ObjectsMoved(files, f"{folder}; copies remain in {address}")
 
 
 def _bring_all(folder: Path, *, progress: Progress) -> int:
@@ -166,7 +166,7 @@ def _bring_all(folder: Path, *, progress: Progress) -> int:
                     lost.append(path)
     if lost:
         raise StorageError(
-            f"{len(lost)} files are lost, and all others are in the folder now",
+            f"{len(lost)} files are lost; all others are in the folder now",
             where=str(lost[0].relative_to(folder)),
             hint="restore them from a backup, or delete .NAME.object next to where they should be",
         )

@@ -64,7 +64,7 @@ def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoi
     if any(spot["lat"] is None for spot in spots):
         raise UsageError(
             "the spots have no latitude and longitude: the map has no georeference",
-            hint="say where the image is on the Earth, see docs/georeference.md",
+            hint="georeference the image: see docs/georeference.md",
         )
     width = len(str(len(spots)))
     return [

@@ -56,7 +56,7 @@ def align_floor(
         move = _fit(pairs)
         laid = compose(move, floor.image.map_from_image)
         if not is_affine(laid):
-            raise UsageError("the spots do not say how to lay the image", hint="choose spots far apart")
+            raise UsageError("the spots do not determine the alignment", hint="choose spots far apart")
         image = needed_image(record, with_georeference=False)
         changes = _moved_photos(maps.photos(session, record), image, floor=id, move=move)
         changes |= _moved_notes(record, image, floor=id, move=move)

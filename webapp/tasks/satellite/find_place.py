@@ -50,7 +50,7 @@ def find_place(
     """
     if settings.address is None:
         raise NotFound(
-            "places are not searched here", hint="give coordinates, or set geocoder.address on the server"
+            "place search is disabled here", hint="give coordinates, or set geocoder.address on the server"
         )
     wanted = " ".join(text.split())
     key = hashlib.sha256("\n".join((settings.address, language, wanted.casefold())).encode()).hexdigest()

@@ -89,7 +89,7 @@ def _laid(file: Path, the_map: Map, *, settings: Settings) -> FloorImage:
 def _copy(file: Path, target: Path) -> None:
     if target.exists() and target.resolve() != file.resolve():
         raise UsageError(
-            "there is a file of this name next to the map", where=str(target), hint="rename the image"
+            "a file with this name already exists next to the map", where=str(target), hint="rename the image"
         )
     if not target.exists():
         write_bytes(target, file.read_bytes())

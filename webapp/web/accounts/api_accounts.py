@@ -34,7 +34,7 @@ class AccountOut(Schema):
 
     id = Integer()
     name = String()
-    is_owner = Boolean(metadata={"description": "Of the whole library."})
+    is_owner = Boolean(metadata={"description": "Whether the account is an owner of the library."})
     language = String(allow_none=True, metadata={"description": "Of the pages; null for the browser's."})
     has_password = Boolean()
     created_at = String()

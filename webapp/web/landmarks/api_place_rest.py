@@ -36,7 +36,7 @@ class SuggestedPlaceOut(Schema):
     name = String()
     x_px = Float()
     y_px = Float()
-    radius_px = Float(metadata={"description": "Holds the truth in 68 % of the cases."})
+    radius_px = Float(metadata={"description": "68 % radius."})
     heading_deg = Float(allow_none=True)
     placed_by = List(Integer(), metadata={"description": "Nearest placed photos that it was placed by."})
 
@@ -55,7 +55,7 @@ class DoubtfulPhotoOut(Schema):
 
     id = Integer()
     name = String()
-    residual_px = Float(metadata={"description": "Distance from where the others have it."})
+    residual_px = Float(metadata={"description": "Distance from the position predicted from the others."})
 
 
 class CorrectedPhotoOut(Schema):
@@ -65,8 +65,8 @@ class CorrectedPhotoOut(Schema):
     name = String()
     x_px = Float()
     y_px = Float()
-    moved_m = Float(metadata={"description": "Distance from where its GPS has it."})
-    radius_px = Float(metadata={"description": "Holds the truth in 68 % of the cases."})
+    moved_m = Float(metadata={"description": "Distance from its GPS position."})
+    radius_px = Float(metadata={"description": "68 % radius."})
     heading_deg = Float(allow_none=True, metadata={"description": "Null where the photo has one."})
 
 
@@ -84,7 +84,7 @@ class RestOut(Schema):
     place_next = List(
         Integer(), metadata={"description": "Photos that help most if they are placed by hand."}
     )
-    job = Integer(allow_none=True, metadata={"description": "That looks for them just now."})
+    job = Integer(allow_none=True, metadata={"description": "Id of the job that is looking for them now."})
 
 
 class AcceptIn(Schema):

@@ -76,7 +76,8 @@ class ResidualOut(Schema):
     x_px = Float(allow_none=True)
     y_px = Float(allow_none=True)
     others_x_px = Float(
-        allow_none=True, metadata={"description": "Where the others have it; null where they are too few."}
+        allow_none=True,
+        metadata={"description": "Position predicted from the others; null if they are too few."},
     )
     others_y_px = Float(allow_none=True)
     residual_px = Float(allow_none=True)
@@ -92,8 +93,10 @@ class ControlPointsOut(Schema):
     points = List(Nested(ControlPointOut))
     residuals = List(Nested(ResidualOut), metadata={"description": "The largest first."})
     laid = Boolean(metadata={"description": "Whether the map has landmarks, which the residuals are of."})
-    current = Boolean(metadata={"description": "Whether nothing was changed since they were laid."})
-    job = Integer(allow_none=True, metadata={"description": "That lays them just now."})
+    current = Boolean(
+        metadata={"description": "Whether nothing was changed since the landmarks were aligned."}
+    )
+    job = Integer(allow_none=True, metadata={"description": "Id of the job that is aligning them now."})
     can_undo = Boolean(metadata={"description": "Whether your last edit of the map is one of these points."})
 
 

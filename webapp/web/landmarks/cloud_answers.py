@@ -93,7 +93,7 @@ class SharedCloudOut(Schema):
     """Landmarks in metres east, north and up, or in map pixels where the map has no georeference."""
 
     key = String(
-        allow_none=True, metadata={"description": "Another one means other points; null: there are none."}
+        allow_none=True, metadata={"description": "Changes with the points; null if there are none."}
     )
     points = Integer()
     blocks = Integer(metadata={"description": "Parts in which the points are sent."})
@@ -117,7 +117,7 @@ class SharedCloudOut(Schema):
 class CloudOut(SharedCloudOut):
     """Landmarks for members of the map."""
 
-    job = Integer(allow_none=True, metadata={"description": "That computes them just now."})
+    job = Integer(allow_none=True, metadata={"description": "Id of the job that is computing them now."})
     left_out = List(Nested(LeftOutOut))
     new_photos = Integer(metadata={"description": "Added after the landmarks were computed."})
 

@@ -48,13 +48,13 @@ class HypothesisOut(Schema):
     lon = Float(allow_none=True)
     radius_m = Float(allow_none=True)
     probability = Float(metadata={"description": "That the photo was taken at this place."})
-    experiences = List(Integer(), metadata={"description": "Ids of the photos that speak for it."})
+    experiences = List(Integer(), metadata={"description": "Ids of the supporting photos."})
     inliers = Integer(allow_none=True, metadata={"description": "Matches that agree with the geometry."})
     matches = Integer(allow_none=True)
     floor = Integer(metadata={"description": "Id of its floor; missing on a map without floors."})
     floor_name = String()
     floor_height_m = Float(allow_none=True)
-    camera = Nested(CameraOut, metadata={"description": "Where it was solved from landmarks."})
+    camera = Nested(CameraOut, metadata={"description": "Only if the pose was computed from landmarks."})
 
 
 class StatisticsOut(Schema):
@@ -119,7 +119,7 @@ class Located(Schema):
     seconds = Nested(SecondsOut)
     map_revision = Integer()
     map_kind = String(metadata={"enum": [*MAP_KINDS], "description": "What the photos' positions are."})
-    place_radius_px = Float(metadata={"description": "A place is right when it is at most so far off."})
+    place_radius_px = Float(metadata={"description": "Largest error of a place that counts as correct."})
     note = String(metadata={"description": "Why there is less than was asked for; else it is missing."})
     sequence = Boolean(metadata={"description": "True, where the frames before this one count, too."})
 

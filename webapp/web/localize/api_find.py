@@ -42,7 +42,7 @@ class FoundMapOut(Schema):
 
     slug = String()
     name = String()
-    probability = Float(metadata={"description": "That the photo was taken on it, and not on another one."})
+    probability = Float(metadata={"description": "Probability that the photo was taken on this map."})
     answer = Nested(Located, metadata={"description": "Where on it, as if there were no other map."})
 
 

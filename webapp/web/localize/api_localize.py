@@ -70,12 +70,14 @@ class QuestionIn(Schema):
     )
     hint_x_px = Float(
         validate=_ON_A_MAP,
-        metadata={"description": "About where it was: places in this circle gain, and none is left out."},
+        metadata={
+            "description": "Approximate position: places in this circle gain probability, none is excluded."
+        },
     )
     hint_y_px = Float(validate=_ON_A_MAP)
     hint_radius_px = Float(validate=Range(0, _FAR_PX, min_inclusive=False))
     heading_deg = Float(
-        metadata={"description": "About where the camera looked, clockwise from north, by a compass."}
+        metadata={"description": "Approximate compass heading of the camera, degrees clockwise from north."}
     )
     sequence = String(
         validate=Regexp(r"^[A-Za-z0-9_-]{1,64}$"),
@@ -98,7 +100,7 @@ class KeyIn(Schema):
         data_key="Idempotency-Key",
         validate=Length(1, _MOST_KEY),
         metadata={
-            "description": "Chosen by you, another one for each question: sent again, it is asked once."
+            "description": "Idempotency key, unique for each query: a repeated request is processed once."
         },
     )
 

@@ -149,7 +149,7 @@ def delete(slug: str, id: int) -> str:
     with library().database.write() as session:
         row = queries.find(session, record, id)
         if row.account_id != who.id and maps.role_of(session, record, account=who) == "viewer":
-            raise NotAllowed("this query belongs to somebody else", hint="ask an editor of the map")
+            raise NotAllowed("this query belongs to another user", hint="ask an editor of the map")
         session.delete(row)
     show_query.delete_files(library(), [row])
     return ""

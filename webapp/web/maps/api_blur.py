@@ -120,7 +120,9 @@ class MapSuggestions(Schema):
     searched = Integer(metadata={"description": "Photos that have been searched."})
     total = Integer(metadata={"description": "Photos of the map."})
     missing = _MISSING
-    job = Integer(allow_none=True, metadata={"description": "That searches or blurs them just now."})
+    job = Integer(
+        allow_none=True, metadata={"description": "Id of the job that is searching or blurring them now."}
+    )
 
 
 class SearchIn(Schema):
@@ -130,7 +132,7 @@ class SearchIn(Schema):
     least_score = Float(
         load_default=0.0,
         validate=Range(min=0, max=1),
-        metadata={"description": "With `accept`: only what the network is at least so sure of."},
+        metadata={"description": "With `accept`: only detections with at least this score."},
     )
 
 

@@ -91,7 +91,7 @@ class HealthOut(Schema):
     current = Boolean(metadata={"description": "Whether nothing was changed since."})
     place_radius_px = Float(allow_none=True)
     photos = List(Nested(PhotoHealthOut))
-    job = Integer(allow_none=True, metadata={"description": "That finds it out just now."})
+    job = Integer(allow_none=True, metadata={"description": "Id of the job that is computing this now."})
 
 
 class OutsideOut(Schema):

@@ -56,7 +56,7 @@ class ListedPhotoOut(Schema):
     from_px = List(Float(), allow_none=True, metadata={"description": "x and y; null: it has no place yet"})
     x_px = Float(allow_none=True, metadata={"description": "null: outside the image"})
     y_px = Float(allow_none=True)
-    moves = Boolean(metadata={"description": "it has a place, and another one in the list"})
+    moves = Boolean(metadata={"description": "whether it is placed already and the list would move it"})
     moved_px = Float(allow_none=True)
     moved_m = Float(allow_none=True)
     heading_deg = Float(allow_none=True)

@@ -78,7 +78,7 @@ class PrintIn(Schema):
     attribution = String(
         load_default="",
         validate=Length(max=MOST_TEXT),
-        metadata={"description": "Whom the image is from; by default its tile service."},
+        metadata={"description": "Attribution of the image; by default that of its tile service."},
     )
     floor = RecordNumber(
         load_default=BASE_FLOOR,

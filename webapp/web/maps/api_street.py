@@ -76,9 +76,11 @@ class StreetSurveyOut(Schema):
     service = String()
     found = Integer()
     to_download = Integer(metadata={"description": "Photos that the map does not have."})
-    panoramas = Integer(metadata={"description": "Of them."})
-    size_mb = Float(metadata={"description": "Of them, megabytes (10^6 bytes), about."})
-    licences = Dict(keys=String(), values=Integer(), metadata={"description": "Of them, by licence."})
+    panoramas = Integer(metadata={"description": "Panoramas to download."})
+    size_mb = Float(metadata={"description": "Approximate size of the download, megabytes (10^6 bytes)."})
+    licences = Dict(
+        keys=String(), values=Integer(), metadata={"description": "Number of photos to download, by licence."}
+    )
     authors = Integer()
     known = Integer(metadata={"description": "Photos that the map has already."})
     outside = Integer(metadata={"description": "Photos that are not on the image."})

@@ -130,7 +130,7 @@ class SatelliteOut(Schema):
     width = Integer()
     height = Integer()
     tiles = Nested(PyramidOut, allow_none=True)
-    attribution = String(allow_none=True, metadata={"description": "Whom to credit next to it."})
+    attribution = String(allow_none=True, metadata={"description": "Attribution to show with the image."})
 
 
 class PlacementOut(Schema):
@@ -191,7 +191,7 @@ class JobSchema(Schema):
     state = String(metadata={"enum": ["queued", "running", "done", "failed", "cancelled"]})
     done = Integer()
     total = Integer(metadata={"description": "0 while it is not known."})
-    note = String(metadata={"description": "What is being done just now."})
+    note = String(metadata={"description": "What is being done now."})
     error = Nested(JobErrorOut, allow_none=True)
     result = Dict(allow_none=True, metadata={"description": "Depends on the kind."})
     seconds = Float(allow_none=True, metadata={"description": "So long it works, or worked; null: not yet."})
@@ -242,6 +242,4 @@ class MapChanges(_Changed):
 class EditAnswer(_Changed):
     """Changes made by an edit; `satellite` and `georeference` only if it changed the image."""
 
-    revision = Integer(
-        allow_none=True, metadata={"description": "Of this edit; null when everything was so already."}
-    )
+    revision = Integer(allow_none=True, metadata={"description": "Of this edit; null if nothing changed."})

@@ -142,7 +142,7 @@ def test_a_flight_goes_on_after_midnight() -> None:
     reasons = [one.reason for one in findings.skipped()]
     assert reasons == [
         "lines of a declared task, which is not a track",
-        "fixes that the receiver calls invalid",
+        "fixes marked invalid by the receiver",
         "fixes that cannot be read",
     ]
     with pytest.raises(TrackError, match="before the date"):

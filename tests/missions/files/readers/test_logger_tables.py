@@ -40,7 +40,7 @@ def test_a_logger_with_hemispheres_units_and_two_columns_of_time() -> None:
     assert piece.poses.times_s[0] == unix_time("2008-01-27T14:14:35.5Z")
     assert piece.poses.height_m.tolist() == pytest.approx([22.48, 22.86])
     assert piece.poses.heading_deg.tolist() == [10.0, 20.0]
-    assert [one.reason for one in findings.skipped()] == ["fixes that the receiver calls invalid"]
+    assert [one.reason for one in findings.skipped()] == ["fixes marked invalid by the receiver"]
 
 
 @pytest.mark.parametrize(

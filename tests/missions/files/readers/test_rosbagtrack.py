@@ -71,7 +71,7 @@ def test_every_kind_of_bag_gives_its_poses_and_objects(ros, tmp_path, ros1, mcap
     assert (barrel.object_id, barrel.kind) == ("barrel/7", "barrel")
     result = {one.reason: (one.count, one.where) for one in findings.skipped()}
     assert result == {
-        "fixes that the receiver calls invalid": (1, "/fix"),
+        "fixes marked invalid by the receiver": (1, "/fix"),
         "poses with a time or a position that is not a number": (1, "/odom"),
     }
 

@@ -82,7 +82,7 @@ def test_what_is_left_out_of_a_log_is_counted() -> None:
     counts = {one.reason: (one.count, one.where) for one in findings.skipped()}
     assert counts["sentences with a wrong checksum"] == (1, "line 2")
     assert counts["lines that are no NMEA sentences"] == (1, "line 3")
-    assert counts["fixes that the receiver calls invalid"][0] == 1
+    assert counts["fixes marked invalid by the receiver"][0] == 1
     assert counts["times without a position"][0] == 1
     assert counts["sentences without a time"][0] == 1
     assert counts["sentences that cannot be read"][0] == 1
