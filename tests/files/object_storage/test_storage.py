@@ -172,9 +172,7 @@ def test_a_refusal_is_one_sentence_and_the_file_stays(node, s3, tmp_path, refusa
         storage.publish(path)
     assert path.read_bytes() == b"photo"
     assert not pointer_path(path).exists()
-    assert str(pickle.loads(pickle.dumps(refused.value))) == str(
-        refused.value
-    )  # sent by a worker process
+    assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)  # sent by a worker process
 
 
 def test_a_server_that_is_silent_or_gone_is_named(node, s3, tmp_path, monkeypatch):

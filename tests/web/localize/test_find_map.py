@@ -1,4 +1,4 @@
-""""Which map is this?" through the API and by the command, among the maps that one may see."""
+"""The search "Which map is this?" through the API and by the command, among the maps that one may see."""
 
 import io
 import json
