@@ -58,5 +58,6 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
         message = f"the host cannot be reached ({type(error).__name__})"
         raise InputError(message, where=address, hint=_HINT) from error
     if len(data) != size:
-        raise InputError(f"expected {size} bytes, received {len(data)}", where=address, hint=_HINT)
+        received = "more" if len(data) > size else len(data)
+        raise InputError(f"expected {size} bytes, received {received}", where=address, hint=_HINT)
     return bytes(data)
