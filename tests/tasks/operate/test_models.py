@@ -78,8 +78,8 @@ def test_a_download_is_kept_and_then_known(file, settings):
     [
         ("/gone", "answered 404"),
         ("/moved", "answered 302"),
-        ("/half", "should have 256000 bytes"),
-        ("/more", "should have 256000 bytes"),
+        ("/half", "expected 256000 bytes, received 128000"),
+        ("/more", "expected 256000 bytes, received more"),
         ("/other", "not the published file"),
     ],
 )
