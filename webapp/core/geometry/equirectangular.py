@@ -22,7 +22,7 @@ class ViewSize:
     Attributes
     ----------
     focal_35mm : int
-        Focal length equivalent to 35 mm film by the diagonal, mm.
+        35 mm equivalent focal length, by the diagonal, mm.
     """
 
     width: int

@@ -85,7 +85,7 @@ class RelativePose:
         Direction from the query to the map photo's camera, radians clockwise from the query's viewing
         direction, -pi to pi.
     parallax : float
-        Median angle between the two rays of a match without the rotation, radians. If it is small, the
+        Median angle between the rays of a match after undoing the rotation, radians. If it is small, the
         baseline is short compared with the depths, and the bearing is unreliable.
     inlier : (n,) bool
         Which matches agree.

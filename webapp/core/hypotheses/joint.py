@@ -141,7 +141,7 @@ def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: floa
 
 
 def fuse(members: Sequence[Hypothesis], *, probability: float, place_radius_px: float) -> Hypothesis:
-    """Average positions by probability and precision; heading and inliers are from the most probable one."""
+    """Average positions, computed ones if any, by probability and precision; heading is the best one's."""
     computed = [h for h in members if h.kind == "position"] or members
     least = _LEAST_RADIUS * place_radius_px
     squared = [(h.radius_px or place_radius_px) ** 2 + least**2 for h in computed]

@@ -43,7 +43,7 @@ _PANORAMA = 12
 """Maximum number of photos of a panorama: a position with more is an area."""
 
 _CONFIRMED = 0.6
-"""Share of photos at shared positions with agreeing relative poses from which on these are no areas."""
+"""Share of photos at shared positions whose poses must agree; with less, these positions are areas, too."""
 
 _FEW, _MOST = 0.1, 0.9
 """Share of photos in areas up to which a map is metric, and from which on it is a map of areas."""

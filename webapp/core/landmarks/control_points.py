@@ -120,7 +120,7 @@ class _Rays(NamedTuple):
         return off
 
     def information(self, at: Array) -> tuple[Array, Array]:
-        """Return the normal equations of a point, (3, 3) and (3,); angular errors are `CLICK_RAD` at `at`."""
+        """Return the normal equations of a point, (3, 3) and (3,), for errors `CLICK_RAD`, seen at `at`."""
         away = np.maximum(np.linalg.norm(at - self.centre, axis=1), 1e-12)
         across = np.eye(3) - self.direction[:, :, None] * self.direction[:, None, :]
         across = across / (away * CLICK_RAD)[:, None, None] ** 2

@@ -96,7 +96,7 @@ def _nearest(at: NDArray[np.complex128]) -> list[tuple[int, int]]:
 
 
 def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """List the pairs that descriptors vote for; a vote weighs by the distance short of the last neighbour."""
+    """List the pairs that descriptors vote for; a vote weighs how much nearer it is than the last one."""
     voting = [np.ascontiguousarray(one[:_VOTING]) for one in descriptors]
     owner = np.repeat(np.arange(len(voting)), [len(one) for one in voting])
     rows = np.concatenate(voting)

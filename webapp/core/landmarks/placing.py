@@ -32,7 +32,7 @@ from webapp.core.landmarks.submodels import (
 Array = NDArray[np.float64]
 
 _EXPONENTS = (0.0, 1.0, 2.0, 3.0)
-"""Candidate powers of the distance by which the weight of a placed photo falls; at 0 all weigh the same."""
+"""Candidate powers of the squared distance by which the weight of a photo falls; at 0 all weigh the same."""
 
 _NEAREST = 0.02
 """Added to distances in quadrature, as a fraction of the extent of the placed photos: limits the weights."""
@@ -49,7 +49,7 @@ _MISFIT = 0.5
 
 _MIRRORED = 0.3
 """Positions are mirrored if the RMS error exceeds this fraction of their extent, and that of the mirror image
-is less than this fraction of it."""
+is less than this fraction of that error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +121,7 @@ class PlanTransform:
     derived : (k,) bool
         See `KnownPositions`.
     exponent : float
-        Power of the distance by which their weight falls.
+        Power of the squared distance by which their weight falls.
     relative : (k,) float64
         Leave-one-out errors over the distance to the nearest other one; NaN where not measured; may be
         empty.

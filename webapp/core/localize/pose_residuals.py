@@ -213,7 +213,7 @@ def epipolar_residual(matches: Correspondences, *, rotation: Array, centre: Arra
     to_photo = (x / length, y / length, z / length)
     b_t, t_a, a_b = _cross(b, to_photo), _cross(to_photo, a), _cross(a, b)
     query_gradient = sum(_dot(row, b_t) ** 2 for row in _rows(rotation)[:2])
-    # The part in the photo's image plane would need its rotation; the whole vector differs little from it.
+    # The photo's rotation is not at hand to project on its image plane; the whole vector differs little.
     along_query = _dot(t_a, t_a)
     gradient = np.sqrt(query_gradient + along_query) + 1e-9
     variance = matches.query_ray_sigma**2 * query_gradient + matches.photo_ray_sigma**2 * along_query

@@ -20,7 +20,7 @@ _SIGMA_BEARING = 0.25
 """Standard deviation of a usable bearing, radians."""
 
 _FULL_PARALLAX = math.radians(2.0)
-"""From this parallax on a bearing counts fully; with less, its photo partly or only indicates nearness."""
+"""From this parallax on a bearing counts fully; with less, its photo rather indicates nearness only."""
 
 _NEAR = 3.0
 """Scale of the decay of a photo's weight with its distance, place radii."""
@@ -173,7 +173,7 @@ def _posterior_mean(
 def _density(
     position: NDArray[np.float64], taken_at: NDArray[np.float64], place_radius_px: float
 ) -> NDArray[np.float64]:
-    """Compute the relative density of the map's photos at (g, 2) positions, smoothed over half a radius."""
+    """Compute the relative density of photos at (g, 2) positions, smoothed over half a place radius."""
     apart = np.hypot(*(taken_at - position.mean(0)).T)
     near = np.unique(taken_at[apart <= _REACHED_BY_DENSITY * place_radius_px], axis=0)
     if not len(near):

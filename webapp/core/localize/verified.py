@@ -191,7 +191,7 @@ _MIN_ROLL_DEG = 5.0
 
 
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
-    """Compute the rotation about the line of sight that levels the frame of a tilted query.
+    """Compute the rotation about the line of sight that levels the frame of a rolled query.
 
     Parameters
     ----------

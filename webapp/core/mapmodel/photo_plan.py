@@ -36,7 +36,7 @@ _WORTH_TURNING = 0.5
 """Least gain of a further photo at a spot, as a fraction of the gain of the first one."""
 
 _APART = math.exp(-0.5)
-"""A cell of at least this weight for a chosen spot, within the kernel's length of it, is no further spot."""
+"""Cells of at least this weight for a chosen spot (within the kernel's length) are no further spots."""
 
 _EPSILON = 1e-9
 """Least saving of length: below it are rounding errors, with which the reversals would never end."""

@@ -30,7 +30,7 @@ class Basis:
     ----------
     codebook : Codebook
     axes : (c * d, `DIMENSIONS`) float32
-        Orthonormal columns, in order of variance; zero if there were too few photos for more.
+        Orthonormal columns, the largest variance first; zero if there were too few photos for more.
     """
 
     codebook: Codebook

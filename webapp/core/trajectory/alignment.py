@@ -170,7 +170,7 @@ def _aligned(way: Floats, position: Floats, *, variance: Floats) -> _Alignment |
         at=complex(z_mean - p_mean * turn),
         at_by_heading=complex(1j * p_mean * turn),
         at_variance=WIDER / float(weight.sum()),
-        # the path starts northwards, and angles of complex numbers are anticlockwise
+        # the path was computed as if it started northwards; angles of complex numbers are anticlockwise
         heading=-float(np.angle(turn)),
         heading_variance=WIDER / lever,
         agrees=everyone,

@@ -32,7 +32,7 @@ _PLAIN = 0.7
 """Fraction of the path along a body axis above which that is the direction of motion."""
 
 _LEVEL = 0.8
-"""Mean cosine between a body axis and a world axis above which the two are taken to coincide."""
+"""Mean cosine between a body axis and the vertical above which the two are taken to coincide."""
 
 _STEEP = 0.5
 """Horizontal component of the forward axis below which the heading is undefined: steeper than 60 degrees."""

@@ -256,7 +256,7 @@ class Filter:
         return state + gain @ off, keep @ covariance @ keep.T + gain @ counts @ gain.T
 
     def _carried(self, pending: list[int]) -> bool:
-        """Return whether enough rejected fixes agree (the robot was carried); else drop the first of them."""
+        """Return whether enough rejected fixes agree (the robot was carried); of too many, drop the first."""
         times = self.steps.times_s[self.fixes.node[pending]]
         if len(pending) < AGREEING or times[-1] - times[0] < AGREEING_S:
             return False

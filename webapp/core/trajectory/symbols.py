@@ -37,7 +37,7 @@ class Symbol:
     Attributes
     ----------
     words : str
-        Regular expression for the words of its classes, in lower case and without a plural `s`.
+        Regular expression for whole words of its classes, in lower case and without a plural `s`.
     glyph : tuple of Line
         Dark lines.
     """

@@ -149,7 +149,7 @@ def search_photos(
                     known[sha256] = _search(
                         file, sha256, networks=networks, kept=kept, limits=limits, check=progress.check
                     )
-        except (PhotoError, MapError, MissingPart) as error:  # e.g. a link out of the folder
+        except (PhotoError, MapError, MissingPart) as error:  # a link out of the folder; no format extra
             failed.append(UnsearchedPhoto(one.id, one.photo, error.message))
         else:
             searched += 1

@@ -144,7 +144,7 @@ def _read(file: Path) -> dict[str, Any] | None:
 def _remove_oldest(parts: Path) -> None:
     """Delete the oldest parts, unfinished ones included."""
     for folder in sorted(parts.glob("*"), key=_changed_at)[:-MOST_PARTS]:
-        (folder / _FILE).unlink(missing_ok=True)  # first: a part that is deleted half must not be used
+        (folder / _FILE).unlink(missing_ok=True)  # first: a half-deleted part must not be used
         shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -64,7 +64,7 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
     ------
     StorageError, Cancelled
     InputError
-        OpenCV cannot run the network file that the user supplied.
+        onnxruntime cannot run the network file that the user supplied.
     """
     key = f"{opened.map_hash} {map_fov_deg}"
     usual, again = _comparisons(opened, map_fov_deg)

@@ -72,7 +72,7 @@ def combine(
     Returns
     -------
     best : int
-        Index of the photo whose heading and evidence are used.
+        Index of the photo whose evidence is used.
     """
     weighed, best = combine_without_prior(pipeline, answers, hints=hints)
     paths = pipeline.opened.indexed.paths

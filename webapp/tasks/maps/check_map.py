@@ -35,7 +35,7 @@ _SEPARATORS = re.compile(r"[;,\t]")
 
 @dataclass(frozen=True, slots=True)
 class SideFiles:
-    """Findings about the files next to a `.cfg`, and the georeference and photo names from `map.json`."""
+    """Findings about the files next to a `.cfg`; georeference and further file names from `map.json`."""
 
     findings: list[Finding] = field(default_factory=list)
     georeference: Georeference | None = None

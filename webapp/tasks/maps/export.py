@@ -137,7 +137,7 @@ def _announce(library: Library, map_id: int, map_: Map, *, cfg: Path) -> None:
 
 
 def _exported_placements(cfg: Path) -> set[str]:
-    """Return the placements named in `map.json`, the only ones whose files may be deleted."""
+    """Return the placements that `map.json` names, without other checks of it; only their files are ours."""
     try:
         placements = json.loads(read_bytes(json_path(cfg)))["placements"]
         names = {str(placement["name"]) for placement in placements}

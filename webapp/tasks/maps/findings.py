@@ -162,7 +162,7 @@ def _lines(map_: Map) -> bytes:
 
 
 def _counts(finding: Finding) -> bool:
-    """Ignore findings about side files, which are written from the records, and photos without a record."""
+    """Return False for findings about side files (written from the records) and photos without a record."""
     return not finding.file and finding.code is not Code.ORPHAN_PHOTO
 
 

@@ -338,7 +338,7 @@ class NewMapFolder:
     def write(
         self, map_: Map, *, originals: Mapping[str, str], satellite: Path | None, plan: BlankPlan | None
     ) -> None:
-        """Copy files into the map's folder as needed, then write the map.
+        """Copy files into the map's folder as needed, then write the map, its `.cfg` last.
 
         Parameters
         ----------

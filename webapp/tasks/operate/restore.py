@@ -1,7 +1,7 @@
 """Restores a library from a backup.
 
 All files are first unpacked to a staging folder inside the target and compared with the backup's manifest,
-and the database is checked. Only then are they moved into place; an existing library is kept elsewhere.
+and the database is checked. Only then are they moved into place; an old library goes to a subfolder.
 """
 
 from __future__ import annotations
