@@ -25,7 +25,7 @@
     │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
     │   ├── TableError           a CSV of queries or positions, at this line
     │   └── TrackError           a file with a track
-    ├── StorageError             writing failed: disk full, read-only, locked by another writer
+    ├── StorageError             reading or writing failed: disk full, read-only, damaged, locked
     │   ├── DiskFull             ... because there is no space left
     │   └── ObjectLost           ... because the object storage has lost an object
     ├── IndexDamaged             an index file does not match its name or manifest
@@ -178,11 +178,11 @@ class TrackError(InputError):
 
 
 class StorageError(ExpMapError):
-    """Writing failed: the disk is full or read-only, or another process is writing."""
+    """Reading or writing failed: storage full, read-only or damaged, or another process is writing."""
 
 
 class DatabaseUnavailable(StorageError, RetryLater):
-    """The database server cannot be reached, or is busy; no change was reported as successful."""
+    """The database server cannot be reached, or is busy; nothing was changed, or at least not confirmed."""
 
 
 class StorageUnavailable(StorageError, RetryLater):

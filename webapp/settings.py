@@ -91,7 +91,7 @@ class RetrievalSettings:
     """Map photos per query whose geometry is verified: those with the most votes."""
 
     budget_s: Annotated[float, AtLeast(0)] = 5.0
-    """Time limit of a second look (method `auto`) on this machine, seconds per photo; 0: never."""
+    """Method `auto` takes a second look if it needs at most this many seconds per photo here; 0: never."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,7 +71,7 @@ async function keepPage(last) {
   }
 }
 
-/** Handle that an account opened a page; nothing is cached without an account. */
+/** Drop caches of another account, and cache the page if an account has opened it. */
 async function opened({ account, page: path }) {
   await belongTo(account);
   if (account) await keepPage(path);

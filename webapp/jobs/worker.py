@@ -65,7 +65,7 @@ _PASSING = (*_ELSEWHERE, FolderInUse, DatabaseUnavailable)
 """Temporary errors: the job goes back to the queue, with a pause that doubles each time."""
 
 _MOST_WAITS = 20
-"""Limit, reached in an hour or two, of a job's retries for a lock or a database that may stay too slow."""
+"""Maximum retries of a job (an hour or two) for a lock, or for the database, which may stay too slow."""
 
 Work = Future[Mapping[str, Any] | None]
 

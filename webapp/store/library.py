@@ -26,7 +26,7 @@ DATABASE = "library.db"
 """SQLite file in `INNER`, unless the records are in a database server."""
 
 SERVER = "database-server"
-"""File in `INNER` if they are: the server's address, and the library's key, as in the database."""
+"""File in `INNER` if the records are on a server: its address, and the library's key as in the database."""
 
 MOVING = "moving.lock"
 """Lock file that is held while the records are moved to another database."""

@@ -30,7 +30,7 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
     Returns
     -------
     list of QueryRecord
-        Older answers, which are now deleted: so can be their files. Shared answers are kept.
+        Older answers, now deleted; the caller can delete their files. Shared answers are kept.
     """
     row.map_id = record.id
     session.add(row)
@@ -92,7 +92,7 @@ def answers(
     Parameters
     ----------
     account_id : int or None
-        Only answers for this account.
+        Only answers to queries of this account.
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if first is not None:

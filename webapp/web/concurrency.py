@@ -81,7 +81,7 @@ _unauthenticated = ConcurrencyLimit("unauthenticated", share=0.5)
 
 
 def init_app(app: App) -> None:
-    """Limit requests with a body by callers who are not signed in to half of the threads."""
+    """Limit requests with a body by callers not signed in to half of the threads, before a body is read."""
     _unauthenticated.init_app(app)
     app.before_request(_take_permit)
     app.teardown_request(_give_back)

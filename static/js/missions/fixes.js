@@ -40,7 +40,7 @@ async function leftOut(server) {
     const { gated } = await server.fusion();
     return gated.map(({ time_s: time, lat, lon }) => ({ time, lat, lon, radius_m: null, gated: true }));
   } catch (error) {
-    if (error.status === 404) return []; // the fused track was imported
+    if (error.status === 404) return []; // the fused track was not computed here
     throw error;
   }
 }

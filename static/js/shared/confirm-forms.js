@@ -1,4 +1,4 @@
-/** Forms with `data-confirm` ask for confirmation before they are sent. */
+/** Forms with `data-confirm` ask before they are sent; without scripts they are just sent. */
 
 import { queryAll } from "./dom.js";
 import { confirmDialog } from "./dialogs.js";

@@ -108,7 +108,7 @@ function secret(label, value, id) {
     h("div", { class: "secret" }, input, h("button", { class: "button", type: "button", onclick: copy }, icon("copy"), word)));
 }
 
-/** Text with the author of a share, whose account may be removed. @param {{maker: ?string}} share */
+/** Text with the author of a share, which stays open when the author's account is removed. @param {{maker: ?string}} share */
 export function maker(share) {
   return share.maker === null ? t("made by an account that was removed") : t("made by {name}", { name: share.maker });
 }

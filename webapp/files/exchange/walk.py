@@ -1,4 +1,4 @@
-"""A walk as GPX: waypoints, and a route that connects them."""
+"""A walk as GPX: waypoints, and a route that connects them in their order."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from webapp.store import sharing
 
 @dataclass(frozen=True, slots=True)
 class OpenedMission:
-    """The share that a visitor opened, and its mission."""
+    """The share that a visitor opened, and its mission; the records outlive their session."""
 
     share: MissionShare
     mission: Mission

@@ -90,7 +90,7 @@ class TrackJobOut(Schema):
 
 @blueprint.before_request
 def limit_parts() -> None:
-    """Limit the number of parts of a request."""
+    """Limit the number of form parts, which is enforced while the request is read."""
     request.max_form_parts = _PARTS
 
 

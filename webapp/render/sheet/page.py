@@ -101,7 +101,7 @@ def _map_scale(part: Box, size: tuple[float, float], *, top: float) -> float:
 
 
 def printed_part(map_: Map, options: SheetOptions) -> Box:
-    """Return the part of the image to print, map pixels; around photos, at least a tenth of its side."""
+    """Return the part of the image to print, map pixels; around photos at least a tenth of the long side."""
     width, height = map_.satellite.width, map_.satellite.height
     if options.extent == "image" or not map_.experiences:
         return Box(0, 0, width, height)

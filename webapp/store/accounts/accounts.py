@@ -133,7 +133,7 @@ def tokens(session: Session, account: Account) -> list[ApiToken]:
 
 
 def by_token(session: Session, token: str) -> tuple[Account, ApiToken] | None:
-    """Find the account of a token, and its record; None for an unknown one."""
+    """Return the account and the record of a token; None if it is unknown."""
     found = select(Account, ApiToken).join(ApiToken).where(ApiToken.token_hash == hashed(token))
     row = session.execute(found).first()
     return None if row is None else (row[0], row[1])

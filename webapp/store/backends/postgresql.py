@@ -41,7 +41,7 @@ _LOCK, _MIGRATION_LOCK = 0x657870_6D6170, 0x657870_6D6171
 _LIMITS = {
     "statement_timeout": "60s",
     "lock_timeout": f"{WAIT_S}s",
-    # The server drops the connections of a disconnected machine after half a minute, of a hung process later.
+    # The server drops connections of a lost machine after half a minute, and those of a hung process later.
     "idle_in_transaction_session_timeout": "600s",
     "tcp_keepalives_idle": "10",
     "tcp_keepalives_interval": "5",

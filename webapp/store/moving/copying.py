@@ -89,7 +89,7 @@ def prepare(target: Database, *, key: str, again: bool = False) -> None:
             raise UsageError(
                 "the database is not empty"
                 if earlier is None
-                else "another move into this database was started",
+                else "another move has partly filled this database",
                 where=target.name,
                 hint="make an empty one: nothing in it is deleted",
             )

@@ -29,7 +29,7 @@ def current(session: Session, map_id: int) -> list[Job]:
 def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: int = 20) -> list[Job]:
     """List the jobs of some maps that wait, run, or have ended in the last day, active ones first.
 
-    Jobs without a map are included if they are the account's; for an owner of the library, all are.
+    Jobs without a map are included if they are the account's own; an owner of the library gets all jobs.
 
     Parameters
     ----------

@@ -236,7 +236,7 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
 
 
 def guard(session: Session, held: Lease) -> None:
-    """Lock a job and check its lease, so that the session commits its changes only while it holds that.
+    """Lock a job and check its lease, so that the session's changes are committed only under that lease.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def guard(session: Session, held: Lease) -> None:
 
 
 def finish(session: Session, held: Lease, *, result: Mapping[str, Any] | None = None) -> bool:
-    """End a job as done; False if the lease is lost, and another worker has the job."""
+    """End a job as done; False if the lease is lost, so that this worker may not end it."""
     job = _held(session, held)
     if job is not None:
         job.result = None if result is None else dict(result)
@@ -355,7 +355,7 @@ def _is_held(job: Job, is_gone: Callable[[str], bool], *, at: datetime) -> bool:
 
 
 def _is_hopeless(job: Job, limits: Limits) -> bool:
-    """Return whether too many workers have died on a job; those after progress are counted anew."""
+    """Return whether too many workers have died on a job; after progress the count starts again."""
     if job.done > 0:
         job.attempts = 0
     return job.attempts >= limits.attempts or job.fence - job.waits >= 10 * limits.attempts

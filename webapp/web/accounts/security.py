@@ -104,7 +104,7 @@ def _requests_per_minute() -> str:
 
 
 def _who() -> str:
-    """Return the key of the rate limit: the account id of the signed session, else the IP address."""
+    """Return the key of the rate limit: account id and epoch of the signed session, else the IP address."""
     return str(session.get("_user_id") or request.remote_addr)
 
 

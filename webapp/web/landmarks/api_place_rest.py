@@ -36,7 +36,7 @@ class SuggestedPlaceOut(Schema):
     name = String()
     x_px = Float()
     y_px = Float()
-    radius_px = Float(metadata={"description": "68 % radius."})
+    radius_px = Float(metadata={"description": "Contains the true position in 68 % of cases."})
     heading_deg = Float(allow_none=True)
     placed_by = List(Integer(), metadata={"description": "Nearest placed photos that it was placed by."})
 
@@ -66,7 +66,7 @@ class CorrectedPhotoOut(Schema):
     x_px = Float()
     y_px = Float()
     moved_m = Float(metadata={"description": "Distance from its GPS position."})
-    radius_px = Float(metadata={"description": "68 % radius."})
+    radius_px = Float(metadata={"description": "Contains the true position in 68 % of cases."})
     heading_deg = Float(allow_none=True, metadata={"description": "Null where the photo has one."})
 
 

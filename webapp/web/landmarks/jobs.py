@@ -32,7 +32,7 @@ def queue_landmarks(record: MapRecord, *, only_lay: bool, account_id: int | None
 
 
 def queue_for_visitors(record: MapRecord) -> None:
-    """Queue an alignment without an account, unless one has failed since the last change of the map."""
+    """Queue an alignment for no account, unless the last since the map's change failed or was cancelled."""
     with library().database.read() as session:
         last = jobs.newest(session, record.id, kind=_JOB, key=_LAY)
     if last is None or last.state not in ("failed", "cancelled") or last.created_at < record.changed_at:

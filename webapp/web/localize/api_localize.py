@@ -244,7 +244,7 @@ def received(
 
 
 def _choice(method: Method, features: str) -> MethodChoice:
-    """Return the requested method and features, or raise UsageError if this server lacks their models."""
+    """Return the requested method and features; raise UsageError if this server cannot use them together."""
     folder = settings().models
     here = usable_features(folder, method=method)
     if (choose(method).name if features == "auto" else features) in here:

@@ -76,7 +76,7 @@ class StreetSurveyOut(Schema):
     service = String()
     found = Integer()
     to_download = Integer(metadata={"description": "Photos that the map does not have."})
-    panoramas = Integer(metadata={"description": "Panoramas to download."})
+    panoramas = Integer(metadata={"description": "Number of panoramas to download."})
     size_mb = Float(metadata={"description": "Approximate size of the download, megabytes (10^6 bytes)."})
     licences = Dict(
         keys=String(), values=Integer(), metadata={"description": "Number of photos to download, by licence."}

@@ -161,7 +161,7 @@ def _is_on(photo: Photo) -> bool:
 
 
 def _shows(opened: OpenedShare, id: int) -> bool:
-    """Return whether the share includes previews of a photo; for a shared answer, only if it names it."""
+    """Return whether a share includes previews of a photo; a shared answer only those that it names."""
     if not opened.share.photos:
         return False
     return opened.query is None or id in _named(opened.query)

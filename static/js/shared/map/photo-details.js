@@ -6,7 +6,7 @@ const RETRY_MS = 10000;
 /**
  * Load all missing details, those of the current photo first.
  * @param {import("./map-store.js").MapStore} store
- * @param {function(number, number): Promise<{photos: Object[], next: ?number}>} photosAfter an id, at most a number
+ * @param {function(number, number): Promise<{photos: Object[], next: ?number}>} photosAfter photos after an id, up to a number of them
  */
 export async function loadDetails(store, photosAfter) {
   if ([...store.photos.keys()].every((id) => store.isKnown(id))) return;
