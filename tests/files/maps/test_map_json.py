@@ -101,7 +101,7 @@ def test_only_format_and_version_are_needed() -> None:
         (["georeference", "plane_from_pixel"], [[0, 0, 0]] * 3, "inverse"),
         (["georeference", "method"], None, r"\$\.georeference\.method is missing"),
         (["placements", 0, "name"], "../up", r"\$\.placements\[0\]\.name .*not a valid name"),
-        (["placements"], [{"name": "a"}, {"name": "a"}], r"\$\.placements\[1\] names"),
+        (["placements"], [{"name": "a"}, {"name": "a"}], r"\$\.placements\[1\] repeats"),
         (["placements", 0, "experiences", 0, "x_px"], None, r"experiences\[0\]\.x_px is missing"),
         (["experiences"], {}, r"\$\.experiences must be a list"),
         (["experiences", 1, "id"], 0, r"\$\.experiences\[1\] has the id 0"),
