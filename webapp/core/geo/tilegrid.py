@@ -122,7 +122,7 @@ def cut_of(box: GeoBox, zoom: int) -> TileCut:
     Raises
     ------
     GeoreferenceError
-        The area is empty, invalid or beyond the square of web Mercator, or there is no such zoom level.
+        The area is empty, invalid or beyond the square of web Mercator, or the zoom level does not exist.
     """
     if not 0 <= zoom <= MAX_ZOOM:
         raise GeoreferenceError(f"zoom {zoom} does not exist", hint=f"choose 0 to {MAX_ZOOM}")

@@ -188,7 +188,7 @@ def sigma_by_points(submodel: Submodel, points: Sequence[KnownPoint]) -> Array:
 
 
 def _agreeing(rays: _Rays) -> tuple[Array, NDArray[np.int64]] | None:
-    """Find the point on which most rays agree, and these rays; None if there is no such point or a tie."""
+    """Find the point on which most rays agree, and these rays; None if no two agree, or at a tie."""
     found: dict[tuple[int, ...], Array] = {}
     pairs = [*combinations(range(len(rays.centre)), 2)]
     for pair in pairs[:: -(-len(pairs) // _MOST_PAIRS)]:

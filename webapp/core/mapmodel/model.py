@@ -178,5 +178,5 @@ class Map:
     floors: tuple[Floor, ...] = ()
 
     def floor_named(self, id: int) -> Floor | None:
-        """Find a floor by its id; None if there is no such floor."""
+        """Find a floor by its id; None if the map does not have it."""
         return next((floor for floor in self.floors if floor.id == id), None)

@@ -162,7 +162,7 @@ def _far(filter: Filter, fixes: Fixes, weight: Floats) -> NDArray[np.bool_]:
 def _first_of_consistent_run(
     steps: Steps, fixes: Fixes, mine: NDArray[np.intp], *, gated: NDArray[np.bool_], noise: Noise
 ) -> int | None:
-    """Return the node of the first fix of a run of wrong fixes that agree; None if there is no such run."""
+    """Return the node of the first fix of a run of wrong fixes that agree; None without one."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[False], gated[mine], [False]]).astype(np.int8)))
     for first, last in bounds.reshape(-1, 2).tolist():
         run = mine[first:last]

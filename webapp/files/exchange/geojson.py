@@ -90,7 +90,7 @@ def _photo(e: Experience, georeference: Georeference, map_: Map) -> str:
 
 
 def floor_properties(map_: Map, id: int) -> dict[str, Any]:
-    """Return a floor's name as `floor`, and its `level`; empty if the map has no such floor."""
+    """Return a floor's name as `floor`, and its `level`; empty if the map does not have it."""
     floor = map_.floor_named(id)
     return {} if floor is None else {"floor": floor.name, "level": floor.level}
 
