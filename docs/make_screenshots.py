@@ -199,7 +199,7 @@ def suggest_places(api: Api) -> None:
     """Have places suggested for the photos in the tray, which makes the landmarks, too."""
     api.ask("POST", "/maps/sample/place-rest")
     api.wait_for_jobs("sample")
-    api.ask("GET", "/maps/sample/landmarks")  # lays them on the map by a job
+    api.ask("GET", "/maps/sample/landmarks")  # a job aligns them with the map
     api.wait_for_jobs("sample")
 
 

@@ -1,4 +1,4 @@
-"""Control points clicked in rendered photos lay the joined photos on the map."""
+"""Control points clicked in rendered photos align the joined photos with the map."""
 
 import math
 from dataclasses import replace
