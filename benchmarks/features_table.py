@@ -3,7 +3,7 @@
 For each kind an index is built from scratch and the same photos are localized. Medians over the queries;
 grades are counts of excellent/good/sufficient/insufficient, of the first hypothesis and of the best other.
 
-    python benchmarks/features_table.py MAP.cfg QUERIES.csv [--method vote] [--limit N] [--json OUT] [more]
+    python -m benchmarks.features_table MAP.cfg QUERIES.csv [--method vote] [--limit N] [--json OUT] [more]
 
 XFeat needs its weights (`expmap models fetch`). Other options, such as --fov, go to `expmap evaluate`.
 """

@@ -38,6 +38,21 @@ def test_the_questions_have_answers():
         assert f"## To add {heading}\n" in text
 
 
+def test_a_file_named_there_is_in_the_folder_named_before():
+    text = (ROOT / "docs" / "design.md").read_text("utf-8")
+    table = text.partition("## Where is ...")[2].partition("\n## ")[0]
+    missing = []
+    for row in table.splitlines():
+        folder = None
+        for name in re.findall(r"`([\w./-]+)`", row):
+            if named := named_paths(f"`{name}`"):
+                path = ROOT / named[0]
+                folder = path if path.is_dir() else path.parent
+            elif re.fullmatch(r"[\w-]+\.(py|js)", name) and (folder is None or not (folder / name).exists()):
+                missing.append(f"{row.split('|')[1].strip()}: {name} is not in {folder}")
+    assert missing == []
+
+
 def test_the_tour_is_short():
     text = (ROOT / "docs" / "design.md").read_text("utf-8")
     tour = text.partition("## A tour")[2].partition("\n## ")[0]
