@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.fusion import Fusion, fuse
-from webapp.core.trajectory.records import Poses, Source
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import MinMove
+from webapp.missions.core.trajectory.fusion import Fusion, fuse
+from webapp.missions.core.trajectory.records import Poses, Source
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.render.track_picture import Shown, draw_tracks
 from webapp.missions.tasks import read_track
 from webapp.missions.tasks.place_track import ReadOptions

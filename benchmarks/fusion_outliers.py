@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.fusion import Fusion, fuse
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.fusion import Fusion, fuse
+from webapp.missions.core.trajectory.records import make_poses
 
 FRAME = LocalFrame(LatLon(50.0, 14.0))
 HZ, SPEED, SECONDS = 10.0, 8.0, 470

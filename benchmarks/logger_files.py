@@ -24,8 +24,8 @@ from xml.etree import ElementTree
 import gpxpy
 import numpy as np
 
-from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import ExpMapError
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.missions.tasks.read_track import ReadReport, read_track
 

@@ -35,7 +35,7 @@ from tests.browser.app import App
 from tests.browser.conftest import sign_in
 from tests.browser.ensure_browser import MISSING, find_browser
 from tests.browser.watch import BROWSER_OPTIONS
-from webapp.core.trajectory.records import Poses, make_poses
+from webapp.missions.core.trajectory.records import Poses, make_poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.tasks import track_display
 from webapp.progress import Progress

@@ -32,8 +32,8 @@ from benchmarks.killer import descendants
 from tests.browser.app import expmap
 from tests.ports import reserved_port
 from tests.robot.wire import Wire
-from webapp.core.trajectory.records import Poses
-from webapp.core.trajectory.thinning import parse_min_move
+from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.thinning import parse_min_move
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionSender, Track
 from webapp.missions.tasks import import_file

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.core.trajectory.simulated import Drive
+from tests.missions.core.simulated import Drive
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.fusion import Fusion, fuse
-from webapp.core.trajectory.records import Poses, Source, make_poses
+from webapp.missions.core.trajectory.fusion import Fusion, fuse
+from webapp.missions.core.trajectory.records import Poses, Source, make_poses
 from webapp.missions.render.track_picture import Shown, draw_tracks
 
 PICTURE = Path(__file__).resolve().parent / "pictures" / "fusion.png"

@@ -5,7 +5,7 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.render.track_picture import BAND_PX, COLOURS, GATED, SIDE_PX, Shown, draw_tracks
 from webapp.render.colours import PAPER
 

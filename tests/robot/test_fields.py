@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.trajectory.batch import parse
 from webapp.errors import InputError
+from webapp.missions.core.trajectory.batch import parse
 from webapp.robot.fields import FAR, RECORDS, Number, Text, record_schema
 from webapp.robot.records import ObjectFields, PoseFields, parse_record, to_json
 

@@ -17,8 +17,8 @@ from ros.expmap_ros.test.support import LAT, LON
 from tests.missions.files.readers.conftest import Messages
 from tests.robot.site import Site
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import MinMove
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import MissionObject
 from webapp.missions.tasks.import_file import Order, import_track_file

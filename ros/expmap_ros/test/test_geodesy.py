@@ -10,7 +10,7 @@ from expmap_ros.geodesy import Origin
 from expmap_ros.robot_frame import RobotFrame, pose_of
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory import robotframe
+from webapp.missions.core.trajectory import robotframe
 
 
 @pytest.mark.parametrize(("distance", "off"), [(1000.0, 0.001), (5000.0, 0.01)])

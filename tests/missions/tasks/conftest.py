@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import MissionObject, ObjectSighting
 from webapp.store.schema import Account

@@ -9,10 +9,10 @@ from filelock import FileLock, Timeout
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from tests.core.trajectory.simulated import Drive
-from tests.core.trajectory.test_fusion import FRAME, error_m, gps_of, odometry_of
-from webapp.core.trajectory.fusion import Fusion
+from tests.missions.core.simulated import Drive
+from tests.missions.core.test_fusion import FRAME, error_m, gps_of, odometry_of
 from webapp.errors import Cancelled, NotFound, UsageError
+from webapp.missions.core.trajectory.fusion import Fusion
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import fuse

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.robotframe import Start
 from webapp.errors import TrackError
+from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.tasks.inspect_file import NEEDS_START, as_json, inspect_file
 from webapp.missions.tasks.place_track import (
     BACKWARDS,

@@ -7,8 +7,8 @@ import sqlite3
 import pytest
 from filelock import FileLock
 
-from tests.core.trajectory.simulated import Drive
-from tests.core.trajectory.test_fusion import gps_of, odometry_of
+from tests.missions.core.simulated import Drive
+from tests.missions.core.test_fusion import gps_of, odometry_of
 from webapp.app.registry import PARTS
 from webapp.errors import StorageError
 from webapp.missions.store import missions, tracks

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import NotFound, TrackError
 from webapp.files.exchange.gpx import NAMESPACE
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.store import batches, missions, objects, tracks
 from webapp.missions.store.objects import Page
 from webapp.missions.store.schema import Mission, Track

@@ -11,9 +11,9 @@ from pyproj import Geod
 from rosbags.highlevel import AnyReader
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import MinMove
 from webapp.errors import Cancelled, TrackError
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.tasks import read_track
 from webapp.missions.tasks.place_track import NO_START, ReadOptions
 from webapp.progress import Progress

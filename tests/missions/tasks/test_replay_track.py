@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from webapp.core.trajectory.batch import parse
-from webapp.core.trajectory.thinning import MinMove
+from webapp.missions.core.trajectory.batch import parse
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.tasks import read_track, replay_track
 from webapp.missions.tasks.place_track import ReadOptions
 

@@ -1,1 +1,1 @@
-"""Trajectories: positions over time."""
+"""Positions over time, and photos matched with them by their times."""

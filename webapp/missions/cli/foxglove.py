@@ -12,10 +12,10 @@ import click
 from webapp.cli.foxglove import serve_until_interrupted, sink_options
 from webapp.cli.library import existing_library, library_option, library_settings
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportTrack
-from webapp.core.trajectory.records import Poses
 from webapp.errors import Conflict, NotFound
 from webapp.extras import require
+from webapp.missions.core.trajectory.outgoing import ExportTrack
+from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.store import reading
 from webapp.missions.store.schema import Mission

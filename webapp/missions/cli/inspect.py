@@ -10,9 +10,9 @@ import click
 
 from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.progressbar import terminal_progress
-from webapp.core.trajectory.axes import AXES
 from webapp.errors import InputError
 from webapp.files.exchange.times import utc
+from webapp.missions.core.trajectory.axes import AXES
 from webapp.missions.tasks import inspect_file
 from webapp.missions.tasks.import_order import order_of
 from webapp.missions.tasks.inspect_file import FileReport, FileSource

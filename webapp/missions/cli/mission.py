@@ -15,11 +15,11 @@ from webapp.cli.exitcodes import DONE, SOME_FAILED
 from webapp.cli.library import library_option, library_settings, opened_library
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
-from webapp.core.trajectory.axes import AXES
-from webapp.core.trajectory.records import SOURCES
-from webapp.core.trajectory.robotframe import Start, parse_start
 from webapp.errors import InputError, NotFound, UsageError
 from webapp.files.atomic import write_pieces
+from webapp.missions.core.trajectory.axes import AXES
+from webapp.missions.core.trajectory.records import SOURCES
+from webapp.missions.core.trajectory.robotframe import Start, parse_start
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export as export_mission

@@ -11,8 +11,6 @@ import click
 from webapp.cli.exitcodes import SOME_FAILED
 from webapp.cli.progressbar import TerminalProgress, terminal_progress
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import parse_min_move
 from webapp.missions.cli.robot import (
     Target,
     find_target,
@@ -20,6 +18,8 @@ from webapp.missions.cli.robot import (
     mission_options,
     parse_start,
 )
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import parse_min_move
 from webapp.missions.tasks import replay_track
 from webapp.missions.tasks.replay_track import Replay
 from webapp.robot.client import RobotClient

@@ -15,10 +15,10 @@ from typing import BinaryIO
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
-from webapp.core.trajectory.records import Sighting, make_poses
-from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import UsageError
+from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
+from webapp.missions.core.trajectory.records import Sighting, make_poses
+from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files.csv_table import Key, Table, date_order, open_table, table_rows, time_name
 from webapp.missions.files.line_buffer import is_mostly_timed
 from webapp.missions.files.track_chunks import (

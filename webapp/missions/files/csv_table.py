@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from webapp.core.columns import DATE_ORDERS, EXCEL_DAYS, POSE_FIELDS, Columns, guess_columns, parse_columns
-from webapp.core.trajectory.records import SOURCES, Source
 from webapp.errors import TrackError, UsageError
 from webapp.files.exchange.cells import angle, day_order, moment, quantity, split_datetime
 from webapp.files.exchange.times import unix_time
 from webapp.files.text_file import cell_text, delimiter_of, numbered_lines, split_row
+from webapp.missions.core.trajectory.records import SOURCES, Source
 from webapp.missions.files.track_chunks import Findings
 
 _HEMISPHERES = {"lat": "NS", "lon": "EW"}

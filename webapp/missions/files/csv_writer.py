@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.text_file import plain_cell
+from webapp.missions.core.trajectory.outgoing import ExportTrack, MissionExport
 
 POSE_COLUMNS = (
     "source", "track", "number", "time", "time_s", "lat", "lon", "height_m", "heading_deg",

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
+from webapp.missions.core.trajectory.records import SOURCES, Sighting, Source
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import (
     UNTIMED_OBJECTS,

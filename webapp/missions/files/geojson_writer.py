@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.files.exchange.geojson import point_feature, to_json, write_collection
 from webapp.files.exchange.times import utc, utc_or_none
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import Poses, join, make_poses
 
 
 def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:

@@ -9,11 +9,11 @@ from typing import BinaryIO
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, MissionExport
-from webapp.core.trajectory.records import SOURCES, Poses, Sighting, Source
 from webapp.files.exchange.gpx import NAMESPACE, GpxLine, GpxPoint, GpxWaypoint, read_gpx
 from webapp.files.exchange.times import utc
 from webapp.files.exchange.xml import DECLARATION, element
+from webapp.missions.core.trajectory.outgoing import ExportObject, MissionExport
+from webapp.missions.core.trajectory.records import SOURCES, Poses, Sighting, Source
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, is_mostly_timed
 from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 

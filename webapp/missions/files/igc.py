@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta
 from typing import BinaryIO
 
-from webapp.core.trajectory.records import make_poses
 from webapp.errors import TrackError
 from webapp.files.text_file import numbered_lines
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.files.track_chunks import CHUNK, Findings, Piece, WorldPiece
 
 _FIX = re.compile(

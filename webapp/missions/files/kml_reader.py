@@ -22,11 +22,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Sighting
 from webapp.errors import TrackError
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
+from webapp.missions.core.trajectory.records import Sighting
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
 from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 

@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.core.trajectory.records import Poses
-from webapp.core.trajectory.symbols import kind_colour
 from webapp.files.exchange.kml import extended_data, picture_description, point, write_kml
 from webapp.files.exchange.times import utc, utc_or_none
 from webapp.files.exchange.xml import element
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.symbols import kind_colour
 
 
 def format_mission_kml(

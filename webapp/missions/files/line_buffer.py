@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from webapp.core.trajectory.records import Source, make_poses
+from webapp.missions.core.trajectory.records import Source, make_poses
 from webapp.missions.files.track_chunks import CHUNK, FEW_TIMES, NO_TIME, UNTIMED, Findings, WorldPiece
 
 

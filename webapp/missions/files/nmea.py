@@ -14,9 +14,9 @@ from datetime import UTC, date, datetime, time, timedelta
 from typing import Any, BinaryIO
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Sighting, make_poses
 from webapp.extras import extra
 from webapp.files.text_file import numbered_lines
+from webapp.missions.core.trajectory.records import Sighting, make_poses
 from webapp.missions.files.track_chunks import (
     CHUNK,
     UNTIMED_OBJECTS,

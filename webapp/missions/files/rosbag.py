@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from webapp.core.trajectory.records import make_poses
-from webapp.core.trajectory.robotframe import LocalPoses
 from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
+from webapp.missions.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,

@@ -8,9 +8,9 @@ from typing import BinaryIO
 from xml.etree.ElementTree import Element
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Sighting
 from webapp.files.exchange.times import unix_time
 from webapp.files.exchange.xml import child_text, local_name, number, walk
+from webapp.missions.core.trajectory.records import Sighting
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, is_mostly_timed
 from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
-from webapp.core.trajectory.records import Poses, Sighting, Source
-from webapp.core.trajectory.robotframe import LocalPoses
+from webapp.missions.core.trajectory.records import Poses, Sighting, Source
+from webapp.missions.core.trajectory.robotframe import LocalPoses
 from webapp.robot.fields import RECORDS, FieldError
 
 CHUNK = 2048

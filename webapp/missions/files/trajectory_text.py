@@ -6,7 +6,7 @@ KITTI odometry (Geiger, Lenz, Urtasun, CVPR 2012): the twelve numbers of a 3 x 4
 camera that looks along z, x right, y down; without times, 10 poses per second.
 
 Converters between the two keep the axes, so a file in either format may have the axes of the other: they are
-detected where the motion shows them (`webapp.core.trajectory.axes`).
+detected where the motion shows them (`webapp.missions.core.trajectory.axes`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.errors import TrackError
 from webapp.files.exchange import tum
+from webapp.missions.core.trajectory.axes import Axes, Frames, detect_frames, rotations_of, to_robot
 from webapp.missions.files.track_chunks import CHUNK, Findings, RobotPiece
 
 Layout = Literal["tum", "kitti"]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
-from webapp.core.trajectory.records import Poses
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
+from webapp.missions.core.trajectory.outgoing import ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import Poses
 
 _TUM_REMARK = "# timestamp tx ty tz qx qy qz qw: x east, y north, z up, metres from {lat:.9f}, {lon:.9f}\n"
 _UNTIMED = "# the track has no times: the first column counts its poses\n"

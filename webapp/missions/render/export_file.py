@@ -6,10 +6,10 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.core.trajectory.symbols import kind_colour
 from webapp.errors import UsageError
 from webapp.files.exchange.times import utc
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.symbols import kind_colour
 from webapp.missions.store import reading
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import export

@@ -12,7 +12,7 @@ from PIL import Image
 
 from webapp.core.geo.local import LocalFrame, centre_of
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import SOURCES, Poses, Source
+from webapp.missions.core.trajectory.records import SOURCES, Poses, Source
 from webapp.missions.store import tracks
 from webapp.missions.tasks import fuse
 from webapp.render.canvas import Canvas, Point, text_width

@@ -10,8 +10,8 @@ from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.association import ObjectAssociation, ObjectEstimate
-from webapp.core.trajectory.records import Sighting
+from webapp.missions.core.trajectory.association import ObjectAssociation, ObjectEstimate
+from webapp.missions.core.trajectory.records import Sighting
 from webapp.missions.store.schema import MissionObject, ObjectSighting
 
 _MOST_PARAMETERS = 500

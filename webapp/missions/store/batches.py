@@ -14,9 +14,9 @@ from typing import Any
 from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.batch import Batch
-from webapp.core.trajectory.records import Sighting
 from webapp.errors import Conflict
+from webapp.missions.core.trajectory.batch import Batch
+from webapp.missions.core.trajectory.records import Sighting
 from webapp.missions.store import association, missions, tracks
 from webapp.missions.store.object_states import STATES
 from webapp.missions.store.schema import Mission, MissionBatch, MissionObject, MissionSender, ObjectSighting

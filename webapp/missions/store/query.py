@@ -1,4 +1,4 @@
-"""Queries on the rows of a mission, written as conditions (`webapp.core.filters`).
+"""Queries on the rows of a mission, written as conditions (`webapp.missions.core.filters`).
 
 Only column names from the lists here, operators of a fixed set, and bound values reach the database.
 """
@@ -14,7 +14,8 @@ from typing import Any, Literal, get_args
 from sqlalchemy import ColumnElement, Select, and_, not_, or_, select
 from sqlalchemy.orm import Session
 
-from webapp.core.filters.nodes import (
+from webapp.errors import UsageError
+from webapp.missions.core.filters.nodes import (
     AllOf,
     Among,
     AnyOf,
@@ -26,8 +27,7 @@ from webapp.core.filters.nodes import (
     Not,
     Unknown,
 )
-from webapp.core.filters.parser import parse_columns, parse_condition, parse_order
-from webapp.errors import UsageError
+from webapp.missions.core.filters.parser import parse_columns, parse_condition, parse_order
 from webapp.missions.store.schema import MissionObject, ObjectChange, ObjectSighting, Pose, Track
 from webapp.store.database import backend_of
 

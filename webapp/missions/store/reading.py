@@ -15,9 +15,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.core.trajectory.records import Poses
 from webapp.errors import Conflict, NotFound
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Mission, MissionObject, Track
 from webapp.store.database import Database

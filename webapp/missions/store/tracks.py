@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from sqlalchemy import ColumnElement, Select, and_, delete, exists, func, select
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.distance import COLUMNS, fill_travelled
-from webapp.core.trajectory.records import Poses, join, make_poses
 from webapp.errors import NotFound
+from webapp.missions.core.trajectory.distance import COLUMNS, fill_travelled
+from webapp.missions.core.trajectory.records import Poses, join, make_poses
 from webapp.missions.store.schema import Pose, Track, TrackPiece, TrackProfile
 from webapp.store.database import backend_of
 from webapp.store.operate import jobs
@@ -62,7 +62,7 @@ def get_or_create(session: Session, mission_id: int, *, source: str, name: str =
     Parameters
     ----------
     source : str
-        One of `webapp.core.trajectory.records.SOURCES`.
+        One of `webapp.missions.core.trajectory.records.SOURCES`.
     name : str
         Distinguishes several tracks of one source.
     """

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from webapp.core.trajectory.outgoing import MissionExport
 from webapp.errors import NotFound, PhotoError, UsageError
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
+from webapp.missions.core.trajectory.outgoing import MissionExport
 from webapp.missions.files.csv_writer import format_objects_csv, format_poses_csv
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.gpx import format_mission_gpx

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
 from webapp.core.geometry.robust import GATE_2D
-from webapp.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
-from webapp.core.trajectory.records import Poses, Source, join
-from webapp.core.trajectory.smoother import mean_distance_bounds
 from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import write_text
+from webapp.missions.core.trajectory.fusion import MOST_POSES, Fusion, NoFusion, fuse
+from webapp.missions.core.trajectory.records import Poses, Source, join
+from webapp.missions.core.trajectory.smoother import mean_distance_bounds
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, Track
 from webapp.progress import Progress

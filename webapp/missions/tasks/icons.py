@@ -7,8 +7,8 @@ import unicodedata
 
 from PIL import Image, ImageDraw, ImageFont
 
-from webapp.core.trajectory import symbols
-from webapp.core.trajectory.symbols import Line, kind_colour, symbol_of
+from webapp.missions.core.trajectory import symbols
+from webapp.missions.core.trajectory.symbols import Line, kind_colour, symbol_of
 
 SIDE = 64
 """Width and height, pixels."""

@@ -19,9 +19,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.records import Sighting, Source
-from webapp.core.trajectory.robotframe import Start
 from webapp.errors import NotFound, TrackError
+from webapp.missions.core.trajectory.records import Sighting, Source
+from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.files.track_chunks import Findings, Skipped
 from webapp.missions.files.track_format import TITLES, Kind, kind_of
 from webapp.missions.store import batches, missions, tracks

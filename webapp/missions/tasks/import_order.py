@@ -7,11 +7,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from webapp.core.trajectory.axes import parse_axes
-from webapp.core.trajectory.records import SOURCES, Source
-from webapp.core.trajectory.robotframe import parse_start
-from webapp.core.trajectory.thinning import MinMove, parse_min_move
 from webapp.errors import UsageError
+from webapp.missions.core.trajectory.axes import parse_axes
+from webapp.missions.core.trajectory.records import SOURCES, Source
+from webapp.missions.core.trajectory.robotframe import parse_start
+from webapp.missions.core.trajectory.thinning import MinMove, parse_min_move
 from webapp.missions.tasks.place_track import ReadOptions
 from webapp.store.library import Library
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.trajectory.robotframe import Anchor, anchor_of
-from webapp.core.trajectory.thinning import MinMove
 from webapp.files.exchange.times import utc
+from webapp.missions.core.trajectory.robotframe import Anchor, anchor_of
+from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.files.csv_table import TableHead, table_head
 from webapp.missions.files.track_chunks import Findings, Piece, RobotPiece, Skipped, WorldPiece
 from webapp.missions.files.track_format import TITLES

@@ -12,9 +12,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.trajectory.records import Poses, join, make_poses
-from webapp.core.trajectory.visual import visual_fix
 from webapp.errors import InputError, NotFound, PhotoError
+from webapp.missions.core.trajectory.records import Poses, join, make_poses
+from webapp.missions.core.trajectory.visual import visual_fix
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo

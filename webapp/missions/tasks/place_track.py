@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.axes import Axes
-from webapp.core.trajectory.distance import Odometer
-from webapp.core.trajectory.records import Poses, Sighting, Source
-from webapp.core.trajectory.robotframe import Anchor, RobotFrame, Start, anchor_of
-from webapp.core.trajectory.thinning import MinMove, Thinner
 from webapp.files.exchange.times import utc
+from webapp.missions.core.trajectory.axes import Axes
+from webapp.missions.core.trajectory.distance import Odometer
+from webapp.missions.core.trajectory.records import Poses, Sighting, Source
+from webapp.missions.core.trajectory.robotframe import Anchor, RobotFrame, Start, anchor_of
+from webapp.missions.core.trajectory.thinning import MinMove, Thinner
 from webapp.missions.files.track_chunks import (
     BAD_POSITION,
     Findings,

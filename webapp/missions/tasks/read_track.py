@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from webapp.core.trajectory.records import Poses, Sighting, Source, join
 from webapp.errors import ExpMapError, TrackError
+from webapp.missions.core.trajectory.records import Poses, Sighting, Source, join
 from webapp.missions.files import (
     csv_reader,
     fit,

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from webapp.core.trajectory.records import Sighting
-from webapp.core.trajectory.robotframe import Start
-from webapp.core.trajectory.thinning import MinMove, Thinner
+from webapp.missions.core.trajectory.records import Sighting
+from webapp.missions.core.trajectory.robotframe import Start
+from webapp.missions.core.trajectory.thinning import MinMove, Thinner
 from webapp.missions.files.track_chunks import Skipped
 from webapp.missions.tasks import read_track
 from webapp.missions.tasks.place_track import ReadOptions

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
 
-from webapp.core.trajectory.batch import parse
 from webapp.errors import Conflict
+from webapp.missions.core.trajectory.batch import parse
 from webapp.missions.store import batches
 from webapp.store.library import Library
 
@@ -39,7 +39,7 @@ def store_batch(
     Parameters
     ----------
     records : sequence
-        In the format of `webapp.core.trajectory.batch.parse`; may be empty, to query the next number.
+        In the format of `batch.parse`; may be empty, to query the next number.
 
     Returns
     -------

@@ -19,9 +19,9 @@ import numpy as np
 from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.records import Poses, join
-from webapp.core.trajectory.thinning import GAP_S, simplify_motion
 from webapp.errors import Conflict, NotFound
+from webapp.missions.core.trajectory.records import Poses, join
+from webapp.missions.core.trajectory.thinning import GAP_S, simplify_motion
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Mission, Track
 from webapp.progress import Progress

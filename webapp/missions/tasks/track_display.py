@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.orm import Session
 
-from webapp.core.trajectory.distance import profile
-from webapp.core.trajectory.records import Poses
-from webapp.core.trajectory.thinning import simplify
+from webapp.missions.core.trajectory.distance import profile
+from webapp.missions.core.trajectory.records import Poses
+from webapp.missions.core.trajectory.thinning import simplify
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Track
 from webapp.missions.store.tracks import PIECE, POINT, Piece

@@ -11,9 +11,9 @@ from apiflask.fields import File, Integer, String
 from apiflask.validators import Length, OneOf
 from flask import request
 
-from webapp.core.trajectory.axes import AXES
-from webapp.core.trajectory.records import SOURCES
 from webapp.files.part_file import receive
+from webapp.missions.core.trajectory.axes import AXES
+from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.files.track_format import kind_of
 from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.missions.web.context import open_mission

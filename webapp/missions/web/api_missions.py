@@ -9,7 +9,7 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Range
 
-from webapp.core.trajectory.records import SOURCES
+from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete

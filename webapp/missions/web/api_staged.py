@@ -10,9 +10,9 @@ from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
 
-from webapp.core.trajectory.records import SOURCES
 from webapp.errors import UsageError
 from webapp.files.part_file import WrongOffset, append, one_at_a_time
+from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.files.track_format import kind_of
 from webapp.missions.store import missions
 from webapp.missions.tasks import staged_file

@@ -7,8 +7,8 @@ from typing import Any
 from apiflask import APIBlueprint
 from flask import Blueprint, Response, render_template
 
-from webapp.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.errors import NotFound
+from webapp.missions.core.trajectory.symbols import SYMBOLS, svg_path
 from webapp.missions.store import missions, shares
 from webapp.missions.store.shares import OpenedMission
 from webapp.missions.tasks.covering_maps import covering_maps

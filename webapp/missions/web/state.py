@@ -10,9 +10,9 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.trajectory.drift import LoopClosure, measure_closure
-from webapp.core.trajectory.records import Poses
 from webapp.errors import NotFound
+from webapp.missions.core.trajectory.drift import LoopClosure, measure_closure
+from webapp.missions.core.trajectory.records import Poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.store.missions import Entry
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto, ObjectSighting, Track

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.outgoing import ExportObject, ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import make_poses
 
 HOSTILE = "<b>&amp ]]><![CDATA[ \"'\x07"
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webapp.core.trajectory.outgoing import ExportTrack, MissionExport
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.outgoing import ExportTrack, MissionExport
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.files.geojson_writer import format_mission_geojson
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.kml_rules import GX, KML, check_kml, fastkml
-from webapp.core.trajectory.outgoing import MissionExport
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.outgoing import MissionExport
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.files.kml_writer import format_mission_kml, format_network_link
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from webapp.core.geo.local import LocalFrame
 from webapp.core.geo.types import LatLon
-from webapp.core.trajectory.outgoing import MissionExport
-from webapp.core.trajectory.records import join, make_poses
+from webapp.missions.core.trajectory.outgoing import MissionExport
+from webapp.missions.core.trajectory.records import join, make_poses
 from webapp.missions.files import geojson_reader, gpx, trajectory_text
 from webapp.missions.files.geojson_writer import format_mission_geojson
 from webapp.missions.files.track_chunks import Findings, RobotPiece, WorldPiece

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from webapp.core.trajectory.records import make_poses
+from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.store import missions, tracks
 from webapp.missions.tasks import track_display
 from webapp.missions.tasks.track_display import LineView

@@ -1,0 +1,198 @@
+"""Fusion of tracks in latitude and longitude."""
+
+import numpy as np
+import pytest
+
+from tests.missions.core.simulated import Drive, rmse
+from webapp.core.geo.local import LocalFrame
+from webapp.core.geo.types import LatLon
+from webapp.missions.core.trajectory import fusion
+from webapp.missions.core.trajectory.fusion import fuse
+from webapp.missions.core.trajectory.records import make_poses
+
+FRAME = LocalFrame(LatLon(50.1, 14.4))
+BEGUN_S = 1_700_000_000.0
+
+
+def odometry_of(drive, *, frame=FRAME, headings=True):
+    """Return the odometry of a robot that assumes its first heading to be north; anywhere on the Earth."""
+    own = drive.steps.heading_rad
+    moved = drive.moves[1:, :1] * np.column_stack([np.sin(own), np.cos(own)])[:-1]
+    enu = np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+    result = np.degrees(own) if headings else None
+    return make_poses(drive.steps.times_s + BEGUN_S, frame.latlon_from_enu(enu), heading_deg=result)
+
+
+def gps_of(drive, *, stated_m=None):
+    """Return the fixes of the receiver."""
+    times = drive.steps.times_s[drive.node] + BEGUN_S
+    variance = (drive.sigma_m if stated_m is None else stated_m) ** 2
+    covariance = np.tile([variance, variance, 0.0], (len(times), 1))
+    heights = np.linspace(300, 320, len(times))
+    return make_poses(
+        times, FRAME.latlon_from_enu(drive.measured), covariance_m2=covariance, height_m=heights
+    )
+
+
+def error_m(found, drive):
+    """Return the error of the corrected track."""
+    at = np.searchsorted(drive.steps.times_s + BEGUN_S, found.poses.times_s)
+    return rmse(FRAME.enu_from_latlon(found.poses.latlon), drive.truth[at])
+
+
+@pytest.mark.parametrize("frame", [FRAME, LocalFrame(LatLon(-33.0, 179.9999))])
+def test_odometry_is_of_use_wherever_it_believes_to_be(frame):
+    drive = Drive(1)
+    found = fuse(odometry_of(drive, frame=frame), {"visual": gps_of(drive)})
+    assert error_m(found, drive) < 1.0
+    off = np.remainder(np.radians(found.poses.heading_deg) - drive.heading + np.pi, 2 * np.pi) - np.pi
+    assert np.abs(off[50:]).max() < 0.2
+
+
+def test_without_headings_they_follow_from_the_path():
+    drive = Drive(1)
+    assert error_m(fuse(odometry_of(drive, headings=False), {"visual": gps_of(drive)}), drive) < 1.0
+
+
+def test_fixes_that_are_left_out_are_reported():
+    drive = Drive(2)
+    drive.measured[17] += (0, 70)
+    found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
+    gating = found.gating["visual"]
+    assert gating.number[gating.gated].tolist() == [17]
+    assert gating.innovation_m[17] == pytest.approx(70, abs=6)
+    away = FRAME.enu_from_latlon(gating.expected[17:18])[0] - drive.truth[drive.node[17]]
+    assert np.hypot(*away) < 6
+    assert gating.mean_distance < 3
+
+
+def test_fixes_in_any_order_of_two_sources():
+    drive = Drive(3)
+    poses, rng = gps_of(drive), np.random.default_rng(0)
+    mixed = poses.take(rng.permutation(len(poses)))
+    visual = mixed.take(np.arange(len(mixed)) % 3 == 0)
+    gps = mixed.take(np.arange(len(mixed)) % 3 != 0)
+    reckoned = odometry_of(drive)
+    found = fuse(reckoned.take(rng.permutation(len(reckoned))), {"gps": gps, "visual": visual})
+    assert np.all(np.diff(found.poses.times_s) > 0)
+    assert error_m(found, drive) < 1.5
+    assert sorted(found.gating["gps"].number.tolist()) == list(range(len(gps)))
+    assert np.all(np.diff(gps.times_s[found.gating["gps"].number]) > 0)
+
+
+def test_a_receiver_that_promises_too_much_is_not_believed():
+    drive = Drive(4, nodes=1200, every=20)
+    found = fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)})
+    assert found.fit.receiver == 4.0
+    assert not found.gating["gps"].gated.any()
+    honest = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    assert honest.fit.receiver == 1.0
+
+
+def test_too_few_fixes_to_find_the_outlier():
+    drive = Drive(4, nodes=200, every=20)
+    assert fuse(odometry_of(drive), {"gps": gps_of(drive, stated_m=0.5)}).fit.receiver == 1.0
+
+
+def test_wheels_that_skid_are_noticed():
+    drive = Drive(5, nodes=400)
+    drive.moves[:, 2] *= 0.6  # the robot turns much more than its odometry says
+    found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
+    assert found.fit.odometry > 1
+    assert error_m(found, drive) < 1.5
+
+
+def test_without_odometry_its_errors_are_the_usual_ones():
+    assert fuse(None, {"gps": gps_of(Drive(5))}).fit.odometry == 1.0
+
+
+def test_a_fusion_is_cancelled_before_the_smoother(monkeypatch):
+    def check(_):
+        raise InterruptedError
+
+    monkeypatch.setattr(fusion, "smooth", None)
+    drive = Drive(5)
+    with pytest.raises(InterruptedError):
+        fuse(odometry_of(drive), {"gps": gps_of(drive)}, check=check)
+
+
+def test_fixes_without_covariance_and_impossible_ones_get_the_usual_one():
+    drive = Drive(6, sigma_m=5.0, every=10)
+    poses = gps_of(drive)
+    poses.covariance_m2[:] = np.nan
+    poses.covariance_m2[::2] = (1.0, 1.0, 3.0)
+    usual = fuse(odometry_of(drive), {"gps": poses})
+    result = fuse(odometry_of(drive), {"gps": gps_of(drive)})
+    assert usual.poses.latlon == pytest.approx(result.poses.latlon, abs=1e-12)
+
+
+def test_many_fixes_of_one_receiver_count_as_few():
+    """Their common error does not average out."""
+    spread = {
+        every: fuse(odometry_of(d), {"gps": gps_of(d)}).poses.covariance_m2[120, 0]
+        for every in (1, 40)
+        for d in [Drive(7, every=every)]
+    }
+    assert spread[1] > 0.25 * spread[40]
+
+
+def test_from_piece_to_piece_nobody_travelled():
+    drive = Drive(8, nodes=400)
+    drive.measured[drive.node >= 200] += (500, 0)
+    found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
+    assert found.begins_s == (BEGUN_S, BEGUN_S + 100.0)
+    assert found.poses.travelled_m[-1] == pytest.approx(200, rel=0.2)
+
+
+def test_heights_are_those_of_the_fixes_and_covariances_come_along():
+    drive = Drive(9)
+    found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
+    assert found.poses.height_m[[0, -1]] == pytest.approx([300, 320], abs=0.5)
+    assert (found.poses.covariance_m2[:, :2] > 0).all()
+    assert (found.poses.covariance_m2[:, :2] < 4.0 * 9).all()
+
+
+def test_without_odometry_a_heading_needs_a_movement():
+    drive = Drive(10)
+    drive.measured[:] = drive.measured[0]
+    still = fuse(None, {"gps": gps_of(drive)})
+    assert np.isnan(still.poses.heading_deg).mean() > 0.9
+    assert np.isnan(still.poses.height_m).sum() == 0
+
+
+def test_odometry_that_was_reset_on_the_way():
+    drive = Drive(11)
+    result = odometry_of(drive)
+    result.latlon[120:] += 0.01  # a kilometre, in half a second
+    assert error_m(fuse(result, {"visual": gps_of(drive)}), drive) < 1.0
+
+
+def test_nothing_to_put_together():
+    drive = Drive(0)
+    none = make_poses([], np.empty((0, 2)))
+    found = fuse(odometry_of(drive), {"gps": none})
+    assert not found
+    assert "no fix" in found.reason
+
+
+def test_one_fix_puts_odometry_where_it_is():
+    drive = Drive(1)
+    drive.heading[0] = 0.0
+    one = gps_of(drive).take(slice(0, 1))
+    found = fuse(odometry_of(drive), {"visual": one})
+    assert len(found.poses) == drive.nodes
+    assert FRAME.enu_from_latlon(found.poses.latlon[:1])[0] == pytest.approx(drive.measured[0], abs=0.01)
+    assert found.poses.covariance_m2[-1, 0] > 100 * found.poses.covariance_m2[0, 0] ** 0.5
+
+
+def test_a_long_track_is_thinned_and_keeps_its_movement(monkeypatch):
+    monkeypatch.setattr(fusion, "MOST_POSES", 40)
+    drive = Drive(12)
+    found = fuse(odometry_of(drive), {"visual": gps_of(drive)})
+    assert len(found.poses) <= 80
+    assert error_m(found, drive) < 1.2
+
+
+def test_one_pose_of_odometry_is_none():
+    drive = Drive(1)
+    assert len(fuse(odometry_of(drive).take(slice(0, 1)), {"visual": gps_of(drive)}).poses) == len(drive.node)

@@ -1,0 +1,1 @@
+"""Poses, objects and conditions of missions: arrays and values, without files, database or network."""

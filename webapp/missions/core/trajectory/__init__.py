@@ -1,0 +1,1 @@
+"""Poses over time and the objects seen from them."""

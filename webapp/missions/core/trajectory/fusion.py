@@ -1,0 +1,325 @@
+"""Fuses dead reckoning with position fixes: one smoothed track, and the innovation and gating of each fix.
+
+An extended Kalman filter with innovation gating and an RTS smoother (H. Rauch, F. Tung, C. Striebel, "Maximum
+likelihood estimates of linear dynamic systems", AIAA Journal 3, 1965); see `smoother.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webapp.core.geo.local import LocalFrame, centre_of
+from webapp.missions.core.trajectory.motion import HEADING, POSITION, VELOCITY, Noise
+from webapp.missions.core.trajectory.noise_fit import NoiseFit, fit
+from webapp.missions.core.trajectory.outliers import find_outliers
+from webapp.missions.core.trajectory.records import Poses, Source, join, make_poses
+from webapp.missions.core.trajectory.smoother import OutlierLabels, SmoothedTrack, log_likelihood, smooth
+from webapp.missions.core.trajectory.steps import DeadReckoning, Fixes, Floats, Steps, make_steps
+
+DEFAULT_SIGMA_M: Mapping[Source, float] = {"gps": 5.0, "visual": 5.0, "manual": 2.0}
+"""Standard deviation per axis of fixes without a covariance, by their source."""
+
+MIN_SIGMA_M = 0.02
+"""Lower limit of a fix's standard deviation: a receiver that states 0 does not know it."""
+
+MOST_POSES = 100_000
+"""A longer track is sampled evenly to this number of poses; odometry keeps the whole motion between them."""
+
+SAMPLE = 500
+"""Fixes per source from which the noise is estimated, with four times as many poses of odometry."""
+
+MOST_JUDGED = 2000
+"""Largest number of fixes that are judged by the whole track."""
+
+WORSE = 2.0
+"""Factor on the usual errors of odometry while outliers are searched before its noise is known."""
+
+LEAST_SAMPLE = 8
+"""Least number of fixes from which the noise is estimated."""
+
+CORRELATION_TIME_S = 20.0
+"""Correlation time of a receiver's errors, from the same satellites and reflections: fixes within it count as
+one measurement."""
+
+LEAST_SPEED_MPS = 0.3
+"""Without odometry, the course is the heading where the speed exceeds this and its standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GatingResult:
+    """Innovations of the fixes of one track, and which fixes the filter rejected.
+
+    Attributes
+    ----------
+    number : (m,) intp
+        Indices in the given track, ordered by time.
+    distance : (m,) float64
+        Squared Mahalanobis distance of the innovation; its mean is 2 where all covariances are right.
+    gated : (m,) bool
+        Whether each was rejected as an outlier.
+    expected : (m, 2) float64
+        Predicted positions, degrees north and east.
+    innovation_m : (m,) float64
+        Length of the innovation, metres.
+    """
+
+    number: NDArray[np.intp]
+    distance: Floats
+    gated: NDArray[np.bool_]
+    expected: Floats
+    innovation_m: Floats
+
+    @property
+    def mean_distance(self) -> float:
+        """Mean over the fixes that were used; NaN without any."""
+        used = self.distance[~self.gated]
+        return float(used.mean()) if used.size else math.nan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """A fused track.
+
+    Attributes
+    ----------
+    poses : Poses
+        At each time of the odometry and of the fixes.
+    begins_s : tuple of float
+        Start time of each piece: that of the track, and of each jump to another position.
+    fit : NoiseFit
+        Factors on the noise of odometry and receiver, estimated from this track.
+    """
+
+    poses: Poses
+    gating: dict[Source, GatingResult]
+    begins_s: tuple[float, ...]
+    fit: NoiseFit
+
+
+@dataclass(frozen=True, slots=True)
+class NoFusion:
+    """Nothing to fuse, and the reason. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        """Return False: there is no fused track."""
+        return False
+
+
+def fuse(
+    odometry: Poses | None,
+    fixes: Mapping[Source, Poses],
+    *,
+    noise: Noise | None = None,
+    check: Callable[[int], None] = lambda _: None,
+) -> Fusion | NoFusion:
+    """Smooth odometry and fixes, or fixes alone.
+
+    Parameters
+    ----------
+    odometry : Poses or None
+        Only its relative motion is used, not its origin nor its covariance.
+    fixes : mapping of Source to Poses
+        Their covariances are used where known.
+    check : callable
+        Called now and then with the number of nodes done; an exception that it raises cancels the fusion.
+    """
+    tracks = {source: poses for source, poses in fixes.items() if len(poses)}
+    if not tracks:
+        return NoFusion("no fix is available to correct a track")
+    every = _all_fixes(tracks, most=MOST_POSES)
+    frame = LocalFrame(centre_of(every.poses.latlon))
+    usual = noise or Noise()
+    found = _fit(odometry, tracks, frame=frame, usual=usual, check=check)
+    steps, stated = _filter_inputs(odometry, every, frame=frame, most=MOST_POSES)
+    measured = found.fixes(stated, of_receiver=every.source == "gps")
+    judged = _judged(odometry, every, found, frame=frame, usual=usual, check=check)
+    done = smooth(steps, measured, noise=found.noise(usual), judged=judged, check=check)
+    poses = _poses(steps, done, frame=frame, height_m=_heights(every, steps.times_s, done.gated))
+    expected = frame.latlon_from_enu(done.expected)
+    innovation_m = np.hypot(*(measured.position - done.expected).T)
+    gating = {
+        source: GatingResult(
+            every.number[mine], done.distance[mine], done.gated[mine], expected[mine], innovation_m[mine]
+        )
+        for source in tracks
+        for mine in [every.source == source]
+    }
+    return Fusion(poses, gating, tuple(steps.times_s[list(done.begins)].tolist()), found)
+
+
+def _fit(
+    odometry: Poses | None,
+    tracks: Mapping[Source, Poses],
+    *,
+    frame: LocalFrame,
+    usual: Noise,
+    check: Callable[[int], None],
+) -> NoiseFit:
+    """Estimate the noise of odometry and receiver, from fixes with independent errors."""
+    apart = {source: _decorrelated(poses) if source == "gps" else poses for source, poses in tracks.items()}
+    sample = _all_fixes(apart, most=SAMPLE)
+    if len(sample.number) < LEAST_SAMPLE:
+        return NoiseFit()
+    steps, fixes = _filter_inputs(odometry, sample, frame=frame, most=4 * SAMPLE)
+    coarse, _ = _filter_inputs(odometry, sample, frame=frame, most=SAMPLE)
+    worse = NoiseFit(odometry=WORSE).noise(usual)
+    nodes = np.searchsorted(coarse.times_s, sample.poses.times_s)
+
+    def judged(assumed: Fixes) -> OutlierLabels | None:
+        return find_outliers(coarse, replace(assumed, node=nodes), noise=worse, check=check)
+
+    return fit(steps, fixes, of_receiver=sample.source == "gps", usual=usual, judged=judged)
+
+
+def _judged(
+    odometry: Poses | None,
+    every: _AllFixes,
+    found: NoiseFit,
+    *,
+    frame: LocalFrame,
+    usual: Noise,
+    check: Callable[[int], None],
+) -> OutlierLabels | None:
+    """Judge the fixes by the whole track; of too many, a sample, and the filter judges the others.
+
+    None where the filter alone explains the fixes better, for instance if odometry drift bends the path.
+    """
+    chosen = np.linspace(0, len(every.number) - 1, min(len(every.number), MOST_JUDGED)).astype(np.intp)
+    some = _AllFixes(every.poses.take(chosen), every.source[chosen], every.number[chosen])
+    steps, stated = _filter_inputs(odometry, some, frame=frame, most=SAMPLE)
+    measured = found.fixes(stated, of_receiver=some.source == "gps")
+    noise = found.noise(usual)
+    judged = find_outliers(steps, measured, noise=noise, check=check)
+    by_itself = log_likelihood(steps, measured, noise=noise)
+    if judged is None or log_likelihood(steps, measured, noise=noise, judged=judged) < by_itself:
+        return None
+    weight = np.full(len(every.number), np.nan)
+    weight[chosen] = judged.weight
+    return OutlierLabels(weight, judged.begins_s)
+
+
+def _decorrelated(poses: Poses) -> Poses:
+    """Return one fix per correlation time, so that their errors are independent."""
+    order = np.argsort(poses.times_s, kind="stable")
+    turn = np.floor((poses.times_s[order] - poses.times_s[order[0]]) / CORRELATION_TIME_S)
+    return poses.take(order[np.unique(turn, return_index=True)[1]])
+
+
+def _filter_inputs(
+    odometry: Poses | None, every: _AllFixes, *, frame: LocalFrame, most: int
+) -> tuple[Steps, Fixes]:
+    """Convert odometry and fixes into steps and measurements in a local plane."""
+    odometry_path = None if odometry is None else _dead_reckoning(odometry, most)
+    times = every.poses.times_s
+    nodes = np.unique(times if odometry_path is None else np.concatenate([times, odometry_path.times_s]))
+    fixes = Fixes(
+        np.searchsorted(nodes, times),
+        frame.enu_from_latlon(every.poses.latlon),
+        _covariances(every),
+        _shares(every),
+    )
+    return make_steps(nodes, odometry_path), fixes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _AllFixes:
+    """The fixes of all sources, ordered by time: poses, source, and index in the track of that source."""
+
+    poses: Poses
+    source: NDArray[np.str_]
+    number: NDArray[np.intp]
+
+
+def _in_time(poses: Poses, most: int) -> NDArray[np.intp]:
+    """Return the indices of the poses in order of time; of too many, an even sample."""
+    order = np.argsort(poses.times_s, kind="stable")
+    count = min(len(order), most)
+    return order[np.linspace(0, len(order) - 1, count).astype(np.intp)]
+
+
+def _all_fixes(fixes: Mapping[Source, Poses], *, most: int) -> _AllFixes:
+    numbers = [_in_time(poses, most) for poses in fixes.values()]
+    poses = join([p.take(n) for p, n in zip(fixes.values(), numbers, strict=True)])
+    source = np.repeat(np.array(list(fixes)), [len(n) for n in numbers])
+    order = np.argsort(poses.times_s, kind="stable")
+    return _AllFixes(poses.take(order), source[order], np.concatenate(numbers)[order])
+
+
+def _covariances(fixes: _AllFixes) -> Floats:
+    """Return the covariance of each fix (m, 2, 2): its own, or that of its source."""
+    east, north, both = fixes.poses.covariance_m2.T
+    usual = np.array([DEFAULT_SIGMA_M[source] for source in fixes.source.tolist()]) ** 2
+    stated = (east >= 0) & (north >= 0) & (both**2 <= east * north)
+    found = np.empty((len(usual), 2, 2))
+    found[:, 0, 0] = np.where(stated, np.maximum(east, MIN_SIGMA_M**2), usual)
+    found[:, 1, 1] = np.where(stated, np.maximum(north, MIN_SIGMA_M**2), usual)
+    found[:, 0, 1] = found[:, 1, 0] = np.where(stated, both, 0.0)
+    return found
+
+
+def _shares(fixes: _AllFixes) -> Floats:
+    """Weight each fix as a fraction of an independent measurement, by the time since the previous one."""
+    found = np.ones(len(fixes.source))
+    of_gps = fixes.source == "gps"
+    waited = np.diff(fixes.poses.times_s[of_gps], prepend=-np.inf)
+    found[of_gps] = np.clip(waited / CORRELATION_TIME_S, 1e-3, 1.0)
+    return found
+
+
+def _dead_reckoning(odometry: Poses, most: int) -> DeadReckoning | None:
+    """Project odometry to a local plane of its own; None for fewer than two poses."""
+    poses = odometry.take(_in_time(odometry, most))
+    poses = poses.take(np.unique(poses.times_s, return_index=True)[1])
+    if len(poses) < 2:
+        return None
+    position = LocalFrame(centre_of(poses.latlon)).enu_from_latlon(poses.latlon)
+    return DeadReckoning(poses.times_s, position, _headings(np.radians(poses.heading_deg), position))
+
+
+def _headings(stated: Floats, position: Floats) -> Floats:
+    """Return unwrapped headings: those of the poses if most have one, else the course to the next pose."""
+    known = np.flatnonzero(np.isfinite(stated))
+    if 2 * known.size >= len(stated):
+        return np.interp(np.arange(len(stated)), known, np.unwrap(stated[known]))
+    moves = np.diff(position, axis=0)
+    known = np.flatnonzero(np.hypot(*moves.T) > 0)
+    if not known.size:
+        return np.zeros(len(stated))
+    at = np.clip(np.searchsorted(known, np.arange(len(stated))), 0, known.size - 1)
+    return np.unwrap(np.arctan2(moves[:, 0], moves[:, 1])[known])[at]
+
+
+def _heights(fixes: _AllFixes, nodes: Floats, gated: NDArray[np.bool_]) -> Floats:
+    """Interpolate the height of each node between accepted fixes; NaN where none has one."""
+    known = ~gated & np.isfinite(fixes.poses.height_m)
+    if not known.any():
+        return np.full(len(nodes), np.nan)
+    return np.interp(nodes, fixes.poses.times_s[known], fixes.poses.height_m[known])
+
+
+def _poses(steps: Steps, done: SmoothedTrack, *, frame: LocalFrame, height_m: Floats) -> Poses:
+    reckoned = np.isfinite(steps.moves[:, 0])
+    reckoned[:-1] |= reckoned[1:]
+    state, covariance = done.state, done.covariance
+    speed = np.hypot(*state[:, VELOCITY].T)
+    spread = np.sqrt(np.trace(covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2))
+    course = np.where(
+        speed > np.maximum(spread, LEAST_SPEED_MPS), np.arctan2(state[:, 2], state[:, 3]), np.nan
+    )
+    way = np.hypot(*np.diff(state[:, POSITION], axis=0).T)
+    way[[begin - 1 for begin in done.begins[1:]]] = 0.0  # a jump between pieces is no distance travelled
+    return make_poses(
+        steps.times_s,
+        frame.latlon_from_enu(state[:, POSITION]),
+        height_m=height_m,
+        heading_deg=np.degrees(np.where(reckoned, state[:, HEADING], course)),
+        covariance_m2=covariance[:, [0, 1, 0], [0, 1, 1]],
+        travelled_m=np.concatenate([[0.0], np.cumsum(way)]),
+    )

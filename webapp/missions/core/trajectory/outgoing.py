@@ -1,0 +1,140 @@
+"""A mission as the exporters of all file formats read it.
+
+A mission can have millions of poses and many objects, so neither is ever in memory as a whole: they are
+yielded in parts, anew by each call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from webapp.core.geo.types import LatLon
+from webapp.missions.core.trajectory.records import Poses
+
+SOURCE_COLOURS = {
+    "gps": "#0072b2",
+    "odometry": "#e69f00",
+    "visual": "#cc79a7",
+    "fused": "#009e73",
+    "manual": "#56b4e9",
+}
+"""Line colours by the source of the poses, as on the web pages."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportTrack:
+    """A track.
+
+    Attributes
+    ----------
+    source : str
+        `gps`, `odometry`, `visual`, `fused` or `manual`.
+    name : str
+        Distinguishes several tracks of one source; may be empty.
+    count : int
+        Number of exported poses.
+    distance_m : float
+        Distance along all poses of the source.
+    bounds : tuple of float, or None
+        South, west, north, east, degrees; None without poses.
+    poses : function
+        Yields the poses in their order, in parts of at most a few thousand.
+    timed : bool
+        False if the times only order the poses: they are not exported.
+    removed : int
+        Number of poses that were removed to save space.
+    thinned_m : float or None
+        Largest distance of those from the motion interpolated without them, metres; None if only both ends
+        are left.
+    """
+
+    id: int
+    source: str
+    name: str
+    count: int
+    distance_m: float
+    bounds: tuple[float, float, float, float] | None
+    poses: Callable[[], Iterable[Poses]]
+    timed: bool = True
+    removed: int = 0
+    thinned_m: float | None = None
+
+    @property
+    def remark(self) -> str:
+        """Description of what has been removed; empty if nothing was."""
+        if not self.removed:
+            return ""
+        if self.thinned_m is None:
+            return f"{self.removed} poses between its ends were removed"
+        return f"thinned: {self.removed} poses were removed, which changes it by {self.thinned_m:g} m at most"
+
+    @property
+    def title(self) -> str:
+        """Title to show."""
+        return f"{self.source}: {self.name}" if self.name else self.source
+
+    @property
+    def colour(self) -> str:
+        """Line colour, `#rrggbb`."""
+        return SOURCE_COLOURS.get(self.source, SOURCE_COLOURS["manual"])
+
+
+@dataclass(frozen=True, slots=True)
+class ExportObject:
+    """A detected object at its last position; an associated object at the mean of its detections.
+
+    Attributes
+    ----------
+    kind : str
+        Its class.
+    first_time_s, last_time_s : float
+        Seconds since 1970, UTC.
+    photo : str or None
+        SHA-256 of a photo of the mission.
+    covariance_m2 : tuple of float, or None
+        Of the position: variance east, variance north, covariance of the two.
+    size_m : tuple of float, or None
+        Length, width, height.
+    state : str
+        `found`, `confirmed`, `cleared` or `dismissed`.
+    state_by : str or None
+        Who set the state; None if it is unset, or names are not exported.
+    state_time_s : float or None
+        When it was set, seconds since 1970, UTC.
+    """
+
+    id: str
+    kind: str
+    latlon: LatLon
+    first_time_s: float
+    last_time_s: float
+    height_m: float | None
+    confidence: float | None
+    sightings: int
+    photo: str | None
+    covariance_m2: tuple[float, float, float] | None = None
+    size_m: tuple[float, float, float] | None = None
+    state: str = "found"
+    state_by: str | None = None
+    state_time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionExport:
+    """A mission to export.
+
+    Attributes
+    ----------
+    tracks : tuple of ExportTrack
+        Those that have poses.
+    kinds : tuple of str
+        The classes of its objects; of very many, a part.
+    objects : function
+        Yields the objects, in the order of their ids.
+    """
+
+    name: str
+    tracks: tuple[ExportTrack, ...]
+    kinds: tuple[str, ...]
+    objects: Callable[[], Iterable[ExportObject]]
