@@ -1,5 +1,6 @@
 # Two commands do all the set-up: `make run` and `make test`. Both need only Python 3.11+ and make.
-# `make test` runs part after part and stops after the first that fails; the quickest come first.
+# `make test` runs part after part and stops after the first that fails; the quickest come first. What takes long and rarely
+# breaks is marked `slow`, or needs Dask or ROS, and is run by `make test-slow`.
 PYTHON ?= python3
 VENV   := .venv
 ifeq ($(OS),Windows_NT)
@@ -13,8 +14,9 @@ LINT   := style types scripts structure
 # Parts of the suite: what needs no server and no process, what is not named here, pages without and with a browser.
 QUICK  := tests/core tests/files tests/store
 PAGES  := tests/web tests/missions
-# Run on PostgreSQL, too: stores, jobs and workers with their kills, missions and their intake, edits by the API,
+# Run on PostgreSQL, too, the first few by `make test`, all by `make test-slow`: stores, jobs and workers with their kills, missions and their intake, edits by the API,
 # faults of the network and of the server.
+SERVER  := tests/store/test_postgresql.py tests/store/maps tests/jobs/test_worker.py
 RECORDS := tests/store tests/jobs/test_worker.py tests/jobs/test_intake_kills.py tests/missions/tasks/test_query_mission.py \
            tests/missions/tasks/test_mission_import.py tests/missions/tasks/test_thin_tracks.py tests/missions/tasks/test_preview.py \
            tests/web/maps/test_api_maps.py tests/web/maps/test_edit_answers.py tests/web/test_numbers.py tests/tasks/find \
@@ -35,7 +37,7 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 # Many tests start a server or a command: without compiled modules each takes a second of computing more.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install run lint style types scripts structure quick postgresql test browser cluster ros-install ros-test fuzz coverage audit docs translations robot clean
+.PHONY: help install run lint style types scripts structure quick postgresql test test-slow test-changed browser cluster ros-install ros-test fuzz coverage audit docs translations robot clean
 
 help:            ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/ -/'
@@ -88,15 +90,23 @@ postgresql: $(VENV)/.tested ## run the database tests on PostgreSQL, which they 
 	$(PYTEST) -q --database postgresql $(RECORDS)
 
 # What is installed comes side by side, as a part of it is computing and another waiting for the network.
-test:            ## run everything that must pass; installs chromium with apt if there is no browser
-	@$(MAKE) --no-print-directory -j 3 $(VENV)/.tested browser ros-install
+test:            ## run what must pass before each commit; installs chromium with apt if there is no browser
+	@$(MAKE) --no-print-directory -j 2 $(VENV)/.tested browser
 	@$(MAKE) --no-print-directory -j 2 $(LINT)
-	$(PYTEST) -q $(QUICK)
+	$(PYTEST) -q -m "not slow" $(QUICK)
+	$(PYTEST) -q -m "not slow" $(wildcard $(PAGES))
+	$(PYTEST) -n $(PROCESSES) -q -m "not slow" --database postgresql $(SERVER)
+	$(PYTEST) -n $(PROCESSES) -q -m "not slow" $(REST)
+	$(PYTEST) -n $(PROCESSES) -q -m "not slow" tests/browser
+
+test-slow:       ## run the rest: long builds and kills, installs, each page in four looks, all records on PostgreSQL, Dask, ROS
+	@$(MAKE) --no-print-directory -j 3 $(VENV)/.tested browser ros-install
 	$(PYTEST) -n $(PROCESSES) -q --database postgresql $(RECORDS)
-	$(PYTEST) -n $(PROCESSES) -q $(REST)
-	$(PYTEST) -q $(wildcard $(PAGES))
+	$(PYTEST) -n $(PROCESSES) -q -m slow $(filter-out tests/cluster, $(wildcard tests/*/))
 	@$(MAKE) --no-print-directory -j 2 cluster ros-test
-	$(PYTEST) -n $(PROCESSES) -q tests/browser
+
+test-changed: $(VENV)/.tested ## run the quick tests of what differs from main: of changed modules, and of modules that import them
+	@$(BIN)/python tests/changed.py --run
 
 browser:
 	$(PYTHON) tests/browser/ensure_browser.py

@@ -5,6 +5,8 @@ from playwright.sync_api import expect
 
 from tests.browser import axe
 
+pytestmark = pytest.mark.slow
+
 PHONE = {"width": 390, "height": 844}
 PAGES = {
     "maps": "/",
@@ -29,6 +31,7 @@ PAGES = {
 TOUCH = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
 SCREENS = {"wide": {}, "phone": {"viewport": PHONE, **TOUCH}}
 WIDTH = "document.querySelector('#map-view img.leaflet-image-layer').getBoundingClientRect().width"
+SHOWN = "[...document.images].every((image) => image.complete)"
 CALM = """
 () => document.getAnimations().every((animation) =>
   animation.playState !== "running" || !isFinite(animation.effect.getTiming().iterations))
@@ -51,7 +54,9 @@ def visit(open_context, owner, screen, sample_map):
         context.watch.expect(404)
         page = context.new_page()
         page.goto(path)
-        page.wait_for_load_state("networkidle") if "edit" not in path else page.wait_for_timeout(700)
+        # the editor asks for changes again and again, so its network is never idle
+        page.wait_for_load_state("networkidle" if "edit" not in path else "load")
+        page.wait_for_function(SHOWN)
         page.wait_for_function(CALM)
         return page
 

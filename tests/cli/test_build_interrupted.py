@@ -14,6 +14,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PHOTOS = 24
 
 

@@ -18,10 +18,13 @@ from tests.design.conftest import run
 from tests.standin_models import brightest
 from webapp.extras import EXTRAS, install_line
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("hatchling") is None or os.name == "nt",
-    reason="hatchling, which builds the wheel, is not installed, or the server does not run here",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("hatchling") is None or os.name == "nt",
+        reason="hatchling, which builds the wheel, is not installed, or the server does not run here",
+    ),
+]
 
 LOG = """\
 $GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A

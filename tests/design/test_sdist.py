@@ -8,10 +8,13 @@ import pytest
 
 from tests.design.conftest import run
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("hatchling") is None,
-    reason="hatchling, which builds the archive, is not installed",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("hatchling") is None,
+        reason="hatchling, which builds the archive, is not installed",
+    ),
+]
 
 ELSEWHERE = (".ci/", ".git")
 """Files of the repository that are not part of the archive, except `.gitignore`."""

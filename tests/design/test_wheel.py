@@ -13,10 +13,13 @@ import pytest
 from tests.design.conftest import run
 from webapp.app.main import root
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("hatchling") is None,
-    reason="hatchling, which builds the wheel, is not installed",
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("hatchling") is None,
+        reason="hatchling, which builds the wheel, is not installed",
+    ),
+]
 
 REPORT = """
 from webapp.resources import resource_folder

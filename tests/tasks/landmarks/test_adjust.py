@@ -18,6 +18,8 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
+pytestmark = pytest.mark.slow
+
 
 def joined(cfg):
     return reconstruct(cfg, read_map(cfg), settings=Settings(), progress=Progress())

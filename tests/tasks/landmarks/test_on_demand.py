@@ -33,6 +33,8 @@ from webapp.tasks.localize.index_location import landmarks_folder
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
+pytestmark = pytest.mark.slow
+
 LANDMARKS = OpenOptions(method="landmarks")
 
 

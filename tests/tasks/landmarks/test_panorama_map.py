@@ -20,6 +20,8 @@ from webapp.tasks.landmarks.control_points import residuals_of
 from webapp.tasks.landmarks.place_rest import georegister_found, suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
 
+pytestmark = pytest.mark.slow
+
 PANORAMAS, PLACED = 5, (0, 2, 4)
 
 

@@ -14,6 +14,8 @@ from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 
+pytestmark = pytest.mark.slow
+
 
 def quadrants(table):
     """Gather the photos into four areas; queries go to the nearest one."""
