@@ -1,8 +1,8 @@
 """Selects the tests of what has changed; `make test-changed` runs them.
 
-A test is selected if it imports a changed module, or one that imports it directly, if it has changed itself, or
-if it is in the folder of `tests/` that mirrors that of a changed module, template or script. Tests that are slow
-or use a browser are left out. It is a selection for daily work: `make test` runs everything.
+A test is selected if it imports a changed module, or one that imports it directly, if it has changed itself,
+or if it is in the folder of `tests/` that mirrors that of a changed module, template or script. Slow tests
+and those with a browser are left out. It is a selection for daily work: `make test` runs everything.
 """
 
 import argparse
