@@ -21,6 +21,11 @@ def main() -> int:
     if problem:
         sys.stderr.write(f"\n*** SKIPPED: tsc and eslint did not check static/js: {problem}\n\n")
         return 0
+    from make_api_types import problem as outdated  # loads the program
+
+    if problem := outdated():
+        sys.stderr.write(f"{problem}\n")
+        return 1
     return max(
         run("typescript/bin/tsc", "--project", str(HERE / "jsconfig.json")),
         run("eslint/bin/eslint.js", "--config", str(HERE / "eslint.config.mjs"), "static/js", "tests/js"),

@@ -12,7 +12,7 @@ const STEP = 0.01;
 const COVERED = 0.4;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/** A box of the server; `kind`, and the network's confidence `score`, only for suggestions. @typedef {{x: number, y: number, width: number, height: number, kind?: "face"|"plate", score?: number}} Box */
+/** A box of the server; `kind`, and the network's confidence `score`, only for suggestions. @typedef {Api["BoxOut"] & Partial<Api["SuggestedBoxOut"]>} Box */
 
 /**
  * Open the dialog for one photo, or for several, one after the other.

@@ -12,7 +12,7 @@ const RETRY_MS = [1000, 2000, 4000, 8000, 15000];
 /** Turns come in many small steps, which are collected for this time. */
 const COLLECT_MS = 450;
 
-/** @typedef {{id: number, x_px?: ?number, y_px?: ?number, heading_deg?: ?number, taken_at?: string, floor?: number, removed?: boolean}} Change */
+/** @typedef {Api["NumberedChange"] & {removed?: boolean}} Change */
 
 /**
  * @typedef {Object} Item

@@ -18,7 +18,7 @@ const server = landmarksOf(page.slug);
 
 if (document.getElementById("photo-view")) start().catch(toastError);
 
-/** @typedef {{name: string, x_px: ?number, y_px: ?number, height_m: ?number, accuracy_m: ?number, photos: {id: number, x: number, y: number}[]}} Point */
+/** @typedef {Api["ControlPointOut"]} Point */
 
 async function start() {
   /** @type {Point[]} */

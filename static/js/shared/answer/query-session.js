@@ -3,8 +3,7 @@
  * event named after what changed: `query`, `answer`, `chosen`, `mode`, `hint`, `spot`, `busy`, `live`.
  */
 
-/** @typedef {{rank: number, kind: "position"|"photo"|"area", x_px: number, y_px: number, radius_px: ?number, heading_deg: ?number,
- *   probability: number, experiences: number[], floor?: number, floor_name?: string}} Hypothesis */
+/** @typedef {Api["HypothesisOut"]} Hypothesis */
 
 /** Whether an answer says "not on this map". */
 export function isOffMap({ hypotheses: [first], off_map_probability: off }) {

@@ -8,7 +8,7 @@
 import { Georeference } from "./coords.js";
 
 /** @typedef {{x_px: ?number, y_px: ?number, heading_deg: ?number, removed: boolean}} View */
-/** @typedef {{id: number, name: string, level: number, height_m: ?number, url: ?string, attribution: ?string}} Floor */
+/** @typedef {Required<Api["FloorOut"]>} Floor */
 
 const NAMES = new Intl.Collator(undefined, { numeric: true });
 /** Id of the floor of the map's own image. */

@@ -7,7 +7,7 @@ import { latLngOf, pixelOf } from "./coords.js";
 
 const SIDE = 30;
 
-/** @typedef {{id: number, title: string, text: string, x_px: ?number, y_px: ?number, photos: number[], floor: number}} Note */
+/** @typedef {Required<Api["NoteOut"]>} Note */
 
 /** A Leaflet layer with a marker for each note on the floor that is shown; follows the store. */
 export class NoteLayer {
