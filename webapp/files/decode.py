@@ -49,6 +49,12 @@ _START_OF_SCAN, _END_OF_IMAGE = b"\xda", b"\xd9"
 _MARKER = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])", re.DOTALL)
 """Any marker but those within compressed data, where 0xff is followed by 0x00 or a restart marker's code."""
 
+_SMALL_RANGE = 8192
+"""Of 65536 values: photos that use less would be nearly black, or nearly of one grey."""
+
+_BULK = (0.001, 0.999)
+"""Quantiles of the values in use; single pixels may be hot or dead."""
+
 _ROWS = 256
 
 
@@ -104,7 +110,8 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
 def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     """Decode an opened image to 8 bits per channel, as stored (EXIF orientation not applied).
 
-    Of 16 bits the upper eight are kept, floats are scaled by their range of values, alpha is dropped.
+    Of 16 bits the upper eight are kept, but values that use a small part of them, as from sensors of 10 or 14
+    bits, are stretched. Floats are scaled by their range of values, alpha is dropped.
 
     Parameters
     ----------
@@ -137,11 +144,28 @@ def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
     """Scale (h, w) values to 8 bits, a few rows at a time, to save memory."""
     strips = [values[top : top + _ROWS] for top in range(0, len(values), _ROWS)]
     if sixteen and values.max(initial=0) < 65536 and values.min(initial=0) >= 0:
-        return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
+        used = _small_range(strips)
+        if used is None:
+            return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
+        low, high = used
+        factor = 255.0 / (high - low)
+        return np.concatenate(
+            [((strip.clip(low, high) - low) * factor).astype(np.uint8) for strip in strips]  # type: ignore[arg-type]
+        )
     low = min(0.0, *(float(_finite(strip).min(initial=0.0)) for strip in strips))
     high = max(0.0, *(float(_finite(strip).max(initial=0.0)) for strip in strips))
     factor = 255.0 / (high - low or 1.0)
     return np.concatenate([((_finite(strip) - low) * factor).astype(np.uint8) for strip in strips])
+
+
+def _small_range(strips: list[NDArray[np.generic]]) -> tuple[int, int] | None:
+    """Return the range of nearly all 16-bit values; None if it is wide, or they are all equal."""
+    counts = np.zeros(65536, np.int64)
+    for strip in strips:
+        counts += np.bincount(strip.astype(np.int64).ravel(), minlength=65536)
+    below = np.cumsum(counts)
+    low, high = np.searchsorted(below, np.multiply(_BULK, below[-1])).tolist()
+    return (low, high) if 0 < high - low < _SMALL_RANGE else None
 
 
 def _finite(values: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -340,3 +340,12 @@ def test_a_heic_that_claims_other_sides_costs_no_more_than_it_claims(claim):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 600_000_000
+
+
+@pytest.mark.parametrize(("black", "white"), [(0, 1023), (7000, 8020)], ids=["10 bits", "thermal"])
+def test_16_bits_of_which_few_are_used_are_stretched(black, white):
+    ramp = np.linspace(black, white, 64).astype(np.uint16)
+    found = read_gray(encode(np.tile(ramp, (48, 1)), "PNG"), limits=LIMITS).pixels
+    assert found.min() < 8 and found.max() > 247 and np.abs(found[0] - np.linspace(0, 255, 64)).max() < 8
+    flat = read_gray(encode(np.full((48, 64), black + 300, np.uint16), "PNG"), limits=LIMITS).pixels
+    assert np.ptp(flat) == 0

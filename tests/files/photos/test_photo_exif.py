@@ -229,3 +229,29 @@ def test_no_byte_of_exif_can_stop_an_import():
 def test_numbers_and_texts():
     assert [number(v) for v in (1, 1.5, math.nan, math.inf, "1", None, True, (1,))] == [1.0, 1.5] + [None] * 6
     assert [text(v) for v in (b"N\0", " x ", "\0", 5, None, b"\xff")] == ["N", "x", "", "", "", "�"]
+
+
+@pytest.mark.parametrize(("reference", "sign"), [(0, 1), (1, -1), (2, 1), (3, -1)])
+def test_altitudes_above_and_below_the_sea_and_the_ellipsoid(reference, sign):
+    assert (
+        read_gps(
+            {**dict(zip((1, 3), "NE", strict=True)), 2: (50.0,), 4: (14.0,), 5: reference, 6: 12.5}
+        ).altitude_m
+        == sign * 12.5
+    )
+
+
+def test_degrees_minutes_and_seconds_may_all_be_negative_in_the_south_and_west():
+    found = read_gps({1: "S", 2: (-33.0, -51.0, -30.0), 3: "W", 4: (-70.0, -30.0, 0.0)})
+    assert found == Gps(-33.858333333333334, -70.5)
+    contradicting = read_gps({1: "N", 2: (-33.0, -51.0, -30.0), 3: "E", 4: (151.2,)})
+    assert not contradicting and "contradict" in contradicting.reason
+    assert not read_gps({1: "S", 2: (33.0, -51.0, 30.0), 3: "E", 4: (151.2,)})
+
+
+@pytest.mark.parametrize("focal", [1, 4])
+def test_focal_lengths_that_no_lens_has_are_ignored_with_a_note(focal):
+    found = facts(camera={0xA405: focal}, size=(400, 300))
+    assert found.fov is None and f"{focal} mm in 35 mm film" in found.notes[-1]
+    wide = facts(camera={0xA405: 13}, size=(400, 300))
+    assert wide.fov_deg == pytest.approx(106, abs=3) and wide.notes == ()

@@ -235,3 +235,31 @@ class TestPyramid:
         with opened_raster(tmp_path / "image.png", limits=LIMITS) as raster:
             write_pyramid(raster, tmp_path / "tiles", progress=Progress())
         assert (tmp_path / "tiles" / "2" / "2_2.webp").exists()
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize("kind", ["PNG", "GTiff"])
+@pytest.mark.parametrize("bits", [1, 2, 4])
+def test_grey_of_few_bits_goes_from_black_to_white(tmp_path, kind, bits):
+    levels = np.tile(np.arange(2**bits, dtype=np.uint8).repeat(8), (16, 1))
+    path = tmp_path / "plan"
+    with rasterio.open(
+        path, "w", driver=kind, count=1, height=16, width=levels.shape[1], dtype="uint8", nbits=bits
+    ) as out:
+        out.write(levels, 1)
+    with opened_raster(path, limits=LIMITS) as raster:
+        read = next(raster.strips())
+    expected = levels.astype(int) * 255 // (2**bits - 1)
+    assert np.abs(read.astype(int) - expected[:, :, None]).max() <= 1
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+@pytest.mark.parametrize("bits", [1, 4, 8])
+def test_grey_that_counts_from_white_stays_right(tmp_path, bits):
+    path = tmp_path / "plan.tif"
+    write_tiff(
+        path, np.array([[[0] * 8 + [2**bits - 1] * 8] * 16], np.uint8), nbits=bits, photometric="MINISWHITE"
+    )
+    with opened_raster(path, limits=LIMITS) as raster:
+        read = next(raster.strips())
+    assert read[0, 0].tolist() == [255] * 3 and read[0, -1].tolist() == [0] * 3

@@ -34,7 +34,9 @@ _WIDTH, _HEIGHT = 0xA002, 0xA003
 _PLANE_X, _PLANE_Y, _PLANE_UNIT = 0xA20E, 0xA20F, 0xA210
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _DIAGONAL_35MM = math.hypot(36.0, 24.0)
-_PLAUSIBLE_DEG = (1.0, 175.0)
+_PLAUSIBLE_DEG = (1.0, 130.0)
+"""Of a lens without fish-eye distortion: the widest has a focal length of 9 mm in 35 mm film."""
+
 _CROPPED = 1.03
 """A photo whose aspect ratio differs by more than this factor from the camera's was cropped."""
 
@@ -259,6 +261,17 @@ def read_fov(exif: Exif, *, width: int, height: int) -> Fov | None:
         if _PLAUSIBLE_DEG[0] <= deg <= _PLAUSIBLE_DEG[1]:
             return Fov(deg, source)
     return None
+
+
+def fov_note(exif: Exif, *, width: int, height: int) -> str | None:
+    """Return a sentence where `read_fov` ignores a focal length because no such lens exists; else None."""
+    focal = number(exif.camera.get(_FOCAL_35MM))
+    if not focal or focal < 0.0:
+        return None
+    deg = math.degrees(2.0 * math.atan(width / 2.0 / (focal / _DIAGONAL_35MM * math.hypot(width, height))))
+    if _PLAUSIBLE_DEG[0] <= deg <= _PLAUSIBLE_DEG[1]:
+        return None
+    return f"its focal length of {focal:g} mm in 35 mm film is implausible and was ignored"
 
 
 def _from_35mm(camera: Mapping[int, object], diagonal_px: float) -> float | None:

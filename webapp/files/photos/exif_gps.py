@@ -13,6 +13,9 @@ METRES_PER_DOP = 5.0
 
 _LAT_REF, _LAT, _LON_REF, _LON, _ALT_REF, _ALT = 1, 2, 3, 4, 5, 6
 _STATUS, _DOP, _DIRECTION_REF, _DIRECTION, _DATUM, _ERROR = 9, 11, 16, 17, 18, 31
+_BELOW = (1, 3, b"\x01", b"\x03")
+"""References of altitudes that count downwards: from sea level, and since Exif 3.0 from the ellipsoid."""
+
 _FAR_DATUMS = frozenset({"TOKYO", "NAD27", "ED50", "PULKOVO1942", "PULKOVO42"})
 """Datums hundreds of metres from WGS 84."""
 
@@ -77,17 +80,17 @@ def read_gps(tags: Mapping[int, object]) -> Gps | NoGps:
     assert not isinstance(lat, NoGps) and not isinstance(lon, NoGps)
     if abs(lat) < 1e-9 and abs(lon) < 1e-9:
         return NoGps("its GPS position is 0 N 0 E, which devices write when they have no fix")
-    north = _sign(tags.get(_LAT_REF), "NS")
-    east = _sign(tags.get(_LON_REF), "EW")
-    if north is None or east is None:
-        missing = "N or S" if north is None else "E or W"
-        return NoGps(f"its GPS position lacks {missing}")
-    if lat > 90.0 or lon > 180.0:
+    lat, lon = _signed(lat, tags.get(_LAT_REF), "NS"), _signed(lon, tags.get(_LON_REF), "EW")
+    for value in (lat, lon):
+        if isinstance(value, NoGps):
+            return value
+    assert not isinstance(lat, NoGps) and not isinstance(lon, NoGps)
+    if abs(lat) > 90.0 or abs(lon) > 180.0:
         return NoGps(f"its GPS position {lat:g} {lon:g} is out of range")
     datum = "".join(c for c in text(tags.get(_DATUM)).upper() if c.isalnum())
     if datum in _FAR_DATUMS:
         return NoGps(f"its GPS position is in the datum {datum}, not in WGS 84")
-    return _with_precision(north * lat, east * lon, tags)
+    return _with_precision(lat, lon, tags)
 
 
 def read_heading(tags: Mapping[int, object]) -> Heading | None:
@@ -105,12 +108,12 @@ def _with_precision(lat: float, lon: float, tags: Mapping[int, object]) -> Gps:
     accuracy = error if error is not None and error > 0.0 else None
     if accuracy is None and dop is not None:
         accuracy = dop * METRES_PER_DOP
-    below = tags.get(_ALT_REF) in (1, b"\x01")
+    below = tags.get(_ALT_REF) in _BELOW
     return Gps(lat, lon, accuracy, dop, -altitude if below and altitude is not None else altitude)
 
 
 def _degrees(value: object, name: str) -> float | NoGps:
-    """Sum degrees, minutes and seconds."""
+    """Sum degrees, minutes and seconds; in the south or west some programs write all of them as negative."""
     parts = value if isinstance(value, tuple | list) else (value,)
     numbers = [number(part) for part in parts]
     if not any(n is not None for n in numbers):
@@ -118,13 +121,17 @@ def _degrees(value: object, name: str) -> float | NoGps:
     if None in numbers or not 1 <= len(numbers) <= 3:
         return NoGps(f"its GPS {name} is incomplete")
     known = [n for n in numbers if n is not None]
-    if min(known) < 0.0 or any(n > 60.0 for n in known[1:]):
+    mixed = min(known) < 0.0 < max(known)
+    if mixed or any(abs(n) > 60.0 for n in known[1:]):
         return NoGps(f"its GPS {name} is not in degrees, minutes and seconds")
     return sum(n / 60.0**i for i, n in enumerate(known))
 
 
-def _sign(reference: object, letters: str) -> float | None:
+def _signed(degrees: float, reference: object, letters: str) -> float | NoGps:
+    """Apply the reference, one of two letters of which the second counts negative."""
     letter = text(reference).upper()[:1]
     if not letter or letter not in letters:
-        return None
-    return 1.0 if letter == letters[0] else -1.0
+        return NoGps(f"its GPS position lacks {letters[0]} or {letters[1]}")
+    if degrees < 0.0 and letter == letters[0]:
+        return NoGps(f"its GPS position is negative and {letter}, which contradict each other")
+    return degrees if letter == letters[0] else -abs(degrees)

@@ -14,7 +14,7 @@ from PIL import Image
 from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
-from webapp.files.photos.exif import Fov, orientation, read_exif, read_fov, read_time, text
+from webapp.files.photos.exif import Fov, fov_note, orientation, read_exif, read_fov, read_time, text
 from webapp.files.photos.exif_gps import Gps, Heading, NoGps, read_gps, read_heading
 from webapp.settings import PhotoLimits
 from webapp.threads import permit
@@ -145,7 +145,7 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
         heading=read_heading(exif.gps),
         taken_at=read_time(exif),
         fov=read_fov(exif, width=width, height=height),
-        notes=(*exif.notes, note) if note else exif.notes,
+        notes=(*exif.notes, *filter(None, (note, fov_note(exif, width=width, height=height)))),
         format=kind,
         maker=text(exif.image.get(_MAKER)) if exif.image else None,
         camera=_camera(text(exif.image.get(_MAKER)), text(exif.image.get(_MODEL))) if exif.image else None,

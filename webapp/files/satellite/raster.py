@@ -127,7 +127,7 @@ class _GdalRaster:
         self._masked = "all_valid" not in {flag.name for flag in dataset.mask_flag_enums[0]}
         compression = dataset.compression
         self.lossy = kind == "JPEG" or (compression is not None and compression.name == "jpeg")
-        self._range = None if dataset.dtypes[0] == "uint8" else _range(dataset, self._bands, kind)
+        self._range = None if self._palette is not None else _range(dataset, self._bands, kind)
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
         """Read the image from top to bottom; see `Raster.strips`."""
@@ -294,8 +294,15 @@ def _palette(dataset: DatasetReader) -> Pixels | None:
     return table
 
 
-def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float, float]:
-    """Choose the values of black and white: 16 bits for PNG, else percentiles 1 and 99 of the values."""
+def _range(dataset: DatasetReader, bands: list[int], kind: Kind) -> tuple[float, float] | None:
+    """Choose the values of black and white; None where they are 0 and 255.
+
+    Of fewer than 8 bits, as in plans, all values are used; of more, those of a PNG; else black and white are
+    percentiles 1 and 99 of the values.
+    """
+    if dataset.dtypes[0] == "uint8":
+        bits = int(dataset.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8))
+        return None if bits >= 8 else (0.0, 2.0**bits - 1.0)
     if kind == "PNG":
         return 0.0, 65535.0
     factor = max(1, math.ceil(max(dataset.width, dataset.height) / _SAMPLE_PX))
