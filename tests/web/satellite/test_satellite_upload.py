@@ -76,11 +76,17 @@ class TestUpload:
         assert answer.json["warnings"] == ["the TIFF has no georeference"]
         assert record().georeference is None
 
-    def test_an_image_on_its_side_is_turned(self, put, record):
+    @pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+    def test_an_image_on_its_side_is_turned(self, client, base, put, record, kind):
         exif = Image.Exif()
         exif[0x0112] = 6
-        assert put(png(300, 200, kind="JPEG", exif=exif)).status_code == 200
+        assert put(png(300, 200, kind=kind, exif=exif)).status_code == 200
         assert (record().satellite_width, record().satellite_height) == (200, 300)
+        shown = Image.open(io.BytesIO(client.get(f"{base}/satellite", buffered=True).data)).convert("RGB")
+        assert shown.size == (200, 300)
+        assert np.abs(np.subtract(shown.getpixel((199, 1)), (1, 0, 120))).max() < 12, (
+            "the corner that was at the top left"
+        )
 
     def test_a_world_file_says_where(self, put, record):
         text = b"0.5\n0\n0\n-0.5\n500000.25\n5539999.75\n"

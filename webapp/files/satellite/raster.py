@@ -70,12 +70,15 @@ class Raster(Protocol):
         Pixels, as stored.
     lossy : bool
         Whether its pixels have been through JPEG.
+    georeferenced : bool
+        Whether the file places its pixels, as stored, on the Earth.
     """
 
     kind: Kind
     width: int
     height: int
     lossy: bool
+    georeferenced: bool
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
         """Read the image from top to bottom.
@@ -96,7 +99,7 @@ class _DecodedRaster:
     """A PNG or JPEG in memory."""
 
     def __init__(self, image: Image.Image, kind: Kind) -> None:
-        self.kind, self.lossy = kind, kind == "JPEG"
+        self.kind, self.lossy, self.georeferenced = kind, kind == "JPEG", False
         self.width, self.height = image.size
         self._image = image
 
@@ -119,6 +122,7 @@ class _GdalRaster:
     def __init__(self, dataset: DatasetReader, kind: Kind) -> None:
         self.kind = kind
         self.width, self.height = int(dataset.width), int(dataset.height)
+        self.georeferenced = not dataset.transform.is_identity or bool(dataset.gcps[0])
         self._dataset = dataset
         colours = dataset.count >= 3
         self._bands = [1, 2, 3] if colours else [1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import secrets
 import time
@@ -16,15 +17,17 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ImageOps
+from PIL import Image
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.errors import PhotoError, UsageError
 from webapp.extras import extra
 from webapp.files.atomic import storage_error, write_bytes, write_text
-from webapp.files.decode import open_image
+from webapp.files.decode import decode, open_image
 from webapp.files.part_file import move_in
+from webapp.files.photos.exif import orientation, read_exif
+from webapp.files.photos.photo import turn_upright
 from webapp.files.satellite.raster import Raster, opened_raster
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -38,7 +41,6 @@ _AS_PNG_PIXELS = 40_000_000
 _MAX_JPEG_SIDE = 65500
 _QUALITY = 92
 _UPRIGHT = 1
-_ORIENTATION = 0x0112
 
 _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
 """Names given by `keep_file` and `keep_pixels`."""
@@ -134,29 +136,33 @@ def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
     """
     copy = scratch / f"{secrets.token_hex(8)}.image"
     with opened_raster(path, limits=settings.satellite) as raster:
-        if raster.kind == "GTiff":
+        pixels, converted, placed = raster.width * raster.height, raster.kind == "GTiff", raster.georeferenced
+        if converted:
             _convert(raster, copy, scratch=scratch)
-            return copy
-        if raster.kind == "PNG":
-            return path
-        pixels = raster.width * raster.height
-    # JPEGs of drones may be rotated by EXIF, which not all viewers apply
-    limits = PhotoLimits(max_mb=settings.satellite.max_mb, max_megapixels=settings.photo.max_megapixels)
-    if _orientation(path) == _UPRIGHT:
-        return path
+    shown = copy if converted else path
+    # images of drones and scanners may be rotated by EXIF, which not all viewers apply
+    turn = _UPRIGHT if placed else _orientation(path)
+    if turn == _UPRIGHT:
+        return shown
+    limits = PhotoLimits(max_mb=math.inf, max_megapixels=settings.photo.max_megapixels)
     if pixels > limits.max_megapixels * 1e6:
         raise PhotoError(
             "the image is rotated by its EXIF and too large to be turned", hint="rotate it and save it again"
         )
-    with open_image(path, limits=limits) as image:
-        ImageOps.exif_transpose(image).convert("RGB").save(copy, format="JPEG", quality=95)
+    with open_image(shown, limits=limits) as image:
+        kind, turned = image.format, Image.fromarray(turn_upright(decode(image, "RGB"), turn))
+    with _writing(scratch):
+        turned.save(copy, format="JPEG" if kind == "JPEG" else "PNG", quality=95)
     return copy
 
 
 def _orientation(path: Path) -> int:
-    limits = PhotoLimits(max_mb=1e9, max_megapixels=1e9)
-    with open_image(path, limits=limits) as image:
-        return int(image.getexif().get(_ORIENTATION) or _UPRIGHT)
+    """Return the EXIF orientation, 1 to 8; 1 for TIFFs that only GDAL can open."""
+    try:
+        with open_image(path, limits=PhotoLimits(max_mb=math.inf, max_megapixels=math.inf)) as image:
+            return orientation(read_exif(image))[0]
+    except PhotoError:
+        return _UPRIGHT
 
 
 def _convert(raster: Raster, target: Path, *, scratch: Path) -> None:
