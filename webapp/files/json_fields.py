@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,10 @@ _NAMES = {
     int: "a number",
     float: "a number",
 }
+
+
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+"""The escape of half of a surrogate pair, if no other follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +155,9 @@ def finite(value: float) -> bool:
 
 
 def parse_json(data: bytes, *, where: str) -> JsonField:
-    """Parse JSON in UTF-8, with or without a byte order mark; NaN and duplicate fields are errors.
+    """Parse JSON in UTF-8, with or without a byte order mark.
+
+    NaN, duplicate fields and texts that cannot be encoded are errors.
 
     Parameters
     ----------
@@ -180,9 +187,10 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
 
     try:
         text = data.decode("utf-8-sig")
-        return JsonField(
-            json.loads(text, object_pairs_hook=unique, parse_constant=refuse_constant), "$", where
-        )
+        value = json.loads(text, object_pairs_hook=unique, parse_constant=refuse_constant)
+        if _HALF.search(text) and not _is_unicode(value):
+            raise MapJsonError("a text has half of a surrogate pair", where=where, hint="correct it")
+        return JsonField(value, "$", where)
     except UnicodeDecodeError as error:
         message = f"the byte at offset {error.start} is not UTF-8"
         raise MapJsonError(message, where=where, hint="save the file as UTF-8") from error
@@ -191,6 +199,15 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
         raise MapJsonError(f"this is not JSON: {error.msg}", where=place, hint="restore the file") from error
     except (ValueError, RecursionError) as error:
         raise MapJsonError("this JSON has a number too long or is nested too deep", where=where) from error
+
+
+def _is_unicode(value: object) -> bool:
+    """Return whether all texts, names of fields included, can be encoded."""
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:

@@ -19,6 +19,7 @@ from webapp.web import (
     compression,
     concurrency,
     errors,
+    json_bodies,
     language,
     metrics,
     openapi,
@@ -41,6 +42,7 @@ _PARTS = (
     static_files,
     pages,
     errors,
+    json_bodies,
     openapi,
 )
 """Their hooks run in this order before a request, and in reverse order after it."""

@@ -29,8 +29,6 @@ OPERATION: dict[str, Any] = {
 }
 """Parameters and body of routes that take a chunk, for the OpenAPI document."""
 
-_JSON_BYTES = 100_000
-
 
 def chunk_bytes() -> int:
     """Return the size of the largest chunk."""
@@ -39,7 +37,8 @@ def chunk_bytes() -> int:
 
 def limit_bytes() -> None:
     """Limit the size of chunks, which is enforced while they are read; for `before_request`."""
-    request.max_content_length = chunk_bytes() if request.method == "PATCH" else _JSON_BYTES
+    if request.method == "PATCH":
+        request.max_content_length = chunk_bytes()
 
 
 def given_offset() -> int:

@@ -20,6 +20,7 @@ from webapp.web.state import settings as settings
 View = TypeVar("View", bound=Callable[..., Any])
 
 _MARK = "expmap_public"
+_RIGHT = "expmap_right"
 _PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
 """Public endpoints registered by libraries; they return no user data."""
 
@@ -111,8 +112,35 @@ def is_public(view: Callable[..., Any]) -> bool:
     return bool(getattr(view, _MARK, False))
 
 
+def authorized_by(check: Callable[..., object]) -> Callable[[View], View]:
+    """Have the caller's right checked before the body is read; a decorator to be placed as `public` is.
+
+    Parameters
+    ----------
+    check : callable
+        Gets the variable parts of the URL by name; raises NotFound or NotAllowed.
+    """
+
+    def mark(view: View) -> View:
+        setattr(view, _RIGHT, check)
+        return view
+
+    return mark
+
+
+def map_role(role: Role) -> Callable[[View], View]:
+    """Have the caller's role on the map of the URL checked before the body is read."""
+    return authorized_by(lambda slug, **_: open_map(slug, role))
+
+
+def checked_right(view: Callable[..., Any]) -> Callable[..., object] | None:
+    """Return the check of a view that `authorized_by` has set."""
+    found: Callable[..., object] | None = getattr(view, _RIGHT, None)
+    return found
+
+
 def init_app(app: Flask) -> None:
-    """Register the authentication of every request, before its body is read."""
+    """Register the authentication and authorization of every request, before its body is read."""
     app.before_request(_check)
 
 
@@ -120,5 +148,9 @@ def _check() -> None:
     endpoint = request.endpoint
     if endpoint is None or endpoint in _PUBLIC_ENDPOINTS:
         return
-    if not is_public(current_app.view_functions[endpoint]):
+    view = current_app.view_functions[endpoint]
+    if not is_public(view):
         account()
+    check = checked_right(view)
+    if check is not None:
+        check(**(request.view_args or {}))

@@ -6,9 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import apiflask.fields
-from apiflask.validators import Range
+from apiflask.validators import Length, Range
 
 from webapp.core.mapmodel.checks import MAX_NUMBER
+
+LATER = Length(max=1000)
+"""Of names and the like, whose own limit is checked where they are stored."""
 
 _TEXTS = {"true": True, "1": True, "false": False, "0": False}
 
@@ -58,3 +61,55 @@ class CheckedText(apiflask.fields.String):
         if not self._check(text):
             raise self.make_error("refused")
         return text
+
+
+class BoundedList(apiflask.fields.List):
+    """A list with a maximum length, which is checked before its items are converted.
+
+    Parameters
+    ----------
+    most, least : int
+    """
+
+    def __init__(self, inner: apiflask.fields.Field, *, most: int, least: int | None = None, **options: Any):
+        super().__init__(inner, validate=Length(least, most), **options)
+        self.most = most
+
+    def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> list[Any]:
+        if isinstance(value, list):
+            self._validate(value)
+        return super()._deserialize(value, attr, data, **options)
+
+
+class BoundedDict(apiflask.fields.Dict):
+    """An object with any names, and a maximum number of them, which is checked before they are converted.
+
+    Parameters
+    ----------
+    most : int
+    """
+
+    def __init__(
+        self, *, keys: apiflask.fields.Field, values: apiflask.fields.Field, most: int, **options: Any
+    ) -> None:
+        super().__init__(keys=keys, values=values, validate=Length(max=most), **options)
+        self.key, self.value, self.most = keys, values, most
+
+    def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> Any:
+        if isinstance(value, dict):
+            self._validate(value)
+        return super()._deserialize(value, attr, data, **options)
+
+
+class JsonValue(apiflask.fields.Raw):
+    """JSON that is checked where it is stored.
+
+    Parameters
+    ----------
+    bytes, values : int
+        Maximum size, and number of values in it.
+    """
+
+    def __init__(self, *, bytes: int, values: int, **options: Any) -> None:
+        super().__init__(**options)
+        self.bytes, self.values = bytes, values

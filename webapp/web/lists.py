@@ -9,7 +9,7 @@ from apiflask.fields import Integer, String
 from apiflask.validators import Length, Range
 
 from webapp.store.list_parts import is_cursor, read_cursor
-from webapp.web.fields import Boolean, CheckedText
+from webapp.web.fields import LATER, Boolean, CheckedText
 
 MOST_SEARCHED = 120
 _MOST = 10_000
@@ -29,6 +29,7 @@ class ListPartQuery(Schema):
     after = CheckedText(
         load_default=None,
         check=is_cursor,
+        validate=LATER,
         refusal="This is no `next` of an earlier answer.",
         metadata={"description": "`next` of an earlier answer: those that follow."},
     )

@@ -22,7 +22,7 @@ from webapp.store.maps.maps import Role
 from webapp.store.operate import job_views, jobs
 from webapp.store.schema import Account, Job, MapRecord
 from webapp.web.context import account, library, open_map, public, settings
-from webapp.web.fields import Boolean
+from webapp.web.fields import LATER, Boolean
 from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
@@ -36,6 +36,7 @@ class JobQuery(Schema):
 
     map = String(
         load_default=None,
+        validate=LATER,
         metadata={"description": "Slug of a map; without it, the recent jobs of all that you may see."},
     )
 

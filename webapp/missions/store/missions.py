@@ -34,7 +34,7 @@ MOST_SIGHTINGS = 5000
 """Maximum number of sightings of an object in one response; queries have all."""
 
 _MAX_NAME = 120
-_MAX_NOTE = 10_000
+MAX_NOTE = 10_000
 
 _LAST_CHANGED_FIRST = last_changed_first(Mission.changed_at, Mission.id)
 _MOST_PARAMETERS = 10_000
@@ -102,11 +102,11 @@ def checked_note(note: str) -> str:
     ------
     UsageError
     """
-    if len(note) > _MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
+    if len(note) > MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
         raise UsageError(
             "this is not a valid note for a mission",
             where="note",
-            hint=f"give at most {_MAX_NOTE} printable characters",
+            hint=f"give at most {MAX_NOTE} printable characters",
         )
     return note
 

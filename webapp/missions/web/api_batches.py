@@ -6,7 +6,7 @@ from datetime import timedelta
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Integer, List, Raw, String
+from apiflask.fields import Integer, String
 from apiflask.validators import Length, Predicate, Regexp
 from flask import Response, jsonify, request
 
@@ -14,12 +14,12 @@ from webapp.errors import UsageError
 from webapp.missions.store.batches import FILE, OutOfOrder
 from webapp.missions.tasks import store_batch
 from webapp.missions.tasks.store_batch import Numbered
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.robot.fields import record_schema
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.errors import as_json
-from webapp.web.fields import RecordNumber
+from webapp.web.fields import BoundedList, JsonValue, RecordNumber
 
 blueprint = APIBlueprint("api_batches", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -31,6 +31,10 @@ _NAME = [
     Regexp(f"(?!{FILE})", error=f"Names that begin with {FILE} are those of imported files."),
 ]
 _SHARE = 0.75
+
+_MOST_RECORDS = 100_000
+_RECORD_BYTES, _RECORD_VALUES = 10_000, 40
+"""Of a record on average: settings `missions.batch_records` and `batch_mb` limit batches further."""
 
 _limit = ConcurrencyLimit("batches", share=_SHARE)
 blueprint.record(_limit.set_up)
@@ -47,7 +51,11 @@ class BatchIn(Schema):
         strict=True,
         metadata={"description": "Number of the first record, counted from 0 by the sender."},
     )
-    records = List(Raw(metadata=record_schema()), required=True)
+    records = BoundedList(
+        JsonValue(bytes=_RECORD_BYTES, values=_RECORD_VALUES, metadata=record_schema()),
+        required=True,
+        most=_MOST_RECORDS,
+    )
 
 
 class BatchKeyIn(Schema):
@@ -85,6 +93,7 @@ def answer_out_of_order(error: OutOfOrder) -> Response:
 
 
 @blueprint.post("/<id:mission_id>/batches")
+@mission_role("editor")
 @blueprint.input(BatchIn, arg_name="given")
 @blueprint.input(BatchKeyIn, location="headers", arg_name="sent")
 @blueprint.output(BatchOut)

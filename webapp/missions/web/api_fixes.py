@@ -20,7 +20,7 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks import fuse as fuse_mission
 from webapp.missions.tasks.add_photo import PhotoMetadata
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize.map_cache import MethodChoice
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
@@ -128,6 +128,7 @@ class FusionOut(Schema):
 
 
 @blueprint.post("/fixes")
+@mission_role("editor")
 @blueprint.input(AskIn, location="form_and_files", arg_name="given")
 @blueprint.output(WhereOut)
 def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from webapp.missions.core.trajectory.axes import AXES
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.files.track_format import kind_of
 from webapp.missions.tasks.import_order import order_of, waiting_path
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web.context import account, library, settings
@@ -95,6 +95,7 @@ def limit_parts() -> None:
 
 
 @blueprint.post("/<id:mission_id>/imports")
+@mission_role("editor")
 @blueprint.input(TrackFileIn, location="form_and_files", arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(

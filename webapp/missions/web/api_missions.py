@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Range
+from apiflask.validators import Length, Range
 
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.store import missions, shares
@@ -15,12 +15,12 @@ from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import delete
 from webapp.missions.tasks.preview import MissionPreview, preview_missions
 from webapp.missions.web import state
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.store.maps import maps
 from webapp.store.maps.maps import ROLES
 from webapp.store.schema import MapRecord
 from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean
+from webapp.web.fields import LATER, Boolean
 from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps.schemas import SatelliteOut
 from webapp.web.openapi import json_answer
@@ -152,7 +152,7 @@ class MissionState(MissionSummary):
 class MissionListQuery(ListPartQuery):
     """Filter of the list of missions."""
 
-    map = String(load_default=None, metadata={"description": "Slug: only those on that map."})
+    map = String(load_default=None, validate=LATER, metadata={"description": "Slug: only those on that map."})
     previews = Boolean(load_default=False, metadata={"description": "Whether small pictures come with them."})
 
 
@@ -177,17 +177,19 @@ class StartIn(Schema):
 class MissionChange(Schema):
     """Changes of a mission; fields that are not sent stay."""
 
-    name = String()
-    map = String(allow_none=True, metadata={"description": "Slug of its map; null: on the globe."})
+    name = String(validate=LATER)
+    map = String(
+        allow_none=True, validate=LATER, metadata={"description": "Slug of its map; null: on the globe."}
+    )
     start = Nested(StartIn, allow_none=True)
-    note = String()
+    note = String(validate=Length(max=missions.MAX_NOTE))
     keep = Boolean(metadata={"description": "true: its tracks are never thinned."})
 
 
 class NewMission(MissionChange):
     """A mission to be created."""
 
-    name = String(required=True, metadata={"example": "Yard, first round"})
+    name = String(required=True, validate=LATER, metadata={"example": "Yard, first round"})
 
 
 @blueprint.get("")
@@ -237,6 +239,7 @@ def show(mission_id: int) -> dict[str, Any]:
 
 
 @blueprint.patch(f"/{_ID}")
+@mission_role("editor")
 @blueprint.input(MissionChange, arg_name="data")
 @blueprint.output(MissionSummary)
 def change(mission_id: int, data: dict[str, Any]) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from webapp.missions.store.object_states import STATES, StateChange
 from webapp.missions.store.objects import SORTS, Page
 from webapp.missions.store.schema import Mission, MissionObject, ObjectChange, ObjectSighting
 from webapp.missions.web import context
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.web.context import account, library
-from webapp.web.fields import CheckedText, RecordNumber
+from webapp.web.fields import LATER, CheckedText, RecordNumber
 
 blueprint = APIBlueprint(
     "api_mission_objects",
@@ -36,7 +36,7 @@ _MAX_NOTE = 500
 class ObjectQuery(Schema):
     """Filter, order and page of the list of objects."""
 
-    kind = String(load_default=None, metadata={"description": "Only those of that class."})
+    kind = String(load_default=None, validate=LATER, metadata={"description": "Only those of that class."})
     state = String(
         load_default=None, validate=OneOf(STATES), metadata={"description": "Only those in that state."}
     )
@@ -192,6 +192,7 @@ def one(mission_id: int, object_id: str) -> dict[str, Any]:
 
 
 @blueprint.patch("/<text:object_id>", merge_slashes=False)
+@mission_role("editor")
 @blueprint.input(StateIn, arg_name="given")
 @blueprint.output(ObjectHistory)
 def set_state(mission_id: int, object_id: str, *, given: dict[str, Any]) -> dict[str, Any]:

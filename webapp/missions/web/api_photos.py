@@ -16,7 +16,7 @@ from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo, localize_photos
 from webapp.missions.tasks.add_photo import PhotoMetadata
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.fields import Boolean
@@ -106,6 +106,7 @@ def listed(mission_id: int) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@mission_role("editor")
 @blueprint.input(PhotoIn, location="form_and_files", arg_name="given")
 @blueprint.input(AddQuery, location="query", arg_name="query")
 @blueprint.output(MissionPhotoOut, status_code=201)

@@ -12,7 +12,7 @@ from markupsafe import escape
 from webapp.missions.store import missions
 from webapp.missions.store import shares as mission_shares
 from webapp.missions.store.schema import Mission, MissionShare
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.store import sharing
 from webapp.web.context import account, library
 from webapp.web.fields import Boolean
@@ -81,6 +81,7 @@ def list_shares(mission_id: int) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@mission_role("owner")
 @blueprint.input(MissionShareIn, arg_name="data")
 @blueprint.output(MissionShareOut, status_code=201)
 def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
@@ -95,6 +96,7 @@ def create(mission_id: int, data: dict[str, bool]) -> dict[str, Any]:
 
 
 @blueprint.patch(f"/{_ID}")
+@mission_role("owner")
 @blueprint.input(MissionAllows, arg_name="data")
 @blueprint.output(MissionShareOut)
 def change(mission_id: int, id: int, *, data: dict[str, bool]) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web import chunks
-from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import RecordNumber
+from webapp.web.context import account, authorized_by, library, open_map, settings
+from webapp.web.fields import LATER, BoundedList, RecordNumber
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("api_staged", __name__, url_prefix="/api/v1/mission-files", tag="Missions")
@@ -88,8 +88,10 @@ class TrackKeyIn(Schema):
 class NewMissionIn(Schema):
     """A mission to be created for a file."""
 
-    name = String(required=True, metadata={"example": "Yard, first round"})
-    map = String(load_default=None, allow_none=True, metadata={"description": "Slug of its map."})
+    name = String(required=True, validate=LATER, metadata={"example": "Yard, first round"})
+    map = String(
+        load_default=None, allow_none=True, validate=LATER, metadata={"description": "Slug of its map."}
+    )
 
 
 class StagedImportIn(ReadingIn):
@@ -102,11 +104,11 @@ class StagedImportIn(ReadingIn):
         allow_none=True,
         metadata={"description": "Made once the file is read: one that cannot be read leaves none."},
     )
-    tracks = List(
+    tracks = BoundedList(
         Nested(TrackKeyIn),
         load_default=None,
         allow_none=True,
-        validate=Length(max=_MOST_TRACKS),
+        most=_MOST_TRACKS,
         metadata={"description": "Only these; by default all."},
     )
     start = Nested(
@@ -189,6 +191,10 @@ blueprint.before_request(chunks.limit_bytes)
 blueprint.errorhandler(WrongOffset)(chunks.offset_response)
 
 
+def _find(file_id: str) -> StagedFile:
+    return staged_file.find(library(), file_id, account_id=account().id)
+
+
 @blueprint.post("")
 @blueprint.input(StagedFileIn, arg_name="given")
 @blueprint.output(FileOut, status_code=201)
@@ -233,6 +239,7 @@ def drop(file_id: str) -> str:
 
 
 @blueprint.post("/<file_id>/contents")
+@authorized_by(_find)
 @blueprint.input(ReadingIn, arg_name="given")
 @blueprint.output(ContentsOut)
 @blueprint.doc(responses=json_answer("A job reads it; the contents are its result.", TrackJobOut, status=202))
@@ -257,6 +264,7 @@ def contents(file_id: str, given: dict[str, Any]) -> Any:
 
 
 @blueprint.post("/<file_id>/import")
+@authorized_by(_find)
 @blueprint.input(StagedImportIn, arg_name="given")
 @blueprint.output(TrackJobOut, status_code=202)
 @blueprint.doc(
@@ -292,10 +300,6 @@ def import_staged(file_id: str, given: dict[str, Any]) -> dict[str, int]:
         finally:
             if not queued:
                 staged_file.put_back(library(), staged, token=token)
-
-
-def _find(file_id: str) -> StagedFile:
-    return staged_file.find(library(), file_id, account_id=account().id)
 
 
 def _state(staged: StagedFile) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from flask.blueprints import BlueprintSetupState
@@ -12,7 +13,7 @@ from webapp.missions.render.export_file import FORMATS
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission
 from webapp.store.maps.maps import Role
-from webapp.web.context import account, library
+from webapp.web.context import View, account, authorized_by, library
 
 PATH_PARAMETERS: dict[str, dict[str, Any]] = {
     "file_id": {"description": "Id of the file that was sent."},
@@ -38,6 +39,11 @@ def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mis
             "this mission is in the bin", where=f"mission {id}", hint="restore it from the bin first"
         )
     return mission
+
+
+def mission_role(role: Role) -> Callable[[View], View]:
+    """Have the caller's role on the mission of the URL checked before the body is read."""
+    return authorized_by(lambda mission_id, **_: open_mission(mission_id, role))
 
 
 class AnyText(BaseConverter):

@@ -19,6 +19,7 @@ from webapp.store import sharing
 from webapp.store.accounts import accounts, sign_in
 from webapp.store.schema import Account, ApiToken
 from webapp.web.context import account, library, settings
+from webapp.web.fields import LATER
 from webapp.web.language import LANGUAGES
 
 account_api = APIBlueprint("api_account", __name__, url_prefix="/api/v1/account", tag="Accounts")
@@ -43,14 +44,16 @@ class AccountOut(Schema):
 class AccountIn(Schema):
     """Fields to change; omitted ones are kept."""
 
-    name = String()
+    name = String(validate=LATER)
     language = String(allow_none=True, validate=OneOf(LANGUAGES))
 
 
 class TokenIn(Schema):
     """A token to make."""
 
-    name = String(required=True, metadata={"description": "Of the program that is going to use it."})
+    name = String(
+        required=True, validate=LATER, metadata={"description": "Of the program that is going to use it."}
+    )
 
 
 class TokenOut(Schema):
@@ -162,7 +165,7 @@ def show_session() -> dict[str, Any]:
 class PersonIn(Schema):
     """An account to make."""
 
-    name = String(required=True)
+    name = String(required=True, validate=LATER)
 
 
 class SignInLinkOut(Schema):

@@ -26,9 +26,6 @@ _BYTES = 32
 _PAGE_FORM_BYTES = 1_000_000
 """Limit of the forms of pages; files are sent to the API."""
 
-_JSON_BYTES = 16_000_000
-"""Limit of JSON bodies, which are read into memory; files are sent as forms."""
-
 _SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -77,7 +74,6 @@ def init_app(app: Flask) -> None:
     context.init_app(app)
     _csrf.init_app(app)
     app.before_request(_protect)
-    app.before_request(_limit_json)
     app.after_request(_add_headers)
 
 
@@ -122,12 +118,6 @@ def _protect() -> None:
         validate_csrf(request.headers.get("X-CSRFToken"))
     except ValueError as error:
         raise CSRFError(str(error)) from error
-
-
-def _limit_json() -> None:
-    """Limit the size of JSON bodies, which are read into memory."""
-    if request.is_json:
-        request.max_content_length = min(_JSON_BYTES, request.max_content_length or _JSON_BYTES)
 
 
 def _takes_no_session() -> bool:

@@ -6,7 +6,6 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Length
 from sqlalchemy import select
 
 from webapp.core.geo.types import MapPixel
@@ -17,8 +16,8 @@ from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.landmarks import stored
 from webapp.tasks.landmarks.accept import accept_in_library, correct_in_library, is_where_it_was
-from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import account, library, map_role, open_map
+from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.maps.api_placing import PlacingOut, placing_json
 
 landmarks_api = APIBlueprint(
@@ -90,7 +89,7 @@ class RestOut(Schema):
 class AcceptIn(Schema):
     """Photos to place or to move to their suggested positions."""
 
-    ids = List(RecordNumber(), required=True, validate=Length(min=1, max=_MOST))
+    ids = BoundedList(RecordNumber(), required=True, least=1, most=_MOST)
 
 
 @landmarks_api.get("")
@@ -112,6 +111,7 @@ def find(slug: str) -> dict[str, Any]:
 
 
 @landmarks_api.post("/accept")
+@map_role("editor")
 @landmarks_api.input(AcceptIn, arg_name="data")
 @landmarks_api.output(PlacingOut)
 def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
@@ -127,6 +127,7 @@ def accept(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:
 
 
 @landmarks_api.post("/correct")
+@map_role("editor")
 @landmarks_api.input(AcceptIn, arg_name="data")
 @landmarks_api.output(PlacingOut)
 def correct(slug: str, data: dict[str, list[int]]) -> dict[str, Any]:

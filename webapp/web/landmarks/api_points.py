@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.validators import Range
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint, PhotoClick
@@ -16,8 +16,8 @@ from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.edit_points import set_in_library
 from webapp.tasks.landmarks.show_cloud import shown_cloud
-from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import account, library, map_role, open_map
+from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.landmarks.jobs import queue_landmarks, running_job
 
 blueprint = APIBlueprint(
@@ -54,7 +54,7 @@ class ControlPointIn(Schema):
         allow_none=True,
         metadata={"description": "Above any level that is the same for all."},
     )
-    photos = List(Nested(ClickFields), load_default=[], validate=Length(max=_MOST_CLICKS))
+    photos = BoundedList(Nested(ClickFields), load_default=[], most=_MOST_CLICKS)
 
 
 class ControlPointOut(Schema):
@@ -111,6 +111,7 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.put("/<name>")
+@map_role("editor")
 @blueprint.input(ControlPointIn, arg_name="data")
 @blueprint.output(ControlPointsOut)
 def put(slug: str, name: str, data: dict[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import File, Float, Integer, List, String
+from apiflask.fields import File, Float, Integer, String
 from apiflask.validators import Length, OneOf, Range, Regexp
 from flask import Response, current_app
 from flask.blueprints import BlueprintSetupState
@@ -35,8 +35,8 @@ from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
 from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
-from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.localize.answers import AnswerOut
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_revalidated
@@ -49,16 +49,16 @@ _CACHE = "expmap-map-cache"
 _MOST_TOP = 20
 _FAR_PX = 1e7
 _ON_A_MAP = Range(-_FAR_PX, _FAR_PX)
-_MOST_KEY = 100
+_MOST_KEY, _MOST_SEQUENCE = 100, 64
 
 
 class QuestionIn(Schema):
     """A query: one photo or several from one spot, with options and prior knowledge."""
 
-    file = List(
+    file = BoundedList(
         File(),  # type: ignore[no-untyped-call]
         load_default=[],
-        validate=Length(max=MAX_PHOTOS),
+        most=MAX_PHOTOS,
         metadata={"description": "repeated: several photos that were taken at one spot"},
     )
     method = String(load_default="auto", validate=OneOf(METHODS))
@@ -80,7 +80,7 @@ class QuestionIn(Schema):
         metadata={"description": "Approximate compass heading of the camera, degrees clockwise from north."}
     )
     sequence = String(
-        validate=Regexp(r"^[A-Za-z0-9_-]{1,64}$"),
+        validate=[Length(1, _MOST_SEQUENCE), Regexp("^[A-Za-z0-9_-]+$")],
         metadata={
             "description": "Chosen by you, the same one for all frames of a sequence, asked in their order: "
             "the frames before count, too. Forgotten ten minutes after the last frame."
@@ -148,6 +148,7 @@ def example_thumb(slug: str, name: str) -> Response:
 
 
 @blueprint.post("/localize")
+@map_role("viewer")
 @blueprint.input(QuestionIn, location="form_and_files", arg_name="given")
 @blueprint.input(KeyIn, location="headers", arg_name="sent")
 @blueprint.output(AnswerOut)

@@ -20,7 +20,7 @@ from webapp.tasks.exchange import export_answers
 from webapp.tasks.exchange.export_answers import AnswerFormat, AnswerRange
 from webapp.tasks.localize import adopt_query, show_query
 from webapp.tasks.localize.adopt_query import Spot
-from webapp.web.context import account, library, open_map, reading_map, settings
+from webapp.web.context import account, library, map_role, open_map, reading_map, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
@@ -156,6 +156,7 @@ def delete(slug: str, id: int) -> str:
 
 
 @blueprint.post(f"/{_ID}/adopt")
+@map_role("editor")
 @blueprint.input(AdoptIn, arg_name="place")
 @blueprint.output(AdoptOut, status_code=201)
 def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, Any]:

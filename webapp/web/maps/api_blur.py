@@ -8,7 +8,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, Nested, String
-from apiflask.validators import Length, OneOf, Range
+from apiflask.validators import OneOf, Range
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
@@ -26,8 +26,8 @@ from webapp.tasks.blur.find import search_photo, suggestions
 from webapp.tasks.blur.kept import DetectionCache
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean
+from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.fields import Boolean, BoundedList
 from webapp.web.maps import state
 from webapp.web.maps.schemas import BoxOut, EditAnswer, PanoramaOut
 
@@ -42,9 +42,10 @@ _JOB = "blur"
 class BlurIn(Schema):
     """All parts to blur; an empty list for none."""
 
-    boxes = List(Nested(BoxOut), required=True, validate=Length(max=show_photo.MOST_BOXES))
-    seen = List(
+    boxes = BoundedList(Nested(BoxOut), required=True, most=show_photo.MOST_BOXES)
+    seen = BoundedList(
         Nested(BoxOut),
+        most=show_photo.MOST_BOXES,
         metadata={
             "description": "What was blurred when these were chosen; refused where other parts are now. "
             "Without it, whatever others have blurred meanwhile is replaced."
@@ -53,6 +54,7 @@ class BlurIn(Schema):
 
 
 @blur_api.put("/photos/<id:id>/blur")
+@map_role("editor")
 @blur_api.input(BlurIn, arg_name="data")
 @blur_api.output(EditAnswer)
 def blur(slug: str, id: int, data: dict[str, list[dict[str, float]]]) -> dict[str, Any]:
@@ -158,6 +160,7 @@ def list_suggestions(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 
 
 @blur_api.post("/blur/suggestions")
+@map_role("editor")
 @blur_api.input(SearchIn, arg_name="data")
 @blur_api.output(MapSuggestions, status_code=202)
 def search(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -213,6 +216,7 @@ class MaskIn(Schema):
 
 
 @blur_api.post("/photos/mask")
+@map_role("editor")
 @blur_api.input(MaskIn, location="files", arg_name="given")
 @blur_api.output(PanoramaOut)
 def read_mask(slug: str, given: dict[str, FileStorage]) -> dict[str, Any]:

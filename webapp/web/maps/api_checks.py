@@ -17,8 +17,8 @@ from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.maps import findings, health, outside_edit
 from webapp.tasks.maps.findings import FixName
-from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import RecordNumber
+from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.fields import BoundedList, RecordNumber
 from webapp.web.language import translate_job
 from webapp.web.maps import state as map_state
 from webapp.web.maps.schemas import EditAnswer, JobSchema
@@ -72,7 +72,7 @@ class FixIn(Schema):
     """A fix, and the photos to apply it to."""
 
     code = String(required=True, validate=Length(max=40))
-    ids = List(RecordNumber(), load_default=list, validate=Length(max=_MOST))
+    ids = BoundedList(RecordNumber(), load_default=list, most=_MOST)
 
 
 class PhotoHealthOut(Schema):
@@ -139,6 +139,7 @@ def show_findings(slug: str) -> dict[str, Any]:
 
 
 @checks_api.post("/findings/fix")
+@map_role("editor")
 @checks_api.input(FixIn, arg_name="data")
 @checks_api.output(EditAnswer)
 def fix(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -175,6 +176,7 @@ def show_outside(slug: str) -> dict[str, Any]:
 
 
 @checks_api.post("/outside-edit/take")
+@map_role("editor")
 @checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideAnswer)
 def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
@@ -187,6 +189,7 @@ def take_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
 
 
 @checks_api.post("/outside-edit/discard")
+@map_role("editor")
 @checks_api.input(OutsideSeen, arg_name="data")
 @checks_api.output(OutsideOut)
 def discard_outside(slug: str, data: dict[str, str]) -> dict[str, Any]:
@@ -227,6 +230,7 @@ class EvaluationRequest(Schema):
 
 
 @evaluation_api.post("/evaluation")
+@map_role("editor")
 @evaluation_api.input(EvaluationRequest, arg_name="data")
 @evaluation_api.output(JobSchema, status_code=202)
 def evaluate(slug: str, data: dict[str, Any]) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from webapp.tasks.exchange import duplicate_map, export_files, import_map
 from webapp.tasks.exchange.import_map import MapRefused
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.delete_map import delete_orphans
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer, json_answer
 from webapp.web.sending import send_pieces
@@ -107,6 +107,7 @@ def export(slug: str, form: str) -> Response:
 
 
 @blueprint.post("/<slug>/exports")
+@map_role("viewer")
 @blueprint.input(ExportIn, arg_name="data")
 @blueprint.output(JobOut, status_code=202)
 def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
@@ -165,6 +166,7 @@ def import_zip(given: dict[str, Any]) -> Any:
 
 
 @blueprint.post("/<slug>/duplicate")
+@map_role("viewer")
 @blueprint.input(CopyIn, arg_name="data")
 @blueprint.output(NewMapOut, status_code=201)
 def duplicate(slug: str, data: dict[str, Any]) -> dict[str, Any]:

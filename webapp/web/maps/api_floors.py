@@ -23,8 +23,8 @@ from webapp.tasks.satellite.align_floor import MOST_PAIRS, align_floor
 from webapp.tasks.satellite.floors import NewFloor
 from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, open_map, settings
-from webapp.web.fields import Boolean
+from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.fields import Boolean, BoundedList
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, FloorOut
 from webapp.web.openapi import file_answer
@@ -72,14 +72,14 @@ class FloorImageIn(Schema):
 class PairIn(Schema):
     """Current and desired position of a spot: x and y, map pixels."""
 
-    shown = List(Float(), required=True, validate=Length(equal=2))
-    wanted = List(Float(), required=True, validate=Length(equal=2))
+    shown = BoundedList(Float(), required=True, least=2, most=2)
+    wanted = BoundedList(Float(), required=True, least=2, most=2)
 
 
 class AlignIn(Schema):
     """Pairs of spots by which the image of a floor is aligned with the map."""
 
-    pairs = List(Nested(PairIn), required=True, validate=Length(1, MOST_PAIRS))
+    pairs = BoundedList(Nested(PairIn), required=True, least=1, most=MOST_PAIRS)
 
 
 class RemoveQuery(Schema):
@@ -102,6 +102,7 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@map_role("editor")
 @blueprint.input(NewFloorIn, location="form_and_files", arg_name="given")
 @blueprint.output(EditAnswer, status_code=201)
 def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -116,6 +117,7 @@ def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.patch(f"/{_ID}")
+@map_role("editor")
 @blueprint.input(FloorIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
@@ -127,6 +129,7 @@ def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.put(f"/{_ID}/image")
+@map_role("editor")
 @blueprint.input(FloorImageIn, location="files", arg_name="given")
 @blueprint.output(EditAnswer)
 def put_image(slug: str, id: int, given: dict[str, FileStorage]) -> dict[str, Any]:
@@ -143,6 +146,7 @@ def put_image(slug: str, id: int, given: dict[str, FileStorage]) -> dict[str, An
 
 
 @blueprint.post(f"/{_ID}/align")
+@map_role("editor")
 @blueprint.input(AlignIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def align(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:

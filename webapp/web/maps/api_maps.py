@@ -15,8 +15,8 @@ from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps import delete_map, edit_map
 from webapp.tasks.maps.edit_map import KINDS, RequestedEdit
-from webapp.web.context import account, if_match, library, open_map, reading_map
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import account, if_match, library, map_role, open_map, reading_map
+from webapp.web.fields import LATER, Boolean, BoundedList, RecordNumber
 from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
@@ -35,7 +35,7 @@ _EDITED = json_answer("What the edit changed.", EditAnswer)
 class NewMap(Schema):
     """Name of a new map, or new name of a map."""
 
-    name = String(required=True, metadata={"example": "Stromovka park"})
+    name = String(required=True, validate=LATER, metadata={"example": "Stromovka park"})
 
 
 class DeleteQuery(Schema):
@@ -105,15 +105,15 @@ class EditRequest(Schema):
 
     seen = RecordNumber(metadata={"description": "Newest revision you know; later changes are a conflict."})
     kind = String(load_default="move", validate=OneOf(KINDS))
-    placement = String(allow_none=True, load_default=None)
-    changes = List(Nested(NumberedChange), required=True, validate=Length(1, _MOST))
+    placement = String(allow_none=True, load_default=None, validate=LATER)
+    changes = BoundedList(Nested(NumberedChange), required=True, least=1, most=_MOST)
 
 
 class RemoveRequest(Schema):
     """Photos to remove from the map."""
 
     seen = RecordNumber()
-    ids = List(RecordNumber(), required=True, validate=Length(1, _MOST))
+    ids = BoundedList(RecordNumber(), required=True, least=1, most=_MOST)
 
 
 class Since(Schema):
@@ -159,6 +159,7 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.patch("/<slug>")
+@map_role("owner")
 @blueprint.input(NewMap, arg_name="data")
 @blueprint.output(MapSummary)
 def rename(slug: str, data: dict[str, str]) -> dict[str, Any]:
@@ -201,6 +202,7 @@ def changes(slug: str, query: dict[str, int]) -> dict[str, Any]:
 
 
 @blueprint.patch("/<slug>/experiences")
+@map_role("editor")
 @blueprint.input(EditRequest, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -213,6 +215,7 @@ def edit_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.delete("/<slug>/experiences")
+@map_role("editor")
 @blueprint.input(RemoveRequest, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -222,6 +225,7 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.patch("/<slug>/experiences/<id:id>")
+@map_role("editor")
 @blueprint.input(PhotoChange, arg_name="data")
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:

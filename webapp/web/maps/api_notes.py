@@ -12,8 +12,8 @@ from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
 from webapp.tasks.maps import edit_notes
-from webapp.web.context import account, if_match, library, open_map
-from webapp.web.fields import RecordNumber
+from webapp.web.context import account, if_match, library, map_role, open_map
+from webapp.web.fields import BoundedList, RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer, NoteOut
 
@@ -30,10 +30,10 @@ class NoteIn(Schema):
     text = String(load_default="", validate=Length(max=MOST_TEXT))
     x_px = Float(required=True)
     y_px = Float(required=True)
-    photos = List(
+    photos = BoundedList(
         RecordNumber(),
         load_default=list,
-        validate=Length(max=_MOST_PHOTOS),
+        most=_MOST_PHOTOS,
         metadata={"description": "Ids of the photos that it is about."},
     )
     floor = RecordNumber(
@@ -56,6 +56,7 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@map_role("editor")
 @blueprint.input(NoteIn, arg_name="data")
 @blueprint.output(EditAnswer, status_code=201)
 def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -66,6 +67,7 @@ def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.put(f"/{_ID}")
+@map_role("editor")
 @blueprint.input(NoteIn, arg_name="data")
 @blueprint.output(EditAnswer)
 def change(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Boolean, File, Integer, List, Nested, String
+from apiflask.fields import Boolean, File, Integer, Nested, String
 from apiflask.validators import Length, Range
 from flask import Response, request
 from werkzeug.datastructures import FileStorage
@@ -33,8 +33,9 @@ from webapp.store.schema import MapRecord, Photo, Upload
 from webapp.tasks.maps import add_photo, show_photo
 from webapp.tasks.maps.add_photo import AddedPhoto, IncomingPhoto
 from webapp.web import chunks
-from webapp.web.context import account, library, open_map, reading_map, settings
+from webapp.web.context import account, library, map_role, open_map, reading_map, settings
 from webapp.web.errors import as_json
+from webapp.web.fields import BoundedList
 from webapp.web.maps import state
 from webapp.web.maps.schemas import PageQuery, PhotoPage
 from webapp.web.openapi import file_answer, json_answer
@@ -44,6 +45,8 @@ photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
 
 _OTHER_PARTS = 20
+_MOST_FILES = 10_000
+"""Of the schema; `upload.files_per_request` limits them further."""
 """Allowance for form fields other than files."""
 
 
@@ -73,9 +76,10 @@ class IntakeOut(Schema):
 class PhotosIn(Schema):
     """Photos to add."""
 
-    file = List(
+    file = BoundedList(
         File(),  # type: ignore[no-untyped-call]
         required=True,
+        most=_MOST_FILES,
         metadata={"description": "repeated: one for each photo"},
     )
 
@@ -108,6 +112,7 @@ def list_photos(slug: str, query: dict[str, int]) -> dict[str, Any]:
 
 
 @photos_api.post("")
+@map_role("editor")
 @photos_api.input(PhotosIn, location="files", arg_name="given")
 @photos_api.output(IntakeOut(many=True), status_code=207, description="One result for each file, in order")
 def add(slug: str, given: dict[str, list[FileStorage]]) -> list[dict[str, Any]]:
@@ -205,6 +210,7 @@ uploads_api.errorhandler(WrongOffset)(chunks.offset_response)
 
 
 @uploads_api.post("")
+@map_role("editor")
 @uploads_api.input(UploadIn, arg_name="given")
 @uploads_api.output(UploadOut, status_code=201)
 def begin(slug: str, given: dict[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import secrets
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Dict, File, Float, Integer, List, Nested, String
+from apiflask.fields import File, Float, Integer, List, Nested, String
 from apiflask.validators import Length
 from flask import request
 
@@ -21,8 +21,8 @@ from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.place_by_list import ListPreview, PositionList
 from webapp.tasks.maps.place_by_track import Clock, Preview, parse_zone
 from webapp.tasks.maps.placing import PlacingResult, place_by_gps
-from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean
+from webapp.web.context import account, library, map_role, open_map
+from webapp.web.fields import Boolean, BoundedDict, BoundedList, RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 
@@ -105,6 +105,7 @@ class GpxIn(FileIn):
     max_gap_s = Float(load_default=60.0, metadata={"description": "largest gap of the track that is bridged"})
     time_zone = String(
         load_default="UTC",
+        validate=Length(max=100),
         metadata={"description": "of photos that do not say theirs: `Europe/Prague`, `+02:00`"},
     )
 
@@ -162,6 +163,7 @@ def by_gps(slug: str) -> dict[str, Any]:
 
 
 @placing_api.post("/positions")
+@map_role("editor")
 @placing_api.input(PreviewQuery, location="query", arg_name="query")
 @placing_api.input(PositionListIn, location="form_and_files", arg_name="given")
 @placing_api.output(ListedOut)
@@ -191,6 +193,7 @@ def by_list(slug: str, query: dict[str, bool], given: dict[str, Any]) -> dict[st
 
 
 @placing_api.post("/gpx")
+@map_role("editor")
 @placing_api.input(PreviewQuery, location="query", arg_name="query")
 @placing_api.input(GpxIn, location="form_and_files", arg_name="given")
 @placing_api.output(GpxOut)
@@ -262,12 +265,16 @@ def _preview_json(seen: Preview) -> dict[str, Any]:
     return {"photos": photos, "unmatched": unmatched, "suggested": suggested}
 
 
+_MOST_PLACES = 100_000
+
+
 class PlacementIn(Schema):
     """Positions of the photos in the placement; by default those on the map."""
 
-    positions = Dict(
-        keys=Integer(),
-        values=List(Float(), validate=Length(equal=2)),
+    positions = BoundedDict(
+        keys=RecordNumber(),
+        values=BoundedList(Float(), least=2, most=2),
+        most=_MOST_PLACES,
         load_default=None,
         metadata={"description": "x and y by the photo's id, pixels."},
     )
@@ -278,6 +285,7 @@ class PlacementIn(Schema):
 
 
 @placements_api.put("/<string(maxlength=60):name>")
+@map_role("editor")
 @placements_api.input(PlacementIn, arg_name="data")
 @placements_api.output(EditAnswer)
 def put(slug: str, name: str, *, data: dict[str, Any]) -> dict[str, Any]:

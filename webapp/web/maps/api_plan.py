@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import File, Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.validators import Range
 from flask import Response
 from flask_babel import gettext as _
 from werkzeug.datastructures import FileStorage
@@ -26,8 +26,8 @@ from webapp.tasks.photo_plan.planning import MOST_SPOTS, PlanRequest
 from webapp.tasks.photo_plan.spot_photo import TargetPose
 from webapp.tasks.photo_plan.words import PlanWords, walk_of
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import library, open_map, settings
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import library, map_role, open_map, settings
+from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.maps.api_photos import IntakeOut, intake_json
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_pieces
@@ -44,11 +44,12 @@ class PlanIn(Schema):
     """Request of a plan."""
 
     spots = Integer(load_default=12, validate=Range(1, MOST_SPOTS))
-    area = List(
+    area = BoundedList(
         Float(validate=Range(-_FAR_PX, _FAR_PX)),
         load_default=None,
         allow_none=True,
-        validate=Length(equal=4),
+        least=4,
+        most=4,
         metadata={"description": "Left, top, right, bottom, map pixels; null for what is near photos."},
     )
 
@@ -129,6 +130,7 @@ def show(slug: str) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@map_role("editor")
 @blueprint.input(PlanIn, arg_name="data")
 @blueprint.output(PlanOut)
 def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -161,6 +163,7 @@ def walk(slug: str) -> Response:
 
 
 @blueprint.post("/photos")
+@map_role("editor")
 @blueprint.input(SpotPhotoIn, location="form_and_files", arg_name="given")
 @blueprint.output(SpotPhotoOut)
 def add(slug: str, given: dict[str, Any]) -> dict[str, Any]:

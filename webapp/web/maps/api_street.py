@@ -7,7 +7,7 @@ from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Length, OneOf
+from apiflask.validators import OneOf
 
 from webapp.progress import Progress
 from webapp.settings import StreetSettings
@@ -24,7 +24,8 @@ from webapp.tasks.street.survey import (
 )
 from webapp.tasks.street.targets import LibraryTarget
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, map_role, open_map, settings
+from webapp.web.fields import BoundedList
 from webapp.web.language import translate_job
 from webapp.web.maps.schemas import JobSchema
 
@@ -60,11 +61,12 @@ class StreetIn(Schema):
     """The requested photos."""
 
     source = String(required=True, validate=OneOf(SOURCES))
-    area = List(
+    area = BoundedList(
         Float(),
         load_default=None,
         allow_none=True,
-        validate=Length(equal=4),
+        least=4,
+        most=4,
         metadata={"description": "Left, top, right, bottom, map pixels; null for the whole image."},
     )
     panoramas = String(load_default="cut", validate=OneOf(PANORAMA_WISHES))
@@ -99,6 +101,7 @@ def list_services(slug: str) -> dict[str, Any]:
 
 
 @blueprint.post("/preview")
+@map_role("editor")
 @blueprint.input(StreetIn, arg_name="data")
 @blueprint.output(StreetSurveyOut)
 def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -114,6 +117,7 @@ def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.post("")
+@map_role("editor")
 @blueprint.input(StreetIn, arg_name="data")
 @blueprint.output(JobSchema, status_code=202)
 def add(slug: str, data: dict[str, Any]) -> dict[str, Any]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from apiflask import Schema
 from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Length, Range
+from apiflask.validators import Range
 
 from webapp.files.photos.panorama import MOST_MASKED
-from webapp.web.fields import RecordNumber
+from webapp.web.fields import BoundedList, RecordNumber
 
 _ROLES = ("owner", "editor", "viewer")
 
@@ -46,10 +46,10 @@ class SourceOut(Schema):
 class PanoramaOut(Schema):
     """Properties of an equirectangular panorama of the whole sphere."""
 
-    masked = List(
+    masked = BoundedList(
         Nested(BoxOut),
         load_default=list,
-        validate=Length(max=MOST_MASKED),
+        most=MOST_MASKED,
         metadata={"description": "Parts in which nothing is recognised: the robot, the sky."},
     )
 

@@ -20,8 +20,8 @@ from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite import georeference as satellite_georeference
 from webapp.tasks.satellite.apply import ImageChoice, ImageEditResult, set_georeference
 from webapp.tasks.satellite.georeference import GeoreferenceRequest
-from webapp.web.context import account, library, open_map
-from webapp.web.fields import RecordNumber
+from webapp.web.context import account, library, map_role, open_map
+from webapp.web.fields import BoundedList, JsonValue, RecordNumber
 from webapp.web.maps import state
 from webapp.web.maps.schemas import EditAnswer
 
@@ -30,6 +30,9 @@ blueprint = APIBlueprint(
 )
 
 _MOST_POINTS = 500
+_CORNER_VALUES = 20
+MOST_CORNERS = 10_000
+"""Bytes of corners as JSON."""
 
 
 class PointIn(Schema):
@@ -45,8 +48,13 @@ class GeoreferenceIn(Schema):
     """Corners, control points, or a world file."""
 
     kind = String(required=True, validate=OneOf(("corners", "control-points", "worldfile")))
-    corners = Dict(load_default=None, metadata={"description": "`top_left` and `bottom_right`, or all four."})
-    points = List(Nested(PointIn), load_default=[], validate=Length(max=_MOST_POINTS))
+    corners = JsonValue(
+        bytes=MOST_CORNERS,
+        values=_CORNER_VALUES,
+        load_default=None,
+        metadata={"type": "object", "description": "`top_left` and `bottom_right`, or all four."},
+    )
+    points = BoundedList(Nested(PointIn), load_default=[], most=_MOST_POINTS)
     model = String(load_default=None, allow_none=True, validate=OneOf(tuple(NEEDED)))
     worldfile = String(load_default=None, validate=Length(max=10_000))
     crs = String(load_default=None, allow_none=True, validate=Length(max=5000))
@@ -80,6 +88,7 @@ class ImageAnswer(EditAnswer):
 
 
 @blueprint.post("/preview")
+@map_role("editor")
 @blueprint.input(GeoreferenceIn, arg_name="given")
 @blueprint.output(PreviewOut)
 def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -89,6 +98,7 @@ def preview(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.put("")
+@map_role("editor")
 @blueprint.input(GeoreferenceIn, arg_name="given")
 @blueprint.output(ImageAnswer)
 def put(slug: str, given: dict[str, Any]) -> dict[str, Any]:

@@ -28,10 +28,10 @@ from webapp.tasks.satellite.new_image import PlanSize
 from webapp.tasks.satellite.tiles import TILES_JOB, TileRequest
 from webapp.web.body_limits import limit_image
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.openapi import file_answer
-from webapp.web.satellite.api_georeference import ImageAnswer, answer
+from webapp.web.satellite.api_georeference import MOST_CORNERS, ImageAnswer, answer
 
 blueprint = APIBlueprint("api_satellite", __name__, url_prefix="/api/v1", tag="Satellite image")
 blueprint.before_request(limit_image)
@@ -63,7 +63,10 @@ class ImageIn(OutsideIn):
     """An image, optionally with its georeference."""
 
     file = File(required=True)  # type: ignore[no-untyped-call]
-    corners = String(metadata={"description": "JSON: `top_left` and `bottom_right`, or all four."})
+    corners = String(
+        validate=Length(max=MOST_CORNERS),
+        metadata={"description": "JSON: `top_left` and `bottom_right`, or all four."},
+    )
     worldfile = File()  # type: ignore[no-untyped-call]
     crs = String(
         validate=Length(max=5000), metadata={"description": "Of the world file, such as EPSG:32633."}
@@ -136,6 +139,7 @@ def service_json(service: Any) -> dict[str, Any]:
 
 
 @blueprint.put("/maps/<slug>/satellite")
+@map_role("editor")
 @blueprint.input(ImageIn, location="form_and_files", arg_name="given")
 @blueprint.output(ImageAnswer)
 def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -157,6 +161,7 @@ def put_image(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.post("/maps/<slug>/satellite/blank")
+@map_role("editor")
 @blueprint.input(BlankIn, arg_name="given")
 @blueprint.output(ImageAnswer)
 def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
@@ -171,6 +176,7 @@ def put_blank(slug: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.post("/maps/<slug>/satellite/tiles")
+@map_role("editor")
 @blueprint.input(TilesIn, arg_name="given")
 @blueprint.output(TilesOut, status_code=202)
 def put_tiles(slug: str, given: dict[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from webapp.tasks.satellite.floors import found_floor
 from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import library, public, settings
+from webapp.web.context import authorized_by, library, public, settings
 from webapp.web.counting import storage_address
 from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
@@ -196,15 +196,29 @@ def query_original(token: str) -> Response:
     return _file(show_query.original(library(), query), query.name)
 
 
+def _opened(token: str, *, originals: bool = False) -> OpenedShare:
+    with library().database.read() as session:
+        opened = sharing.open_share(session, token)
+    if originals and not opened.share.originals:
+        raise shared_state.files_not_shared()
+    return opened
+
+
+def _for_visitors(token: str) -> OpenedShare:
+    opened = _opened(token)
+    if not opened.share.localize:
+        raise NotFound("photos cannot be localized here")
+    return opened
+
+
 @blueprint.post("/localize")
 @public
+@authorized_by(_for_visitors)
 @blueprint.input(VisitIn, location="files", arg_name="given")
 @blueprint.output(Located)
 def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     """Localize a visitor's photo, if the share allows it; neither photo nor answer is stored."""
-    opened = _opened(token)
-    if not opened.share.localize:
-        raise NotFound("photos cannot be localized here")
+    opened = _for_visitors(token)
     _count_visit(opened)
     with visitors_limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
         try:
@@ -231,14 +245,6 @@ def _count_visit(opened: OpenedShare) -> None:
             raise TooMany(
                 "too many photos in a short time", wait_s=_MINUTE_S, hint="wait a minute and try again"
             )
-
-
-def _opened(token: str, *, originals: bool = False) -> OpenedShare:
-    with library().database.read() as session:
-        opened = sharing.open_share(session, token)
-    if originals and not opened.share.originals:
-        raise shared_state.files_not_shared()
-    return opened
 
 
 def _photo_preview(token: str, id: int, kind: Kind) -> Response:

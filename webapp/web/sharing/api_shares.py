@@ -16,8 +16,8 @@ from webapp.store.accounts import accounts
 from webapp.store.maps import maps
 from webapp.store.schema import Account, MapRecord, Share
 from webapp.store.sharing import SharePermissions
-from webapp.web.context import account, library, open_map
-from webapp.web.fields import Boolean, RecordNumber
+from webapp.web.context import account, library, map_role, open_map
+from webapp.web.fields import LATER, Boolean, RecordNumber
 
 shares_api = APIBlueprint("api_shares", __name__, url_prefix="/api/v1/maps/<slug>/shares", tag="Sharing")
 members_api = APIBlueprint("api_members", __name__, url_prefix="/api/v1/maps/<slug>/members", tag="Sharing")
@@ -99,6 +99,7 @@ def list_shares(slug: str) -> dict[str, Any]:
 
 
 @shares_api.post("")
+@map_role("owner")
 @shares_api.input(ShareIn, arg_name="data")
 @shares_api.output(ShareOut, status_code=201)
 def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
@@ -117,6 +118,7 @@ def create(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @shares_api.patch(f"/{_ID}")
+@map_role("owner")
 @shares_api.input(AllowsIn, arg_name="data")
 @shares_api.output(ShareOut)
 def change(slug: str, id: int, data: dict[str, bool]) -> dict[str, Any]:
@@ -171,7 +173,11 @@ def _embed(record: MapRecord, token: str) -> str:
 class MemberIn(Schema):
     """A member to add, or a new role of a member."""
 
-    name = String(required=True, metadata={"description": "Of an account; capital letters do not matter."})
+    name = String(
+        required=True,
+        validate=LATER,
+        metadata={"description": "Of an account; capital letters do not matter."},
+    )
     role = String(required=True, validate=OneOf(maps.ROLES))
 
 
@@ -203,6 +209,7 @@ def list_members(slug: str) -> dict[str, Any]:
 
 
 @members_api.post("")
+@map_role("owner")
 @members_api.input(MemberIn, arg_name="data")
 @members_api.output(MemberOut)
 def set_role(slug: str, data: dict[str, str]) -> dict[str, Any]:
