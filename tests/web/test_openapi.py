@@ -356,6 +356,34 @@ def test_what_a_map_without_an_image_answers_is_documented(client, park, documen
     assert {f"/api/v1/maps/{{slug}}/{name}" for name in ("map.cfg", "export.{form}")} <= refused
 
 
+def test_what_a_map_without_a_georeference_answers_is_documented(client, fresh, document):
+    """A walk leads to latitudes and longitudes: 400."""
+    slug, _ = fresh()
+    client.delete(f"/api/v1/maps/{slug}/georeference")
+    assert client.post(f"/api/v1/maps/{slug}/photo-plan", json={"spots": 1}).json["plan"]["spots"]
+    answer = client.get(f"/api/v1/maps/{slug}/photo-plan/walk.gpx")
+    assert answer.status_code == 400
+    assert "400" in document["paths"]["/api/v1/maps/{slug}/photo-plan/walk.gpx"]["get"]["responses"]
+
+
+def test_what_is_answered_to_viewers_is_documented(document, fresh, library, new_account, sign_in):
+    slug, ids = fresh()
+    viewer = new_account("Vera")
+    with library.database.write() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        accounts.set_member_role(session, record, account=session.merge(viewer), role="viewer")
+    client, refused = sign_in(viewer), set()
+    values = {"slug": slug, "id": 0, "key": "0" * 32, "number": 0, "z": 0, "x": 0, "y": 0, "form": "zip"}
+    values |= {"sheet": "pdf", "name": "plan", "ending": "gpx"}
+    values |= {name: known[0] for name, known in ids.items() if name.endswith("_id") or name == "sha256"}
+    for path, operations in document["paths"].items():
+        if "get" in operations and OF_THE_MAP.search(path) and not path.endswith("/events"):
+            status = client.get(path.format(**values)).status_code
+            assert status < 400 or str(status) in operations["get"]["responses"], (path, status)
+            refused |= {path} if status == 403 else set()
+    assert len(refused) > 3
+
+
 def test_nobody_gets_in_without_a_sign_in(operations, fresh, library):
     slug, ids = fresh()
     before = state(library, slug)

@@ -116,7 +116,7 @@ PARTS = Parts(
     blueprints=BLUEPRINTS,
     public_lists={"missions": shares.public},
     path_parameters=PATH_PARAMETERS,
-    operations=api_staged.OPERATIONS,
+    operations=api_staged.OPERATIONS | mission_shares.OPERATIONS,
 )
 
 

@@ -114,9 +114,11 @@ _MORE: dict[str, dict[str, Any]] = {
     "api_notes.change": {"parameters": [_IF_MATCH]},
     "api_notes.remove": {"parameters": [_IF_MATCH]},
     "api_people.list_accounts": {"statuses": [403]},
+    "api_plan.walk": {"statuses": [400]},
     "api_shares.list_shares": {"statuses": [403]},
     "maps.edit_one": {"parameters": [_IF_MATCH]},
     "maps.remove_one": {"parameters": [_IF_MATCH]},
+    "api_uploads.look": {"statuses": [403]},
     "api_uploads.send": chunks.OPERATION,
 }
 """Parameters, bodies and statuses of routes that their schemas do not describe, by endpoint."""

@@ -60,6 +60,9 @@ class MissionShareOut(Schema):
     )
 
 
+OPERATIONS = {"api_mission_shares.list_shares": {"statuses": [403]}}
+
+
 class MissionShareList(Schema):
     """The shares of a mission, newest first."""
 
