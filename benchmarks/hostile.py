@@ -33,7 +33,7 @@ import numpy as np
 import requests
 from PIL import Image
 
-from benchmarks import hostile_inputs
+from benchmarks import hostile_inputs, hostile_json
 from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
 from benchmarks.hostile_inputs import Request
@@ -74,6 +74,7 @@ def make_request(
     """Return the kind and the request of a number."""
     chance = random.Random(f"{seed}/{number}")
     kinds: dict[str, Callable[[], Request]] = {
+        "json": lambda: hostile_json.json_request(chance, document, known=known),
         "api": lambda: hostile_inputs.api_request(chance, document, known=known),
         "photo": lambda: _form(f"/maps/{TARGET}/photos", hostile_inputs.picture(chance)),
         "localize": lambda: _form(f"/maps/{TARGET}/localize", hostile_inputs.picture(chance)),
@@ -174,6 +175,8 @@ def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, in
     options: dict[str, Any] = {"params": request.query}
     if request.files:
         options |= {"files": request.files, "data": request.data}
+    elif request.raw is not None:
+        options |= {"data": request.raw, "headers": {"Content-Type": "application/json"}}
     elif request.json is not None:
         options["json"] = request.json
     started = time.monotonic()

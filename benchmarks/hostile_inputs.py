@@ -44,11 +44,12 @@ _FORMATS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request with a body of `json`, or of `files` and `data` of a form."""
+    """A request with a body of `json`, of `raw` JSON, or of `files` and `data` of a form."""
 
     method: str
     path: str
     json: Any = None
+    raw: bytes | None = None
     files: list[tuple[str, tuple[str, bytes]]] = field(default_factory=list)
     data: dict[str, str] = field(default_factory=dict)
     query: dict[str, str] = field(default_factory=dict)

@@ -1,12 +1,13 @@
 """Requests of `benchmarks.hostile` are determined by its seed; responses that count as faults."""
 
 import io
+import json
 import random
 import zipfile
 
 import pytest
 
-from benchmarks import hostile, hostile_inputs
+from benchmarks import hostile, hostile_inputs, hostile_json
 
 DOCUMENT = {
     "paths": {
@@ -32,6 +33,14 @@ def requests(seed, count=150):
     return [hostile.make_request(seed, n, document=DOCUMENT, known=KNOWN) for n in numbers]
 
 
+def is_json(data):
+    try:
+        json.loads(data)
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
 def test_a_request_follows_from_its_seed_and_number():
     assert requests(1) == requests(1)
     assert requests(1) != requests(2)
@@ -39,10 +48,28 @@ def test_a_request_follows_from_its_seed_and_number():
 
 def test_all_kinds_are_sent_and_most_addresses_exist():
     found = requests(3, 300)
-    assert {kind for kind, _ in found} >= {"api", "photo", "satellite", "zip", "mission", "crs", "positions"}
+    assert {kind for kind, _ in found} >= {
+        "api",
+        "photo",
+        "satellite",
+        "zip",
+        "mission",
+        "crs",
+        "positions",
+        "json",
+    }
     api = [request for kind, request in found if kind == "api"]
     assert all(request.method == "PATCH" and "{" not in request.path for request in api)
     assert sum(request.path == "/maps/target/photos/3" for request in api) > len(api) / 2
+
+
+def test_json_is_sent_that_cannot_be_read_or_is_long():
+    made = [hostile_json.json_request(random.Random(n), DOCUMENT, known=KNOWN) for n in range(50)]
+    assert {(request.method, request.path) for request in made} == {("PATCH", "/maps/target/photos/3")}
+    found = [request.raw for request in made]
+    assert max(map(len, found)) > 10_000_000
+    short = [data for data in found if len(data) < 100_000]
+    assert 0 < sum(map(is_json, short)) < len(short)
 
 
 def test_some_zips_can_be_opened_and_some_cannot():

@@ -158,11 +158,12 @@ def _http(error: HTTPException) -> BaseResponse:
 
 def _in_words(status: HTTPStatus) -> dict[str, Any]:
     """Return the error body for a status that Flask itself raises."""
+    smaller = _("send less at once") if request.is_json else _("send a smaller file")
     words: dict[int, tuple[str, str | None]] = {
         400: (_("the request is not well-formed"), _("reload the page and try again")),
         404: (_("page not found"), None),
         405: (_("this cannot be done here"), None),
-        413: (_("this is too large"), _("send a smaller file")),
+        413: (_("this is too large"), smaller),
         415: (_("the request is of the wrong type"), None),
         500: (_("internal error"), _("try again; the details are in the server's log")),
     }

@@ -104,13 +104,17 @@ def read_json(request: Request, schema: Schema) -> Any:
 
 
 def _check(data: bytes, budget: Budget) -> None:
-    bare = _TEXT.sub(b"", data).translate(_KINDS)
-    values = bare.count(b",") + bare.count(_OPEN) + 1
-    if values > budget.values:
+    most_texts = 2 * budget.values  # each value may be a text and have a name
+    bare, texts = _TEXT.subn(b"", data, count=most_texts + 1)
+    bare = bare.translate(_KINDS)
+    opened = bare.count(_OPEN)
+    if texts > most_texts or bare.count(b",") + opened >= budget.values:
         raise RequestEntityTooLarge
     if _DIGIT * (_DIGITS + 1) in bare:
         raise UsageError("a number in the JSON is too long", where="body", hint=f"at most {_DIGITS} digits")
-    brackets = bare.translate(None, _NO_BRACKETS)
+    brackets = bare.translate(None, _NO_BRACKETS)[
+        : 2 * opened
+    ]  # valid JSON has closed no more than it opened
     if max(accumulate(1 if byte == _OPEN[0] else -1 for byte in brackets), default=0) > _DEPTH:
         raise UsageError("the JSON is nested too deep", where="body", hint=f"at most {_DEPTH} levels")
 
