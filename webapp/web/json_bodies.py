@@ -15,11 +15,10 @@ from functools import cache
 from itertools import accumulate
 from typing import Any
 
-from apiflask import Schema
+from apiflask import Schema, fields
 from apiflask.schema_adapters.marshmallow import parser
+from apiflask.validators import Length, OneOf
 from flask import Flask, Request
-from marshmallow import fields, missing
-from marshmallow.validate import Length, OneOf
 from werkzeug.exceptions import RequestEntityTooLarge
 
 from webapp.errors import MapJsonError, UsageError
@@ -80,7 +79,7 @@ def read_json(request: Request, schema: Schema) -> Any:
     Returns
     -------
     Any
-        The parsed JSON, or `missing` if the request has no JSON.
+        The parsed JSON; an empty object if the request has none.
 
     Raises
     ------
@@ -90,12 +89,12 @@ def read_json(request: Request, schema: Schema) -> Any:
         It is not JSON, is nested too deep, or has a number that is too long.
     """
     if not request.is_json:
-        return missing
+        return {}
     budget = budget_of(schema)
     request.max_content_length = min(budget.bytes, request.max_content_length or budget.bytes)
     data = request.get_data(cache=False)
     if not data:
-        return missing
+        return {}
     _check(data, budget)
     try:
         return parse_json(data, where="body").value
@@ -112,9 +111,8 @@ def _check(data: bytes, budget: Budget) -> None:
         raise RequestEntityTooLarge
     if _DIGIT * (_DIGITS + 1) in bare:
         raise UsageError("a number in the JSON is too long", where="body", hint=f"at most {_DIGITS} digits")
-    brackets = bare.translate(None, _NO_BRACKETS)[
-        : 2 * opened
-    ]  # valid JSON has closed no more than it opened
+    # in valid JSON, the last bracket that opens is among the first 2 * opened
+    brackets = bare.translate(None, _NO_BRACKETS)[: 2 * opened]
     if max(accumulate(1 if byte == _OPEN[0] else -1 for byte in brackets), default=0) > _DEPTH:
         raise UsageError("the JSON is nested too deep", where="body", hint=f"at most {_DEPTH} levels")
 
@@ -133,7 +131,7 @@ def _of_schema(schema: Schema) -> Budget:
     return total
 
 
-def _of_field(field: fields.Field[Any]) -> Budget:
+def _of_field(field: fields.Field) -> Budget:
     own = Budget(_BYTES_PER_VALUE, 1)
     match field:
         case fields.Nested():

@@ -86,11 +86,9 @@ def test_a_batch_says_how_to_know_it_again(client, mission, given):
     ("change", "field"),
     [
         ({"lat": 90.5}, "lat"),
-        ({"lon": math.inf}, "lon"),
-        ({"time": math.nan}, "time"),
         ({"time": True}, "time"),
         ({"time": "now"}, "time"),
-        ({"time": 10**400}, "time"),
+        ({"time": 10**90}, "time"),
         ({"source": "radar"}, "source"),
         ({"source": []}, "source"),
         ({"track": "a\x00"}, "track"),
@@ -104,7 +102,6 @@ def test_a_batch_says_how_to_know_it_again(client, mission, given):
         ({"type": "pause"}, "type"),
         ({"type": ["pose"]}, "type"),
         ({"type": "object", "id": "", "class": "car"}, "id"),
-        ({"type": "object", "id": "\ud800", "class": "car"}, "id"),
         ({"type": "object", "id": "a"}, "class"),
         ({"type": "object", "id": "a", "class": "car", "confidence": -0.5}, "confidence"),
         ({"type": "object", "id": "a", "class": "car", "photo": "abc"}, "photo"),
@@ -119,6 +116,17 @@ def test_one_wrong_record_stores_none(send, walk, state, change, field):
     assert answer.json["error"]["where"].endswith(f".{field}")
     assert (state()["poses"], state()["revision"]) == (0, 0)
     assert send([]).json["next"] == 0
+
+
+@pytest.mark.parametrize(
+    "change", [{"lon": math.inf}, {"time": math.nan}, {"time": 10**400}, {"id": "\ud800"}]
+)
+def test_what_is_not_valid_json_stores_none(send, walk, state, change):
+    records = walk(3)
+    records[1] = {**records[1], **change}
+    answer = send(records)
+    assert (answer.status_code, answer.json["error"]["where"]) == (400, "body")
+    assert (state()["poses"], state()["revision"]) == (0, 0)
 
 
 @pytest.mark.parametrize("record", [None, 3, "pose", [], {}])
