@@ -4,7 +4,7 @@ import io
 import json
 
 import pytest
-from marshmallow import ValidationError, fields
+from apiflask import fields
 
 from webapp.missions.store import missions
 from webapp.settings import Settings, WebSettings
@@ -237,7 +237,7 @@ def test_a_long_list_is_refused_before_its_items_are_converted():
         (BoundedList(Item(), most=3), [1] * 4),
         (BoundedDict(keys=Item(), values=Item(), most=3), dict.fromkeys("abcd", 1)),
     ):
-        with pytest.raises(ValidationError, match="3"):
+        with pytest.raises(ValueError, match="3"):
             field.deserialize(value)
 
 
