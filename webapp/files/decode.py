@@ -247,15 +247,20 @@ def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
     return False
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def image_size(source: Path | bytes) -> tuple[int, int]:
     """Read width and height in pixels from the header, as stored (orientation not applied).
+
+    Parameters
+    ----------
+    source : Path or bytes
+        A file, or its content.
 
     Raises
     ------
     PhotoError
         The file is missing or not an image.
     """
-    with open_image(path, limits=_ANY_SIZE) as image:
+    with open_image(source, limits=_ANY_SIZE) as image:
         return image.size
 
 

@@ -4,6 +4,8 @@ import io
 import shutil
 import stat
 import zipfile
+from collections import Counter
+from copy import copy
 from dataclasses import replace
 
 import pytest
@@ -16,7 +18,7 @@ from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import export_files, import_map
-from webapp.tasks.maps import export
+from webapp.tasks.maps import adopt_map, check_map, export
 
 
 @pytest.fixture
@@ -271,6 +273,64 @@ def test_lines_are_counted_before_anything_is_looked_for(park, bring, monkeypatc
     many = "".join(f"{n};photos/{n}.jpg;1;1\n" for n in range(101))
     with pytest.raises(InputError, match="the map has 102 lines, more than the limit of 100"):
         bring({**park, "map.cfg": f"satellite.png;400;300\n{many}"}, limits=ImportLimits(max_files=100))
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """How often photos are decoded and read in an import, by the function."""
+    calls = Counter()
+
+    def count(module, name):
+        function = getattr(module, name)
+
+        def counting(*args, **options):
+            calls[name] += 1
+            return function(*args, **options)
+
+        monkeypatch.setattr(module, name, counting)
+
+    for module in (check_map, adopt_map):
+        count(module, "check_decodes")
+    count(adopt_map, "read_file")
+    return calls
+
+
+def test_a_photo_is_read_once_however_many_lines_name_it_in_whatever_way(park, bring, rows, counted):
+    names = ["photos/0.jpg", "./photos/0.jpg", "photos//0.jpg", "photos/1.jpg"]
+    lines = "".join(f"{n};{names[n % 4]};{n};1\n" for n in range(200))
+    done = bring({**park, "map.cfg": f"plan.png;300;200\n{lines}"})
+    assert counted == {"check_decodes": 2, "read_file": 2}
+    there = rows(done.map_id)
+    assert [there[n].path for n in range(4)] == names and there[7].x_px == 7.0
+    assert len(there) == 200 and {row.width for row in there.values()} == {there[0].width}
+    assert len({row.sha256 for row in there.values()}) == 200, "unique, as uploads are recognised by it"
+
+
+def test_a_photo_that_cannot_be_read_is_reported_for_each_line(park, bring, counted):
+    lines = "".join(f"{n};photos/0.jpg;{n};1\n" for n in range(9))
+    done = bring({**park, "photos/0.jpg": b"no photo", "map.cfg": f"plan.png;300;200\n{lines}"})
+    assert [f.code for f in done.findings].count("unreadable-photo") == 9
+    assert counted["check_decodes"] == 2
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_files_that_share_bytes_of_the_zip_are_refused(park, library, owner, tmp_path):
+    path = tmp_path / "overlap.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in park.items():
+            archive.writestr(name, content)
+        first = copy(archive.getinfo("photos/0.jpg"))
+        first.filename = "photos/again.jpg"
+        archive.filelist.append(first)
+    with pytest.raises(InputError, match="files in the zip overlap"):
+        import_map.import_map(library, path, account_id=owner, name="x", settings=Settings())
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+def test_many_small_files_are_no_bomb_either(park, bring):
+    many = {f"photos/p{n}.bmp": bytes(900_000) for n in range(20)}
+    with pytest.raises(InputError, match=r"the zip would become .* times as large"):
+        bring({**park, **many}, method=zipfile.ZIP_DEFLATED)
 
 
 @pytest.mark.usefixtures("nothing_is_left")

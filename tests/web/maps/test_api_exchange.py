@@ -5,6 +5,7 @@ import json
 import zipfile
 
 import pytest
+from PIL import Image
 
 from webapp.files.exchange import map_zip
 from webapp.jobs import map_jobs
@@ -131,7 +132,7 @@ def test_an_imported_map_has_its_title(client, park, monkeypatch, at_once):
     client.patch(f"/api/v1/maps/{park}", json={"name": "Stará obora"})
     content = client.get(f"/api/v1/maps/{park}/export.zip").data
     if not at_once:
-        monkeypatch.setattr(api_exchange, "is_quick", lambda _archive: False)
+        monkeypatch.setattr(api_exchange, "is_quick", lambda _archive, limits: False)
     slug = bring(client, content, "park (3).zip").json["slug"]
     assert slug == "stara-obora"
     assert client.get(f"/api/v1/maps/{slug}").json["name"] == "Stará obora"
@@ -147,6 +148,15 @@ def test_a_map_without_a_usable_title_has_the_name_of_its_file(app, tmp_path, js
         with app.app_context():
             name = api_exchange._name_of(None, tmp_path / "a.zip", "Můj park.zip")
         assert name == "Můj park"
+
+
+def test_the_title_of_a_large_map_is_read_without_its_records(app, tmp_path, monkeypatch):
+    monkeypatch.setattr(map_zip, "parse_map_json", None)
+    about = {"format": "experience-map", "version": 1, "title": 'Stará "obora"'}
+    text = json.dumps({**about, "notes": [{"title": "other"}], "unplaced": [{}] * 200_000}, indent=1)
+    (tmp_path / "a.zip").write_bytes(zipped({"map.cfg": "", "map.json": text}))
+    with app.app_context():
+        assert api_exchange._name_of(None, tmp_path / "a.zip", "a.zip") == 'Stará "obora"'
 
 
 @pytest.mark.parametrize("filename", ["../../etc/passwd", "\x07.zip", "", "a\\b.zip", "x" * 500 + ".zip"])
@@ -195,6 +205,35 @@ def test_a_small_zip_with_many_lines_is_imported_by_a_job(client):
     lines = "".join(f"{i};p{i}.jpg;1;1\n" for i in range(20_000))
     answer = bring(client, zipped({"map.cfg": f"plan.png;2;2\n{lines}".encode()}), name="Many")
     assert answer.status_code == 202
+
+
+def picture(width, height):
+    content = io.BytesIO()
+    Image.new("1", (width, height)).save(content, "PNG")
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"huge.png": picture(7000, 7000)},
+        {f"p{n}.png": picture(2500, 2500) for n in range(8)},
+        {"map.json": b"[" + b"{}," * 130_000},
+        {f"p{n}.png": b"x" for n in range(400)},
+    ],
+    ids=["pixels of one photo", "pixels of all photos", "records", "files"],
+)
+def test_a_small_zip_that_takes_long_is_imported_by_a_job(client, files):
+    answer = bring(client, zipped({"map.cfg": b"plan.png;2;2\n", **files}), name="Long")
+    assert answer.status_code == 202
+
+
+def test_a_small_zip_in_an_unusual_compression_is_imported_by_a_job(client):
+    """Its decoders produce megabytes before they stop."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_BZIP2) as archive:
+        archive.writestr("map.cfg", b"plan.png;2;2\n")
+    assert bring(client, content.getvalue(), name="Unusual").status_code == 202
 
 
 def test_an_export_by_a_job_is_fetched(client, park, work):

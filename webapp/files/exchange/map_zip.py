@@ -6,21 +6,24 @@ Zips are untrusted: names, sizes and the number of files are checked before and 
 from __future__ import annotations
 
 import errno
+import json
 import lzma
+import math
 import os
+import re
 import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from webapp.core.mapmodel.findings import quoted
 from webapp.core.mapmodel.paths import name_problem
-from webapp.errors import InputError, MapError
+from webapp.errors import InputError, MapError, PhotoError
 from webapp.files.atomic import storage_error
-from webapp.files.decode import PHOTO_SUFFIXES
+from webapp.files.decode import PHOTO_SUFFIXES, image_size
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.files.listing import folded
 from webapp.files.maps.map_json import parse_map_json
@@ -31,15 +34,28 @@ from webapp.settings import ImportLimits
 _SMALL = 1_000_000
 """Bytes of a file up to which its compression ratio is not checked: text compresses well."""
 
-_QUICK_BYTES, _QUICK_FILES, _QUICK_CFG_BYTES = 30_000_000, 1000, 200_000
-"""Limits of an import within the request; a line of a `.cfg` has about 20 bytes and takes 0.2 ms."""
+_QUICK_FILES, _QUICK_BYTES, _QUICK_MEGAPIXELS = 300, 30_000_000, 40
+"""Limits of an import within the request: files, their bytes unpacked, and the pixels of all images.
+
+A megapixel takes 5 ms to decode, and up to 70 ms in an unusual file.
+"""
+
+_QUICK_CFG_BYTES, _QUICK_JSON_BYTES = 50_000, 300_000
+"""Limits of text; a line of a `.cfg` has at least 8 bytes and takes 0.4 ms, a record of JSON 10 us."""
+
+_HEADER_BYTES = 30
+"""Minimum length of what precedes the data of a file."""
 
 _CHUNK = 1 << 20
-_MOST_JSON = 20_000_000
-"""Maximum bytes of a `map.json` that is read for its title; 100 000 photos take fewer."""
+_TITLE = re.compile(
+    r'\s*{\s*"format"\s*:\s*"[a-z-]+"\s*,\s*"version"\s*:\s*\d+\s*,\s*"title"\s*:\s*("(?:[^"\\]|\\.)*")'
+)
+_TITLE_BYTES = 5000
+"""The beginning of a `map.json`, with its title, as `format_map_json` writes it."""
 
 _MAX_NAME_BYTES = 200
-_WANTED = PHOTO_SUFFIXES | {".cfg", ".json", ".gif"}
+_TEXT = frozenset({".cfg", ".json"})
+_WANTED = PHOTO_SUFFIXES | _TEXT | {".gif"}
 _IGNORED_FOLDERS = frozenset({"__MACOSX", "derived"})
 _BROKEN = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
 """Exceptions of `zipfile` for damaged, encrypted and unknown content."""
@@ -108,18 +124,40 @@ def unpack(
     return UnpackedMap(folder, tuple(cfgs), tuple(left_out))
 
 
-def is_quick(archive: Path) -> bool:
+def is_quick(archive: Path, *, limits: ImportLimits) -> bool:
     """Return whether a zip can be imported within seconds; True also if it is invalid."""
     if has_many_files(archive, limit=_QUICK_FILES):
         return False
     try:
         with zipfile.ZipFile(archive) as opened:
-            infos = opened.infolist()
-    except (*_BROKEN, OSError):
+            files, _ = _checked(opened.infolist(), limits)
+            return _is_small(files) and _has_few_pixels(opened, files)
+    except (*_BROKEN, InputError, OSError):
         return True  # the import refuses it at once
-    lines_bytes = sum(info.file_size for info in infos if info.filename.lower().endswith(".cfg"))
-    size = sum(info.compress_size for info in infos)
-    return len(infos) <= _QUICK_FILES and lines_bytes <= _QUICK_CFG_BYTES and size <= _QUICK_BYTES
+
+
+def _is_small(files: Sequence[_File]) -> bool:
+    size = dict.fromkeys(_TEXT, 0)
+    for file in files:
+        suffix = PurePosixPath(file.name).suffix.lower()
+        size[suffix] = size.get(suffix, 0) + file.info.file_size
+    total = sum(size.values())
+    is_short = size[".cfg"] <= _QUICK_CFG_BYTES and size[".json"] <= _QUICK_JSON_BYTES
+    is_usual = all(file.info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for file in files)
+    return len(files) <= _QUICK_FILES and is_short and is_usual and total <= _QUICK_BYTES
+
+
+def _has_few_pixels(opened: zipfile.ZipFile, files: Sequence[_File]) -> bool:
+    """Add up the pixels that the headers declare; files that are no images are reported by the import."""
+    left = _QUICK_MEGAPIXELS * 1e6
+    for file in files:
+        if PurePosixPath(file.name).suffix.lower() in _TEXT:
+            continue
+        with suppress(PhotoError):
+            left -= math.prod(image_size(opened.read(file.info)))
+        if left < 0:
+            return False
+    return True
 
 
 def _check_number(archive: Path, limits: ImportLimits) -> None:
@@ -133,6 +171,8 @@ def _check_number(archive: Path, limits: ImportLimits) -> None:
 
 def read_title(archive: Path, *, most_files: int) -> str | None:
     """Read the title of the map in a zip, before it is unpacked.
+
+    A large `map.json` is not parsed: its title is found where this program writes it.
 
     Returns
     -------
@@ -149,11 +189,14 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
             return None
         with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
             found = [info for info in opened.infolist() if PurePosixPath(info.filename).name == "map.json"]
-            if len(found) != 1 or found[0].file_size > _MOST_JSON:
+            if len(found) != 1:
                 return None
             with opened.open(found[0]) as file:
-                return parse_map_json(file.read(_MOST_JSON)).title
-    except (InputError, MapError):
+                if found[0].file_size <= _QUICK_JSON_BYTES:
+                    return parse_map_json(file.read(_QUICK_JSON_BYTES)).title
+                title = _TITLE.match(file.read(_TITLE_BYTES).decode("utf-8", "ignore"))
+                return None if title is None else str(json.loads(title[1]))
+    except (InputError, MapError, json.JSONDecodeError):
         return None
 
 
@@ -189,13 +232,31 @@ def _checked(infos: Sequence[zipfile.ZipInfo], limits: ImportLimits) -> tuple[li
                 f"{quoted(name)} in the zip is inside a file instead of a folder",
                 hint="zip the map's folder again",
             )
-    total = sum(file.info.file_size for file in files) / 1e6
-    if total > limits.max_mb:
+    _check_total(files, limits)
+    return files, left_out
+
+
+def _check_total(files: Sequence[_File], limits: ImportLimits) -> None:
+    """Refuse files that share bytes of the zip, and too much data, absolutely and relative to the zip."""
+    end = 0
+    for info in sorted((file.info for file in files), key=lambda info: info.header_offset):
+        if info.header_offset < end:
+            raise InputError("files in the zip overlap", hint="zip the map's folder again")
+        end = info.header_offset + _HEADER_BYTES + info.compress_size
+    total, packed = (
+        sum(file.info.file_size for file in files),
+        sum(file.info.compress_size for file in files),
+    )
+    if total > limits.max_mb * 1e6:
         raise InputError(
-            f"the zip has {total:.0f} MB unpacked, more than the limit of {limits.max_mb:g}",
+            f"the zip has {total / 1e6:.0f} MB unpacked, more than the limit of {limits.max_mb:g}",
             hint="scale the photos down, or raise the limit",
         )
-    return files, left_out
+    if total > max(_SMALL, limits.max_ratio * packed):
+        raise InputError(
+            f"the zip would become {total / max(packed, 1):.0f} times as large when it is unpacked",
+            hint="photos do not compress like this: check the files",
+        )
 
 
 def _is_folder(info: zipfile.ZipInfo) -> bool:

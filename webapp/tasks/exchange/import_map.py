@@ -260,10 +260,10 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
         with show_relative_to(cfg.parent):
             tray = import_tray.set_aside(cfg, place / "tray")
             progress.note("checking")
-            findings = _checked(cfg, settings=settings, progress=progress)
+            findings, decoded = _checked(cfg, settings=settings, progress=progress)
             add_placements(cfg)
             progress.note("reading photos")
-            contents = adopt_map.read(cfg, limits=settings.photo, progress=progress)
+            contents = adopt_map.read(cfg, limits=settings.photo, progress=progress, decoded=decoded)
             contents, not_taken = import_tray.take_back(
                 contents, tray, cfg=cfg, limits=settings.photo, progress=progress
             )
@@ -311,7 +311,10 @@ def _move_into(source: Path, folder: Path) -> None:
         child.rename(target)
 
 
-def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Finding, ...]:
+def _checked(
+    cfg: Path, *, settings: Settings, progress: Progress
+) -> tuple[tuple[Finding, ...], frozenset[str]]:
+    """Return the findings, and the names of the photos that could be decoded."""
     report = check_map.check_map(cfg, settings=settings, progress=progress)
     findings = tuple(relative_finding(f, cfg.parent) for f in report.findings)
     errors = [f for f in findings if f.severity == "error" and f.code not in _TOLERATED]
@@ -323,7 +326,7 @@ def _checked(cfg: Path, *, settings: Settings, progress: Progress) -> tuple[Find
             findings=findings,
             hint=first.fix,
         )
-    return findings
+    return findings, report.decoded
 
 
 def archive_path(library: Library, token: str) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
+from webapp.files.listing import normal_name
 from webapp.files.maps.control_points import control_point_fields
 from webapp.files.maps.floors import floors_fields
 from webapp.files.maps.folder import MapFolder, read_map
@@ -21,7 +22,7 @@ from webapp.files.maps.map_json import georeference_fields, panorama_fields
 from webapp.files.maps.notes import notes_fields
 from webapp.files.maps.sources import source_fields
 from webapp.files.photos.exif_gps import Gps
-from webapp.files.photos.photo import read_facts, read_file
+from webapp.files.photos.photo import PhotoFacts, read_facts, read_file
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.store.library import Library
@@ -121,8 +122,15 @@ def adopt_map(
         return record.id
 
 
-def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContents:
-    """Read a map folder and all its photos.
+def read(
+    cfg: Path, *, limits: PhotoLimits, progress: Progress, decoded: Collection[str] = ()
+) -> FolderContents:
+    """Read a map folder and all its photos, each file once.
+
+    Parameters
+    ----------
+    decoded : collection of str
+        Normalised names of photos that are known to be complete.
 
     Raises
     ------
@@ -136,12 +144,12 @@ def read(cfg: Path, *, limits: PhotoLimits, progress: Progress) -> FolderContent
     _check_placements(map_, cfg)
     check_room_for_ids(map_, cfg)
     progress.size(len(map_.experiences))
-    files = MapFolder(cfg)
+    files = PhotoFiles(cfg, limits, decoded=decoded)
     photos, problems = [], []
     taken: set[str] = set()
     for e in map_.experiences:
         progress.check()
-        row, problem = photo_row(files, e, limits=limits)
+        row, problem = files.row(e)
         if row.sha256 in taken:
             row.sha256 = salted(row.sha256, e.id)
         taken.add(row.sha256)
@@ -206,46 +214,6 @@ def salted(sha256: str, id: int) -> str:
     return hashlib.sha256(f"{sha256}/{id}".encode()).hexdigest()
 
 
-def photo_row(files: MapFolder, e: Experience, *, limits: PhotoLimits) -> tuple[Photo, str | None]:
-    """Make the record of an experience's photo; values of the map take precedence over EXIF.
-
-    Returns
-    -------
-    row : Photo
-        Not yet assigned to a map; with size 0 if the photo cannot be read.
-    problem : str or None
-        Why it cannot be read.
-    """
-    row = Photo(
-        id=e.id,
-        name=e.name or PurePosixPath(e.photo).name,
-        path=e.photo,
-        sha256=hashlib.sha256(f"no photo {e.id}".encode()).hexdigest(),
-        size_bytes=0,
-        width=0,
-        height=0,
-        taken_at=e.taken_at,
-        fov_deg=e.fov_deg,
-        gps_accuracy_m=e.gps_accuracy_m,
-        x_px=e.position.x,
-        y_px=e.position.y,
-        radius_px=e.radius_px,
-        heading_deg=e.heading_deg,
-        blurred=[box._asdict() for box in e.blurred] or None,
-        source=source_fields(e.source),
-        panorama=panorama_fields(e.panorama),
-        note=e.note,
-        floor=e.floor,
-    )
-    try:
-        _look(row, files.path(e.photo), limits=limits)
-    except (MapError, PhotoError) as error:
-        problem = f"{e.photo}: {error.message}"
-        row.gps_problem = problem
-        return row, problem
-    return row, None
-
-
 def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLimits) -> Photo:
     """Make the record of a photo without a position, not yet assigned to a map, without id and path.
 
@@ -268,25 +236,39 @@ def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLim
         row.source = source_fields(known.source)
         row.panorama = panorama_fields(known.panorama)
         row.note = known.note
-    _look(row, path, limits=limits)
+    _read_photo(path, limits=limits).complete(row)
     return row
 
 
-def _look(row: Photo, path: Path, *, limits: PhotoLimits) -> None:
-    """Complete a record from the photo's file."""
-    check_decodes(path, limits=limits)
+@dataclass(frozen=True, slots=True)
+class _PhotoFile:
+    """What the file of a photo contributes to its record."""
+
+    sha256: str
+    size_bytes: int
+    facts: PhotoFacts
+
+    def complete(self, row: Photo) -> None:
+        """Complete a record; its own values take precedence over EXIF."""
+        facts = self.facts
+        row.sha256, row.size_bytes = self.sha256, self.size_bytes
+        row.width, row.height = facts.width, facts.height
+        row.taken_at = row.taken_at or facts.taken_at
+        row.camera = facts.camera
+        row.fov_deg = facts.fov_deg if row.fov_deg is None else row.fov_deg
+        if isinstance(facts.gps, Gps):
+            row.gps_lat, row.gps_lon = facts.gps.lat, facts.gps.lon
+            row.gps_accuracy_m = facts.gps.accuracy_m if row.gps_accuracy_m is None else row.gps_accuracy_m
+        else:
+            row.gps_problem = facts.gps.reason
+
+
+def _read_photo(path: Path, *, limits: PhotoLimits, is_decoded: bool = False) -> _PhotoFile:
+    """Read the file of a photo; raises `PhotoError`."""
+    if not is_decoded:
+        check_decodes(path, limits=limits)
     data = read_file(path, limits=limits)
-    facts = read_facts(data, limits=limits)
-    row.sha256, row.size_bytes = hashlib.sha256(data).hexdigest(), len(data)
-    row.width, row.height = facts.width, facts.height
-    row.taken_at = row.taken_at or facts.taken_at
-    row.camera = facts.camera
-    row.fov_deg = facts.fov_deg if row.fov_deg is None else row.fov_deg
-    if isinstance(facts.gps, Gps):
-        row.gps_lat, row.gps_lon = facts.gps.lat, facts.gps.lon
-        row.gps_accuracy_m = facts.gps.accuracy_m if row.gps_accuracy_m is None else row.gps_accuracy_m
-    else:
-        row.gps_problem = facts.gps.reason
+    return _PhotoFile(hashlib.sha256(data).hexdigest(), len(data), read_facts(data, limits=limits))
 
 
 def check_room_for_ids(map_: Map, cfg: Path) -> None:
@@ -318,24 +300,69 @@ def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:
 
 
 class PhotoFiles:
-    """Cache of the photos of a map's folder: read once, so that no lock is held while a photo is read again.
+    """Reads the photos of a map's folder, each file once, no matter how many lines of the map name it.
 
     Parameters
     ----------
     cfg : Path
         The map.
+    decoded : collection of str
+        Normalised names of photos that are known to be complete.
     """
 
-    def __init__(self, cfg: Path, limits: PhotoLimits) -> None:
-        self._files, self._limits = MapFolder(cfg), limits
-        self._read: dict[Experience, tuple[Photo, str | None]] = {}
+    def __init__(self, cfg: Path, limits: PhotoLimits, *, decoded: Collection[str] = ()) -> None:
+        self._files, self._limits, self._decoded = MapFolder(cfg), limits, decoded
+        self._read: dict[str, _PhotoFile | str] = {}
 
-    def row(self, experience: Experience) -> tuple[Photo, str | None]:
-        """Make a new record of an experience's photo; see `photo_row`."""
-        if experience not in self._read:
-            self._read[experience] = photo_row(self._files, experience, limits=self._limits)
-        row, problem = self._read[experience]
-        return Photo(**{column.key: getattr(row, column.key) for column in Photo.__table__.columns}), problem
+    def row(self, e: Experience) -> tuple[Photo, str | None]:
+        """Make a new record of an experience's photo; values of the map take precedence over EXIF.
+
+        Returns
+        -------
+        row : Photo
+            Not yet assigned to a map; with size 0 if the photo cannot be read.
+        problem : str or None
+            Why it cannot be read.
+        """
+        row = Photo(
+            id=e.id,
+            name=e.name or PurePosixPath(e.photo).name,
+            path=e.photo,
+            sha256=hashlib.sha256(f"no photo {e.id}".encode()).hexdigest(),
+            size_bytes=0,
+            width=0,
+            height=0,
+            taken_at=e.taken_at,
+            fov_deg=e.fov_deg,
+            gps_accuracy_m=e.gps_accuracy_m,
+            x_px=e.position.x,
+            y_px=e.position.y,
+            radius_px=e.radius_px,
+            heading_deg=e.heading_deg,
+            blurred=[box._asdict() for box in e.blurred] or None,
+            source=source_fields(e.source),
+            panorama=panorama_fields(e.panorama),
+            note=e.note,
+            floor=e.floor,
+        )
+        file = self._file(e.photo)
+        if isinstance(file, str):
+            row.gps_problem = f"{e.photo}: {file}"
+            return row, row.gps_problem
+        file.complete(row)
+        return row, None
+
+    def _file(self, photo: str) -> _PhotoFile | str:
+        """Read a photo, or return why it cannot be read."""
+        name = normal_name(photo)
+        if name not in self._read:
+            try:
+                self._read[name] = _read_photo(
+                    self._files.path(photo), limits=self._limits, is_decoded=name in self._decoded
+                )
+            except (MapError, PhotoError) as error:
+                self._read[name] = error.message
+        return self._read[name]
 
 
 def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> None:

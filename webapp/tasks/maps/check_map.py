@@ -168,12 +168,15 @@ class CheckReport:
     places : MapPlaces or None
         Kind of map and place radius by the positions alone; None if no photo has a position, or the image
         size is unknown.
+    decoded : frozenset of str
+        Normalised names of the photos that could be decoded.
     """
 
     cfg_path: Path
     photos: int
     findings: tuple[Finding, ...]
     places: MapPlaces | None = None
+    decoded: frozenset[str] = frozenset()
 
     @property
     def errors(self) -> int:
@@ -214,7 +217,8 @@ def check_map(
     facts = _folder_facts(cfg_path, judge, pieces=pieces, named=side_files.named, progress=progress)
     findings += check_folder(pieces.image, pieces.photos, facts=facts)
     findings.sort(key=lambda finding: (finding.file, finding.line, finding.column))
-    return CheckReport(cfg_path, len(pieces.photos), tuple(findings), _places(pieces))
+    decoded = frozenset(normal_name(name) for name, found in facts.photos.items() if found.state == "ok")
+    return CheckReport(cfg_path, len(pieces.photos), tuple(findings), _places(pieces), decoded)
 
 
 def _places(pieces: Scan) -> MapPlaces | None:
@@ -276,12 +280,16 @@ def _folder_facts(
         return replace(found, actual=actual)
 
     photos: dict[str, FileFacts] = {}
+    looked: dict[str, FileFacts] = {}  # by normalised name: one file can be named in several ways
     wanted = dict.fromkeys(line.photo for line in pieces.photos if line.photo is not None)
     progress.size(len(wanted))
     for name in wanted:
         progress.check()
         found = judge.find(name)
-        photos[name] = spelled(name, judge.photo(name) if found.state == "ok" else found)
+        if found.state == "ok":
+            same = normal_name(name)
+            found = looked[same] = looked.get(same) or judge.photo(name)
+        photos[name] = spelled(name, found)
         progress.advance()
     satellite, size = FileFacts("ok"), None
     image = pieces.image.image if pieces.image else None

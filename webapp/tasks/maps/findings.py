@@ -18,7 +18,7 @@ from webapp.errors import Conflict, UsageError
 from webapp.files.decode import image_size
 from webapp.files.listing import list_photos, normal_name
 from webapp.files.maps.cfg_scan import scan
-from webapp.files.maps.folder import MapFolder, photo_path
+from webapp.files.maps.folder import photo_path
 from webapp.files.object_storage.storage import hash_of
 from webapp.progress import Progress
 from webapp.settings import Settings
@@ -26,7 +26,7 @@ from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import check_map, export, outside_edit
-from webapp.tasks.maps.adopt_map import add_removed, photo_row
+from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed
 from webapp.tasks.maps.library_map import as_map, georeference
 from webapp.tasks.relative_paths import relative_finding, show_relative_to
 from webapp.tasks.satellite.apply import TRAY
@@ -324,10 +324,8 @@ def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Pho
         cfg = library.cfg(record.slug)
         with show_relative_to(cfg.parent):
             names = [name for name in orphans(session, record, cfg) if not name_problem(name)]
-    files = MapFolder(cfg)
-    read = (
-        photo_row(files, Experience(0, name, MapPixel(0.0, 0.0)), limits=settings.photo) for name in names
-    )
+    files = PhotoFiles(cfg, settings.photo)
+    read = (files.row(Experience(0, name, MapPixel(0.0, 0.0))) for name in names)
     return [row for row, problem in read if problem is None]
 
 

@@ -145,7 +145,7 @@ def import_zip(given: dict[str, Any]) -> Any:
     try:
         receive(archive, given["file"].stream, max_bytes=int(settings().web.max_request_mb * 1e6))
         name = _name_of(given["name"], archive, given["file"].filename)
-        if not is_quick(archive):
+        if not is_quick(archive, limits=settings().imports):
             answer = _by_job(name, token)
             kept = True
             return answer, 202
