@@ -1,5 +1,6 @@
 """Files and photos of a folder, in natural order, and suggestions for similar names."""
 
+import time
 import unicodedata
 
 import pytest
@@ -66,7 +67,16 @@ def test_normal_name() -> None:
     assert normal_name("./a//b.jpg") == "a/b.jpg"
 
 
+def test_long_names_are_compared_less_often() -> None:
+    """Comparing two names takes up to the square of their length."""
+    spelling = Spelling([f"p/{'a' * 190}{'bcde'[n % 4]}{'b' * (n // 4)}.jpg" for n in range(60)])
+    started = time.process_time()
+    for _ in range(400):
+        spelling.similar(f"p/{'a' * 190}.jpg")
+    assert time.process_time() - started < 10
+
+
 def test_typing_errors_are_looked_for_only_so_often(monkeypatch):
-    monkeypatch.setattr(listing, "_MOST_COMPARISONS", 10)
+    monkeypatch.setattr(listing, "_MOST_COMPARISONS", 800)
     spelling = Spelling(["p/gate.jpeg", *(f"p/{'abcdefgh'[i]}.jpg" for i in range(4))])
     assert [spelling.similar("p/gate.jpg") for _ in range(3)] == ["p/gate.jpeg", "p/gate.jpeg", None]

@@ -10,6 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_BOXES = 500
+"""Of a photo: each costs time whenever the photo is shown."""
+
 _CELLS = 6
 """Mean colours along the longer side of a box; a blur with a kernel could be inverted."""
 

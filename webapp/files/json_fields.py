@@ -154,7 +154,12 @@ def finite(value: float) -> bool:
     return math.isfinite(value)
 
 
-def parse_json(data: bytes, *, where: str) -> JsonField:
+def most_values_in(data: bytes) -> int:
+    """Return an upper limit of the number of values in JSON, without parsing it."""
+    return 1 + sum(map(data.count, (b",", b"[", b"{")))
+
+
+def parse_json(data: bytes, *, where: str, most_values: int | None = None) -> JsonField:
     """Parse JSON in UTF-8, with or without a byte order mark.
 
     NaN, duplicate fields and texts that cannot be encoded are errors.
@@ -163,6 +168,8 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
     ----------
     where : str
         Name of the file, for errors.
+    most_values : int, optional
+        Limit of the number of values, each of which takes some 150 bytes of memory.
 
     Returns
     -------
@@ -185,6 +192,10 @@ def parse_json(data: bytes, *, where: str) -> JsonField:
             raise MapJsonError(f"duplicate field {twice[:60]!r} in one object", where=where, hint="keep one")
         return fields
 
+    if most_values is not None and most_values_in(data) > most_values:
+        raise MapJsonError(
+            f"it has more than {most_values} values", where=where, hint="divide it into several files"
+        )
     try:
         text = data.decode("utf-8-sig")
         value = json.loads(text, object_pairs_hook=unique, parse_constant=refuse_constant)

@@ -17,8 +17,8 @@ _DIGITS = re.compile(r"([0-9]+)")
 
 Key = tuple[tuple[tuple[int, int, str], ...], ...]
 
-_MOST_COMPARISONS = 20_000
-"""Limit of pairs of names compared by similarity; beyond it, typing errors are not the cause."""
+_MOST_COMPARISONS = 8_000_000
+"""Limit of pairs of characters compared, about a second; with more, typing errors are not the cause."""
 
 DERIVED = "derived"
 """Folder next to a map for what is computed from it."""
@@ -80,7 +80,8 @@ class Spelling:
             return elsewhere[0]
         # names that differ in a digit are other photos, not typing errors
         siblings = self._numbers.get(_numbers(name), [])
-        self._comparisons_left -= len(siblings)
+        if self._comparisons_left >= 0:
+            self._comparisons_left -= len(name) * sum(map(len, siblings))
         if self._comparisons_left < 0:
             return None
         return next(iter(difflib.get_close_matches(name, siblings, n=1, cutoff=0.8)), None)

@@ -1,8 +1,17 @@
 """Matching of names in a list to photos."""
 
+import itertools
+import time
 import unicodedata
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from webapp.core.mapmodel.name_matching import match_names
+
+PATHS = st.lists(
+    st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map("/".join), max_size=5, unique=True
+)
 
 
 def matched(names, *photos):
@@ -31,6 +40,36 @@ def test_two_names_for_one_photo_are_ambiguous_unless_one_fits_better():
     assert matched(["a/1.jpg", "b/1.jpg"], "1.jpg").ambiguous == ("a/1.jpg", "b/1.jpg")
     found = matched(["a/1.jpg", "b/1.jpg"], "b/1.jpg")
     assert (found.photo, found.unknown) == ({"b/1.jpg": 0}, ("a/1.jpg",))
+
+
+def test_many_names_for_many_photos_of_one_name_cost_no_product():
+    """Names of a list, all of which match all photos."""
+    started = time.process_time()
+    found = matched([f"{n}/a.jpg" for n in range(4000)], *(f"p{n}/a.jpg" for n in range(4000)))
+    assert len(found.ambiguous) == 4000
+    assert time.process_time() - started < 4
+
+
+def alike(one, other):
+    """Count the parts at the end that two paths share."""
+    pairs = zip(reversed(one.split("/")), reversed(other.split("/")), strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs))
+
+
+@given(names=PATHS, photos=PATHS)
+def test_it_matches_as_a_comparison_of_all_with_all(names, photos):
+    found, names = matched(names, *photos), list(dict.fromkeys(names))
+    common = {n: [alike(n, p) for p in photos] for n in names}
+    best = {n: max(common[n], default=0) for n in names}
+    for n in names:
+        ids = [i for i, count in enumerate(common[n]) if count == best[n] > 0]
+        rivals = [best[o] for o in names if o != n and ids and common[o][ids[0]] == best[o]]
+        if not ids or max(rivals, default=0) > best[n]:
+            assert n in found.unknown
+        elif len(ids) > 1 or best[n] in rivals:
+            assert n in found.ambiguous
+        else:
+            assert found.photo[n] == ids[0]
 
 
 def test_a_photo_is_also_found_by_what_it_is_called_in_the_map():

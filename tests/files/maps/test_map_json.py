@@ -115,6 +115,11 @@ def test_only_format_and_version_are_needed() -> None:
         (["experiences", 0, "taken_at"], "yesterday", r"taken_at is not a time"),
         (["experiences", 0, "name"], 5, r"experiences\[0\]\.name must be text"),
         (["experiences", 0, "blurred", 0, "width"], 0.95, r"blurred\[0\] is not a box inside the photo"),
+        (
+            ["experiences", 0, "blurred"],
+            [{"x": 0.1, "y": 0.2, "width": 0.3, "height": 0.4}] * 501,
+            r"blurred has 501 boxes, more than 500",
+        ),
         (["experiences", 0, "blurred", 0], [0, 0, 1, 1], r"blurred\[0\] must be an object"),
         (["experiences", 0, "panorama"], {"views": 6}, r"panorama has an unknown field 'views'"),
         (["experiences", 0, "panorama", "masked", 0, "y"], 0.9, r"masked\[0\] is not a box inside the photo"),

@@ -1,6 +1,7 @@
 """Positions of photos by file name."""
 
 import json
+import time
 
 import pytest
 
@@ -41,6 +42,24 @@ def test_names_are_found_by_path_or_by_an_only_file_name(tmp_path):
     assert found.find("deep/down/4.jpg") == (4, 4)
     assert found.find("1.jpg") is None
     assert found.find("5.jpg") is None
+
+
+def test_long_numbers_and_lists_are_refused_before_they_cost_time(tmp_path, monkeypatch):
+    started = time.process_time()
+    with pytest.raises(TableError, match="is not a number"):
+        read_positions(listing(tmp_path, f"name;x;y\n1.jpg;{'1' * 800}a;1\n"))
+    monkeypatch.setattr(json, "loads", None)
+    with pytest.raises(TableError, match="more than 1000000 values"):
+        read_positions(listing(tmp_path, '{"features":[' + "1," * 1_000_000 + "1]}"))
+    assert time.process_time() - started < 5
+
+
+def test_a_long_list_is_searched_once_for_all_photos(tmp_path):
+    names = [f"a/{n}.jpg" for n in range(4000)]
+    found = read_positions(listing(tmp_path, "name;x;y\n" + "".join(f"{name};1;2\n" for name in names)))
+    started = time.process_time()
+    assert all(found.find(name.replace("a/", "b/")) == (1, 2) for name in names)
+    assert time.process_time() - started < 2
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A zip becomes a map; a hostile one is rejected without traces."""
 
 import io
+import json
 import shutil
 import stat
 import zipfile
@@ -12,7 +13,7 @@ import pytest
 
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Placement
-from webapp.errors import Conflict, DiskFull, InputError, MapError, NotFound
+from webapp.errors import Conflict, DiskFull, ExpMapError, InputError, MapError, NotFound
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import ImportLimits, Settings
 from webapp.store.maps import maps
@@ -331,6 +332,20 @@ def test_many_small_files_are_no_bomb_either(park, bring):
     many = {f"photos/p{n}.bmp": bytes(900_000) for n in range(20)}
     with pytest.raises(InputError, match=r"the zip would become .* times as large"):
         bring({**park, **many}, method=zipfile.ZIP_DEFLATED)
+
+
+@pytest.mark.usefixtures("nothing_is_left")
+@pytest.mark.parametrize(
+    ("part", "limits", "message"),
+    [
+        ({"notes": [{"id": n, "title": "x"} for n in range(1001)]}, None, "1001 notes, more than 1000"),
+        ({"unplaced": [{}] * 2000}, ImportLimits(max_files=50), "more than 2000 values"),
+    ],
+)
+def test_map_json_has_no_more_than_a_map_of_the_library(park, bring, part, limits, message):
+    about = {"format": "experience-map", "version": 1, **part}
+    with pytest.raises(ExpMapError, match=message):
+        bring({**park, "map.json": json.dumps(about)}, limits=limits)
 
 
 @pytest.mark.usefixtures("nothing_is_left")

@@ -9,6 +9,7 @@ import pytest
 
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
+from webapp.tasks.localize import extract_photo
 from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.open_map import open_index as open_map
 from webapp.tasks.localize.pipeline import LocalizationPipeline
@@ -33,6 +34,17 @@ def test_first_everything_then_nothing(tmp_path, make_map, build, described):
     assert again.descriptors == first.descriptors
     assert stamps(first.folder) == before
     assert len(described) == 6
+
+
+def test_a_photo_is_read_once_however_many_lines_name_it(tmp_path, make_map, build, monkeypatch, edit):
+    cfg = make_map(tmp_path, 2)
+    again = [f"{n};{'./' * (n % 2)}photos/0.jpg;{n};9" for n in range(10, 40)]
+    edit(cfg, lambda lines: lines.extend(again))
+    read, names = extract_photo.read_file, []
+    monkeypatch.setattr(extract_photo, "read_file", lambda p, **o: (names.append(p.name), read(p, **o))[1])
+    report = build(cfg)
+    assert names == ["0.jpg", "1.jpg"]
+    assert (report.photos, report.extracted, report.reused, report.failed) == (32, 2, 30, ())
 
 
 def test_an_added_photo_costs_that_photo_only(

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import unicodedata
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-_Called = tuple[int, tuple[str, ...]]
-"""Id of a photo, and the parts of one of its paths."""
+_Ending = tuple[str, ...]
+"""The last parts of a path."""
+
+_MOST_PARTS = 10
+"""Parts of a path that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +36,8 @@ class NameMatch:
 def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]]) -> NameMatch:
     """Match the names of a list to photos.
 
-    A photo is found by its file name; if several share it, by as many parent folders as needed. The other
-    folders are ignored, as those of the list may differ from those of the photos.
+    A photo is found by its file name; if several share it, by as many parent folders as needed, up to nine.
+    The other folders are ignored, as those of the list may differ from those of the photos.
 
     Parameters
     ----------
@@ -43,41 +46,35 @@ def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]
     photos : iterable of (int, sequence of str)
         Id and names of each photo: the original one, and that in the map.
     """
-    by_last: dict[str, list[_Called]] = defaultdict(list)
+    photos_at: dict[_Ending, set[int]] = defaultdict(set)
+    endings_of: dict[int, set[_Ending]] = {}
     for id, called in photos:
-        for parts in {_parts(name) for name in called}:
-            by_last[parts[-1]].append((id, parts))
-    best = {name: _closest(_parts(name), by_last) for name in names}
-    claims: dict[int, list[int]] = defaultdict(list)
-    for common, ids in best.values():
-        for id in ids:
-            claims[id].append(common)
+        endings_of[id] = {ending for name in called for ending in _endings(name)}
+        for ending in endings_of[id]:
+            photos_at[ending].add(id)
+    first_at = {ending: min(ids) for ending, ids in photos_at.items()}
+    best = {name: next((e for e in _endings(name) if e in first_at), ()) for name in names}
+    claims = Counter(best.values())  # not by photo: many names can match many photos equally well
     photo, unknown, ambiguous = {}, [], []
-    for name, (common, ids) in best.items():
-        id = min(ids, default=-1)
-        if not ids or max(claims[id]) > common:
+    for name, ending in best.items():
+        if not ending:
             unknown.append(name)
-        elif len(ids) > 1 or claims[id].count(common) > 1:
+            continue
+        id = first_at[ending]
+        others = [other for other in endings_of[id] if claims[other]]
+        if max(map(len, others)) > len(ending):
+            unknown.append(name)
+        elif len(photos_at[ending]) > 1 or sum(claims[e] for e in others if len(e) == len(ending)) > 1:
             ambiguous.append(name)
         else:
             photo[name] = id
     return NameMatch(photo, tuple(unknown), tuple(ambiguous))
 
 
-def _closest(parts: tuple[str, ...], by_last: dict[str, list[_Called]]) -> tuple[int, set[int]]:
-    """Return the length of the longest common suffix of a path with photos' paths, and these photos."""
-    alike = [(_common(parts, other), id) for id, other in by_last.get(parts[-1], [])]
-    most = max((count for count, _ in alike), default=0)
-    return most, {id for count, id in alike if count == most}
-
-
-def _common(one: tuple[str, ...], other: tuple[str, ...]) -> int:
-    count = 0
-    for a, b in zip(reversed(one), reversed(other), strict=False):
-        if a != b:
-            break
-        count += 1
-    return count
+def _endings(name: str) -> Iterator[_Ending]:
+    """Yield the endings of a path, the longest first."""
+    parts = _parts(name)[-_MOST_PARTS:]
+    return (parts[first:] for first in range(len(parts)))
 
 
 def _parts(name: str) -> tuple[str, ...]:

@@ -140,12 +140,14 @@ def read_map(cfg_path: Path) -> Map:
     extras = read_map_json(cfg_path)
     experiences = tuple(_completed(e, extras.experiences.get(e.id), base) for e in base.experiences)
     unplaced = _unplaced(base, extras)
+    photos = {e.id: e.photo for e in base.experiences}
     return replace(
         base,
         experiences=experiences,
         georeference=extras.georeference,
         placements=tuple(
-            _read_placement(cfg_path, base, name=n, exact=p) for n, p in extras.placements.items()
+            _read_placement(cfg_path, base, name=n, exact=p, photos=photos)
+            for n, p in extras.placements.items()
         ),
         next_id=max([base.next_id, extras.next_id, *(photo.id + 1 for photo in unplaced)]),
         revision=extras.revision,
@@ -267,13 +269,15 @@ def _exact(whole: MapPixel, exact: MapPixel | None, map_: Map) -> MapPixel:
     return exact if exact is not None and fits and whole_pixel(exact) == whole else whole
 
 
-def _read_placement(cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int, MapPixel]) -> Placement:
+def _read_placement(
+    cfg_path: Path, map_: Map, *, name: str, exact: Mapping[int, MapPixel], photos: Mapping[int, str]
+) -> Placement:
+    """Read a placement; `photos` has those of the map by id."""
     path = placement_path(cfg_path, name)
     placed = read_cfg(path).map
     if placed.satellite != map_.satellite:
         hint = f"its first line must be that of {cfg_path.name}"
         raise MapError("the placement has a different satellite image", where=str(path), hint=hint)
-    photos = {e.id: e.photo for e in map_.experiences}
     positions = {}
     for e in placed.experiences:
         if photos.get(e.id, e.photo) != e.photo:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from dataclasses import fields as dataclass_fields
 from datetime import datetime
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
@@ -286,11 +286,19 @@ def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJso
         gps_accuracy_m=None if accuracy.missing else accuracy.number("0 or more", valid=lambda v: v >= 0),
         taken_at=None if taken_at.missing else taken_at.text(),
         name=None if name.missing else name.text(),
-        blurred=tuple(_box(box) for box in blurred.items()),
+        blurred=_boxes(blurred),
         source=None if source.missing else parse_source(source),
         panorama=None if panorama.missing else _panorama(panorama),
         note=parse_text(note),
     )
+
+
+def _boxes(field: JsonField) -> tuple[BlurBox, ...]:
+    """Read the blurred boxes of a photo."""
+    boxes = tuple(_box(box) for box in field.items())
+    if len(boxes) > MOST_BOXES:
+        raise field.error(f"has {len(boxes)} boxes, more than {MOST_BOXES}", hint="draw larger boxes")
+    return boxes
 
 
 def _box(item: JsonField) -> BlurBox:

@@ -28,6 +28,12 @@ FORMATS = "a .cfg, a table of file names and positions, GeoJSON, KML, or GPX wit
 
 _NAMES = PHOTO_FIELDS.names["name"]
 _UNKNOWN = ("", "-")
+_LONGEST_ANGLE = 60
+"""Characters; matching a long sequence of digits would take cubic time."""
+
+_MOST_VALUES = 1_000_000
+"""Of a GeoJSON: several seconds of reading; a point has about ten."""
+
 _ANGLE = re.compile(
     r"""([NSEW]?)\s*([+-]?[0-9]+(?:\.[0-9]*)?)\s*(?:deg|°|º)?\s*
     (?:([0-9]+(?:\.[0-9]*)?)\s*['′’]?\s*)?(?:([0-9]+(?:\.[0-9]*)?)\s*(?:"|″|'')?\s*)?([NSEW]?)""",
@@ -56,6 +62,11 @@ class Positions:
     image_size: tuple[int, int] | None = None
     headings_deg: Mapping[str, float] = field(default_factory=dict)
     repeated: tuple[str, ...] = ()
+    _by_last: dict[str, list[str]] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.by_name:
+            self._by_last.setdefault(PurePosixPath(name).name, []).append(name)
 
     @property
     def in_pixels(self) -> bool:
@@ -80,8 +91,7 @@ class Positions:
     def _entry(self, name: str) -> str | None:
         if name in self.by_name:
             return name
-        last = PurePosixPath(name).name
-        same = [key for key in self.by_name if PurePosixPath(key).name == last]
+        same = self._by_last.get(PurePosixPath(name).name, [])
         return same[0] if len(same) == 1 else None
 
 
@@ -216,7 +226,7 @@ class _Row:
 
 def _angle(text: str) -> float | None:
     """Parse a number, or degrees with minutes and seconds such as `50 deg 5' 12.3" N`; None if invalid."""
-    found = _ANGLE.fullmatch(text.strip())
+    found = _ANGLE.fullmatch(text.strip()) if len(text) <= _LONGEST_ANGLE else None
     if found is None or (found[1] and found[5]):
         return None
     degrees, minutes, seconds = (float(part or 0.0) for part in found.group(2, 3, 4))
@@ -228,7 +238,7 @@ def _angle(text: str) -> float | None:
 def _geojson(data: bytes, *, where: str) -> Iterator[_Entry]:
     """Read the points of a GeoJSON; other features are skipped."""
     try:
-        top = parse_json(data, where=where)
+        top = parse_json(data, where=where, most_values=_MOST_VALUES)
         listed = top.value.get("features") if isinstance(top.value, dict) else None
         for item in JsonField(listed, "$.features", where).items():
             entry = _feature(item)

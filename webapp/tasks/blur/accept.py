@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.core.detections import is_hidden
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import Conflict, MapError, NotFound, PhotoError
@@ -18,7 +18,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.blur.find import SuggestedBoxes, UnsearchedPhoto
-from webapp.tasks.maps.show_photo import MOST_BOXES, Changing, NewBlur, blur_photo, boxes_of
+from webapp.tasks.maps.show_photo import Changing, NewBlur, blur_photo, boxes_of
 
 Photo = TypeVar("Photo", Experience, UnplacedPhoto)
 

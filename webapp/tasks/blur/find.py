@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection, boxes_to_blur, merge_duplicates, never
 from webapp.core.mapmodel.model import Experience, UnplacedPhoto
 from webapp.errors import MapError, MissingPart, PhotoError
@@ -20,7 +20,6 @@ from webapp.files.photos.preview import SIDES
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.tasks.blur.kept import DetectionCache
-from webapp.tasks.maps.show_photo import MOST_BOXES
 
 _SIDE = 4 * max(SIDES.values())
 """Longer side in pixels at which photos are searched: a face that is too small to be detected then has less

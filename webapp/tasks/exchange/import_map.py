@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -13,6 +13,7 @@ from webapp.core.mapmodel.model import Map, Placement
 from webapp.errors import Conflict, InputError, MapError, NotFound
 from webapp.files.atomic import write_bytes
 from webapp.files.exchange.map_zip import UnpackedMap, unpack
+from webapp.files.json_fields import most_values_in
 from webapp.files.maps.cfg import read_bytes, read_cfg
 from webapp.files.maps.folder import json_path, placement_path, read_map, read_map_json
 from webapp.files.maps.map_json import check_placement_name, format_map_json
@@ -85,7 +86,8 @@ def add_placements(cfg: Path) -> None:
     if not others:
         return
     map_ = read_map(cfg)
-    strangers = [path for path in others if not _is_placement(path, map_)]
+    photos = {e.id: e.photo for e in map_.experiences}
+    strangers = [path for path in others if not _is_placement(path, map_, photos=photos)]
     if strangers:
         raise InputError(
             f"these are not placements of {cfg.name}: they have another image or other photos: "
@@ -104,9 +106,8 @@ def _known_placements(path: Path) -> list[Path]:
         return []
 
 
-def _is_placement(path: Path, map_: Map) -> bool:
+def _is_placement(path: Path, map_: Map, *, photos: Mapping[int, str]) -> bool:
     other = read_cfg(path).map
-    photos = {e.id: e.photo for e in map_.experiences}
     try:
         check_placement_name(path.stem)
     except MapError:
@@ -119,6 +120,9 @@ def _listed(paths: Collection[Path], folder: Path) -> str:
     names = [PurePosixPath(path.relative_to(folder)).as_posix() for path in paths]
     return ", ".join(quoted(name) for name in names[:10]) + (" ..." if len(names) > 10 else "")
 
+
+_VALUES_PER_PHOTO = 40
+"""Limit of the values in JSON, for each file that a zip may have; a photo with all fields has 30."""
 
 _TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 """Errors of single photos: they are reported, and the map is imported nevertheless."""
@@ -273,7 +277,14 @@ def _unpacked(library: Library, archive: Path, *, settings: Settings, progress: 
 
 
 def _check_lines(unpacked: UnpackedMap, *, most: int) -> None:
-    """Refuse maps with more lines than the zip may have files: each line costs a look-up on the disk."""
+    """Refuse maps with more lines than the zip may have files, each of which costs a look-up on the disk, and
+    JSON with far more values than such a map has, which takes memory."""
+    values = sum(most_values_in(read_bytes(path)) for path in unpacked.folder.rglob("*.json"))
+    if values > most * _VALUES_PER_PHOTO:
+        raise InputError(
+            f"the map has more than {most * _VALUES_PER_PHOTO} values in map.json",
+            hint="remove what is not needed, or raise the limit of files",
+        )
     lines = sum(read_bytes(unpacked.folder / name).count(b"\n") for name in unpacked.cfgs)
     if lines > most:
         raise InputError(

@@ -6,7 +6,7 @@ Only new and changed photos are processed, and a killed build keeps all finished
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from webapp.core.features.table import FeatureChoice
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.core.mapmodel.views import level_views, picture_name
 from webapp.errors import IndexDamaged
+from webapp.files.listing import normal_name
 from webapp.files.localize.index_store import IndexFolder, Manifest, PhotoRecord, remove_outdated
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
@@ -198,12 +199,23 @@ def describe_all(
     settings: Settings,
     progress: Progress,
 ) -> Iterator[PhotoDone]:
-    """Process photos, many of them in worker processes or on Dask; yield each result when it is done."""
-    tasks = _tasks(changed, old, request=request, settings=settings)
+    """Process photos, many of them in worker processes or on Dask; yield each result when it is done.
+
+    A file that several lines name is processed once.
+    """
+    alike: dict[Hashable, list[Experience]] = {}
+    for e in changed:
+        alike.setdefault((normal_name(e.photo), e.view, e.blurred), []).append(e)
+    firsts = [group[0] for group in alike.values()]
+    others = {first.id: group[1:] for first, group in zip(firsts, alike.values(), strict=True)}
+    tasks = _tasks(firsts, old, request=request, settings=settings)
     at = ExecutionTarget(settings, request.folder, "processes", request.jobs)
-    if len(changed) <= _IN_PROCESS:
+    if len(firsts) <= _IN_PROCESS:
         at = at.on_this_machine()
-    yield from in_order(extract_photo.extract_one, tasks, shared=None, at=at, progress=progress)
+    for done in in_order(extract_photo.extract_one, tasks, shared=None, at=at, progress=progress):
+        yield done
+        for other in others[done.id]:
+            yield replace(done, id=other.id, extracted=False)
 
 
 def _tasks(

@@ -12,6 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
+from webapp.core.mapmodel.notes import MOST_NOTES
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.listing import normal_name
@@ -142,6 +143,7 @@ def read(
     sha256 = file_sha256(cfg)  # before reading: a change in between is detected as an outside edit
     map_ = read_map(cfg)
     _check_placements(map_, cfg)
+    _check_notes(map_, cfg)
     check_room_for_ids(map_, cfg)
     progress.size(len(map_.experiences))
     files = PhotoFiles(cfg, limits, decoded=decoded)
@@ -291,6 +293,16 @@ def _check_placements(map_: Map, cfg: Path) -> None:
     names = [cfg.stem.casefold(), *(placement.name.casefold() for placement in map_.placements)]
     if len(set(names)) < len(names):
         raise MapError("two placements have one file name", where=str(cfg), hint="rename one of them")
+
+
+def _check_notes(map_: Map, cfg: Path) -> None:
+    """Refuse more notes than a map of the library may have: each edit of one writes all."""
+    if len(map_.notes) > MOST_NOTES:
+        raise MapError(
+            f"the map has {len(map_.notes)} notes, more than {MOST_NOTES}",
+            where=str(cfg),
+            hint="remove some of them from map.json",
+        )
 
 
 def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:

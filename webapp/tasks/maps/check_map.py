@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -64,8 +64,9 @@ def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
         message = f"next_id is {known.next_id}, but the map has the id {free_id(pieces.photos) - 1}"
         fix = f"write next_id {free_id(pieces.photos)}"
         findings.append(Finding(Code.NEXT_ID_TOO_SMALL, 1, 1, message, fix, file))
+    photos = {line.id: line.photo for line in pieces.photos if line.id is not None}
     for name in known.placements:
-        findings += _placement(cfg_path, name, pieces=pieces)
+        findings += _placement(cfg_path, name, pieces=pieces, photos=photos)
     plans = [floor.image.path for floor in known.floors if floor.image]
     for name in plans:
         findings += _floor_image(cfg_path, name, file=file)
@@ -118,8 +119,8 @@ def _positions(known: MapJson, lines: dict[int, PhotoLine], *, file: str) -> Ite
             yield Finding(Code.MAP_JSON_POSITION, *at, message, fix)
 
 
-def _placement(cfg_path: Path, name: str, *, pieces: Scan) -> list[Finding]:
-    """Check the `.cfg` of a placement, by itself and against that of the map."""
+def _placement(cfg_path: Path, name: str, *, pieces: Scan, photos: Mapping[int, str | None]) -> list[Finding]:
+    """Check the `.cfg` of a placement, by itself and against that of the map, with its photos by id."""
     path = placement_path(cfg_path, name)
     try:
         placed = scan(read_bytes(path))
@@ -132,7 +133,6 @@ def _placement(cfg_path: Path, name: str, *, pieces: Scan) -> list[Finding]:
         message = f"the first line is not that of {cfg_path.name}"
         fix = "write {};{};{}".format(*_image(pieces))
         found.append(Finding(Code.PLACEMENT_DAMAGED, 1, 1, message, fix, path.name))
-    photos = {line.id: line.photo for line in pieces.photos if line.id is not None}
     for line in placed.photos:
         if line.id is not None and line.id not in photos:
             message = f"the id {line.id} is not in {cfg_path.name}: the line is ignored"

@@ -111,8 +111,9 @@ def take(
         with show_relative_to(cfg.parent):
             found = plan(session, record, cfg, files=files)
         add_removed(session, record, found.new)
+        by_id = {photo.id: photo for photo in record.photos}
         for id, path in found.renamed.items():
-            next(photo for photo in record.photos if photo.id == id).path = path
+            by_id[id].path = path
         edit = edits.apply(
             session, record, changes=found.changes, kind=edits.OUTSIDE_KIND, account_id=account_id
         )
@@ -243,6 +244,8 @@ class _Planner:
         self.plan = TakeOverPlan()
         self._record, self._files = record, files
         self._rows = {row.id: row for row in rows}
+        self._by_content = {row.sha256: row for row in self._rows.values()}
+        self._new_contents: set[str] = set()
         self._next_id = record.next_id
         self._floors: set[int] = set()
 
@@ -252,12 +255,14 @@ class _Planner:
         for e, row in found:
             self._changed(e, row)
         ids = {e.id: row.id for e, row in found}
+        taken = set(ids.values())
         for e in rest:
-            id = self._new(e, taken=set(ids.values()))
+            id = self._new(e, taken=taken)
             if id is not None:
                 ids[e.id] = id
+                taken.add(id)
         for row in self._rows.values():
-            gone = row.id not in ids.values() and row.x_px is not None and not row.removed
+            gone = row.id not in taken and row.x_px is not None and not row.removed
             if gone and self._ours_is_newer(row):
                 self.plan.kept.append(_named(row))
             elif gone:
@@ -297,9 +302,10 @@ class _Planner:
 
     def take_listed(self, session: Session, map_: Map, ids: Mapping[int, int]) -> None:
         """Plan control points and notes (except those of placed photos); keep those missing in the file."""
-        in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in ids.values()}
+        placed = set(ids.values())
+        in_tray = {p.id: p for p in map_.unplaced if p.id in self._rows and p.id not in placed}
         # Removed photos have no line, but points and notes still refer to them.
-        known = {id: id for id in self._rows.keys() - set(ids.values())} | dict(ids)
+        known = {id: id for id in self._rows.keys() - placed} | dict(ids)
         points = outside_listed.changed_points(session, self._record, map_, known=known)
         notes = outside_listed.changed_notes(session, self._record, map_, known=known)
         self.plan.changes |= points | notes
@@ -362,7 +368,7 @@ class _Planner:
         if problem is not None:
             self.plan.left_out.append(problem)
             return None
-        same = next((r for r in self._rows.values() if r.sha256 == row.sha256), None)
+        same = self._by_content.get(row.sha256)
         if same is not None and same.id not in taken and same.id not in self.plan.renamed:
             self.plan.renamed[same.id] = e.photo
             # map.json identifies photos by path, and so has no entry for the renamed one
@@ -370,8 +376,9 @@ class _Planner:
             return same.id
         row.id = max(e.id, self._next_id)
         self._next_id = row.id + 1
-        if same is not None or any(other.sha256 == row.sha256 for other in self.plan.new):
+        if same is not None or row.sha256 in self._new_contents:
             row.sha256 = salted(row.sha256, row.id)
+        self._new_contents.add(row.sha256)
         place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg", "note")}
         wanted = {**place, "removed": False, **({"floor": e.floor} if e.floor != BASE_FLOOR else {})}
         row.x_px = row.y_px = row.radius_px = row.heading_deg = row.note = None

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import NamedTuple
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
@@ -18,8 +18,6 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
-
-MOST_BOXES = 500
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
 

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from werkzeug.datastructures import FileStorage
 
-from webapp.core.blur import BlurBox
+from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.core.detections import Detection
 from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing_networks
 from webapp.files.part_file import discard, receive, show_file_as
@@ -42,10 +42,10 @@ _JOB = "blur"
 class BlurIn(Schema):
     """All parts to blur; an empty list for none."""
 
-    boxes = BoundedList(Nested(BoxOut), required=True, most=show_photo.MOST_BOXES)
+    boxes = BoundedList(Nested(BoxOut), required=True, most=MOST_BOXES)
     seen = BoundedList(
         Nested(BoxOut),
-        most=show_photo.MOST_BOXES,
+        most=MOST_BOXES,
         metadata={
             "description": "What was blurred when these were chosen; refused where other parts are now. "
             "Without it, whatever others have blurred meanwhile is replaced."
