@@ -4,21 +4,35 @@ import sqlite3
 from pathlib import Path
 
 import pytest
+from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import text
+from sqlalchemy.exc import IntegrityError
 
 import webapp.missions.store.schema  # noqa: F401  (its tables are part of the database)
 import webapp.store.maps.photo_vectors  # noqa: F401
 from webapp.errors import NotFound, StorageError
 from webapp.missions.store import shares as mission_shares
+from webapp.missions.store.schema import Mission, MissionShare
+from webapp.store import library as store_library
 from webapp.store import sharing
 from webapp.store.database import Database
-from webapp.store.library import Library, migrate, newest_schema, open_library, schema_version
+from webapp.store.library import (
+    DATABASE,
+    INNER,
+    Library,
+    migrate,
+    newest_schema,
+    open_library,
+    schema_version,
+)
 from webapp.store.maps import edits
 from webapp.store.moving.marks import MARKS
 from webapp.store.operate import jobs
-from webapp.store.schema import Account, Base, Job, Photo
+from webapp.store.schema import Account, ApiToken, Base, Job, MapRecord, Photo, Share
 
 
 def test_the_migrations_make_the_tables(library):
@@ -132,6 +146,99 @@ def test_tables_of_short_rows_keep_what_they_have_and_need_no_index(released):
             assert run(f"SELECT count(*) FROM {table}").scalar_one() == 0, "goes with its account"
         run("DELETE FROM map WHERE id = 1")
         assert run("SELECT count(*) FROM placed_elsewhere").scalar_one() == 0, "goes with its map"
+
+
+@pytest.fixture
+def earlier(tmp_path):
+    """A library of the schema just before ids were used once only, with rows in all kinds of tables."""
+    inner = tmp_path / INNER
+    (inner / "uploads").mkdir(parents=True)
+    with sqlite3.connect(inner / DATABASE) as raw:
+        raw.executescript(Path(__file__).with_name("library_0_7_0.sql").read_text("utf-8"))
+    raw.close()
+    database = Database(f"sqlite:///{(inner / DATABASE).as_posix()}")
+    config = Config()
+    config.set_main_option("script_location", str(Path(store_library.__file__).parent / "migrations"))
+    before = ScriptDirectory.from_config(config).get_revision("0027").down_revision
+    with database.engine.connect() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, before)
+        connection.commit()
+    with database.write() as session:
+        run = session.connection().exec_driver_sql
+        for table, row in EARLIER_ROWS.items():
+            run(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+    yield database
+    database.close()
+
+
+EARLIER_ROWS = {
+    "api_token": (4, 1, "robot", "hash", "2026-01-01", None),
+    "member": (1, 1, "owner"),
+    "sign_in_link": ("hash", 1, "2026-01-01", None),
+    "placed_elsewhere": (1, "Walk", 0, 1.5, 2.5),
+}
+
+
+def everything(database):
+    """All rows of all tables but Alembic's, and the definitions of all indexes."""
+    with database.read() as session:
+        run = session.connection().exec_driver_sql
+        tables = run("SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'")
+        names = sorted({name for (name,) in tables} - {"alembic_version"})
+        rows = {name: run(f'SELECT * FROM "{name}"').all() for name in names}
+        indexes = run("SELECT name, sql FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL").all()
+        return rows, dict(indexes)
+
+
+def test_ids_are_used_once_in_a_library_that_used_them_again(earlier):
+    before = everything(earlier)
+    assert all(before[0][table] for table in (*EARLIER_ROWS, "account", "map", "share", "mission_share"))
+    (Path(earlier.engine.url.database).parent / "uploads" / f"{'a' * 32}.77.10.track").touch()
+    migrate(earlier)
+    after = everything(earlier)
+    assert after[0] == before[0] and after[1].items() >= before[1].items(), "nothing else changed"
+    with earlier.write() as session:
+        run = session.connection().exec_driver_sql
+        assert run("PRAGMA foreign_key_check").all() == []
+        for table, last in {"map": 1, "api_token": 4, "share": 2, "mission_share": 2}.items():
+            assert run(f"SELECT seq FROM sqlite_sequence WHERE name = '{table}'").scalar_one() == last
+        session.add(Account(name="eva"))
+        session.flush()
+        assert session.query(Account).filter_by(name="eva").one().id == 78, "77 still has a staged file"
+        run("DELETE FROM account WHERE id = 1")
+        assert [run(f"SELECT count(*) FROM {table}").scalar_one() for table in ("member", "api_token")] == [
+            0,
+            0,
+        ]
+        assert run("SELECT account_id FROM share").scalars().all() == [None, None], "the links stay"
+        with pytest.raises(IntegrityError):
+            run("INSERT INTO member VALUES (1, 99, 'viewer')")
+
+
+def test_what_belongs_to_somebody_never_has_the_id_of_something_deleted(library, new_account, new_map):
+    ana = new_account("ana", is_owner=True)
+    map_id, mission = new_map(ana), _added(library, Mission(name="Walk"))
+    for make in (
+        lambda: Account(name="eva"),
+        lambda: MapRecord(slug="yard", name="Yard"),
+        lambda: ApiToken(account_id=ana.id, name="robot", token_hash="a"),
+        lambda: Share(map_id=map_id, token_hash="b"),
+        lambda: MissionShare(mission_id=mission, token_hash="c"),
+        lambda: Mission(name="Ride"),
+    ):
+        first = _added(library, make())
+        with library.database.write() as session:
+            session.delete(session.get_one(type(make()), first))
+        assert _added(library, make()) > first, type(make())
+
+
+def _added(library, row):
+    """Store a row and return its id."""
+    with library.database.write() as session:
+        session.add(row)
+        session.flush()
+        return row.id
 
 
 def _add_orphan(database):

@@ -33,8 +33,7 @@ class Base(DeclarativeBase):
 class ShareColumns:
     """Columns of every kind of share: a view of something that is open without signing in.
 
-    Each kind is a table with a foreign key to what it shows, so that a share is always deleted with that: a
-    database may reuse the id of a deleted map for a new one, which is not shared.
+    Each kind is a table with a foreign key to what it shows, so that a share is always deleted with that.
     """
 
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -49,9 +48,12 @@ class ShareColumns:
 
 
 def _first_epoch() -> int:
-    """Return a random number: a deleted account of the same id has almost certainly had another one."""
+    """Return a random number: an account of an older library with the same id has most likely had another."""
     return secrets.randbelow(2**30)
 
+
+IDS_USED_ONCE = {"sqlite_autoincrement": True}
+"""For a table whose ids name what belongs to somebody: they are never used again, as always in PostgreSQL."""
 
 WITHOUT_ROWID = {"sqlite_with_rowid": False}
 """For a table of short rows: SQLite stores it as a clustered index of its key, in half the space."""
@@ -60,11 +62,12 @@ WITHOUT_ROWID = {"sqlite_with_rowid": False}
 class Account(Base):
     """An account, with which a person signs in.
 
-    `epoch` is part of every session: raising it ends them all. It begins at random, because a database may
-    reuse the id of a deleted account, whose sessions must not be valid for the new one.
+    `epoch` is part of every session: raising it ends them all. It begins at random, because older
+    versions used the ids of deleted accounts again, whose sessions must not be valid for new ones.
     """
 
     __tablename__ = "account"
+    __table_args__ = IDS_USED_ONCE
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(unique=True)
@@ -102,7 +105,7 @@ class ApiToken(Base):
     """An API token; only its hash is stored."""
 
     __tablename__ = "api_token"
-    __table_args__ = (UniqueConstraint("account_id", "name"),)
+    __table_args__ = (UniqueConstraint("account_id", "name"), IDS_USED_ONCE)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     account_id: Mapped[int] = mapped_column(ForeignKey("account.id", ondelete="CASCADE"))
@@ -128,6 +131,7 @@ class MapRecord(Base):
     """A map of the library; its slug is the name of its folder."""
 
     __tablename__ = "map"
+    __table_args__ = IDS_USED_ONCE
 
     id: Mapped[int] = mapped_column(primary_key=True)
     slug: Mapped[str] = mapped_column(unique=True)
@@ -304,7 +308,7 @@ class Job(Base):
             sqlite_where=text("state = 'queued'"),
             postgresql_where=text("state = 'queued'"),
         ),
-        {"sqlite_autoincrement": True},
+        IDS_USED_ONCE,
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -344,7 +348,7 @@ class QueryRecord(Base):
     __table_args__ = (
         Index(None, "map_id", "id"),
         Index("uq_query_key", "map_id", "account_id", "key", unique=True),
-        {"sqlite_autoincrement": True},
+        IDS_USED_ONCE,
     )
 
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -375,6 +379,7 @@ class Share(ShareColumns, Base):
     """A view of a map, or of one answer, that is open without signing in."""
 
     __tablename__ = "share"
+    __table_args__ = IDS_USED_ONCE
 
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), index=True)
     query_id: Mapped[int | None] = mapped_column(ForeignKey("query.id", ondelete="CASCADE"))

@@ -12,14 +12,14 @@ from sqlalchemy import ForeignKey, Index, LargeBinary, UniqueConstraint
 from sqlalchemy.orm import Mapped, mapped_column
 
 from webapp.store.clock import now
-from webapp.store.schema import WITHOUT_ROWID, Base, ShareColumns
+from webapp.store.schema import IDS_USED_ONCE, WITHOUT_ROWID, Base, ShareColumns
 
 
 class Mission(Base):
     """The data that one robot or person recorded in one session, on a map or anywhere on the Earth."""
 
     __tablename__ = "mission"
-    __table_args__ = ({"sqlite_autoincrement": True},)
+    __table_args__ = IDS_USED_ONCE
 
     id: Mapped[int] = mapped_column(primary_key=True)
     """Never reused, since links and the folder of its photos contain it."""
@@ -46,7 +46,7 @@ class Track(Base):
     """The poses of a mission from one source, with summary values."""
 
     __tablename__ = "track"
-    __table_args__ = (UniqueConstraint("mission_id", "source", "name"), {"sqlite_autoincrement": True})
+    __table_args__ = (UniqueConstraint("mission_id", "source", "name"), IDS_USED_ONCE)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"))
@@ -304,5 +304,6 @@ class MissionShare(ShareColumns, Base):
     """A view of a mission that needs no sign-in."""
 
     __tablename__ = "mission_share"
+    __table_args__ = IDS_USED_ONCE
 
     mission_id: Mapped[int] = mapped_column(ForeignKey("mission.id", ondelete="CASCADE"), index=True)

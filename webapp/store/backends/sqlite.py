@@ -38,8 +38,15 @@ class Sqlite(Backend):
 
     @contextmanager
     def migration(self, connection: Connection) -> Iterator[None]:
-        """Do nothing: a library is opened under a file lock in its folder."""
-        yield
+        """Suspend foreign keys: recreating a table would delete what refers to it. The library is locked."""
+        driver = connection.connection.driver_connection
+        assert isinstance(driver, sqlite3.Connection)
+        driver.execute("PRAGMA foreign_keys=OFF")
+        try:
+            yield
+        finally:
+            connection.rollback()  # the setting cannot be changed within a transaction
+            driver.execute("PRAGMA foreign_keys=ON")
 
     def expanded_since(self, connection: Connection) -> None:
         """Return None: a single machine has a single version of the program."""
