@@ -8,8 +8,16 @@ from tests.tasks.operate.moves import Stop, file_url, hashes, opens, to_server
 from webapp.app.registry import PARTS
 from webapp.errors import StorageError, UsageError
 from webapp.progress import Progress
+from webapp.store.accounts import accounts
 from webapp.store.library import open_library
+from webapp.store.schema import Account
 from webapp.tasks.operate import backup, restore
+
+
+def new_account(library):
+    """Make an account and return its id."""
+    with library.database.write() as session:
+        return accounts.create(session, "eva").id
 
 
 @pytest.mark.parametrize("made_on", ["sqlite", "postgresql"])
@@ -19,6 +27,9 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
     if made_on == "postgresql":
         to_server(folder, url := server())
     library = open_library(folder, url=url)
+    deleted = new_account(library)
+    with library.database.write() as session:
+        session.delete(session.get_one(Account, deleted))
     report = backup.back_up(library, tmp_path / "a.zip", parts=PARTS, progress=Progress())
     library.database.close()
     assert (report.maps, report.photos) == (1, 3)
@@ -30,6 +41,10 @@ def test_a_backup_of_either_is_restored_into_either(folder, server, made_on, tmp
     restore.restore(tmp_path / "a.zip", restored, parts=PARTS, url=into, progress=Progress())
     assert before <= set(hashes(into, tmp_path))
     assert opens(restored, into)
+    for place, address in ((tmp_path / "file", None), (restored, into)):
+        library = open_library(place, url=address)
+        assert new_account(library) == deleted + 1
+        library.database.close()
     assert (restored / "park" / "map.cfg").read_bytes() == (folder / "park" / "map.cfg").read_bytes()
     with pytest.raises(UsageError, match="not empty"):
         restore.restore(tmp_path / "a.zip", tmp_path / "more", parts=PARTS, url=into, progress=Progress())

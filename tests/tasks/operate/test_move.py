@@ -20,6 +20,7 @@ from tests.tasks.operate.moves import (
 )
 from webapp.errors import StorageError, UsageError
 from webapp.missions.store.schema import TrackProfile
+from webapp.store.accounts import accounts
 from webapp.store.database import Database
 from webapp.store.library import DATABASE, SERVER, open_library
 from webapp.store.moving import copying, marks
@@ -76,9 +77,7 @@ def test_all_is_the_same_there_and_back(folder, server, tmp_path):
 
 
 def test_no_id_is_given_again(folder, server):
-    url = server()
-    to_server(folder, url)
-    library = open_library(folder, url=url)
+    library = open_library(folder)
 
     def add(name):
         with library.database.write() as session:
@@ -86,17 +85,26 @@ def test_no_id_is_given_again(folder, server):
             session.add(row)
             session.flush()
             job = jobs.enqueue(session, "index", map_id=1, key=name)
-            return row.id, job.id
+            return row.id, job.id, accounts.create(session, name).id
 
-    first = add("after the deleted one")
-    assert first[0] == 3
-    with library.database.write() as session:
-        session.delete(session.get_one(QueryRecord, first[0]))
-        session.delete(session.get_one(Job, first[1]))
-    library.database.close()
+    def delete(ids):
+        with library.database.write() as session:
+            for kind, id in zip((QueryRecord, Job, Account), ids, strict=True):
+                session.delete(session.get_one(kind, id))
+        library.database.close()
+
+    last = add("deleted before")
+    delete(last)
+    url = server()
+    to_server(folder, url)
+    library = open_library(folder, url=url)
+    first, last = last, add("after the deleted one")
+    assert last == tuple(id + 1 for id in first)
+    delete(last)
     to_file(folder, url)
     library = open_library(folder)
-    assert add("back") == (first[0] + 1, first[1] + 1)
+    first, last = last, add("back")
+    assert last == tuple(id + 1 for id in first)
     library.database.close()
 
 

@@ -84,6 +84,23 @@ def test_columns_and_axes_change_what_is_found(client, stage):
     assert lines == [[[0, 0], [3, 0], [3, 4]], [[0, 0], [3, 0], [3, -4]]]
 
 
+def test_a_new_account_gets_nothing_of_a_removed_one(client, stage, sign_in, new_account, app):
+    removed = new_account("ana")
+    browser = sign_in(removed)
+    token = browser.post("/api/v1/account/tokens", json={"name": "robot"}).json["token"]
+    address = stage(TABLE, by=browser)
+    assert browser.get(address).status_code == 200
+    assert client.delete(f"/api/v1/accounts/{removed.id}").status_code == 204
+    eva = new_account("eva")
+    newcomer = sign_in(eva)
+    assert eva.id > removed.id
+    assert newcomer.get(address).status_code == 404
+    assert newcomer.post(f"{address}/contents", json={"name": "log.csv"}).status_code == 404
+    assert newcomer.get("/api/v1/account/tokens").json["tokens"] == []
+    asked = app.test_client().get("/api/v1/account", headers={"Authorization": f"Bearer {token}"})
+    assert (asked.status_code, browser.get("/api/v1/account").status_code) == (401, 401)
+
+
 def test_a_large_file_is_read_by_a_job(client, stage, work, monkeypatch):
     monkeypatch.setattr(api_staged, "_QUICK_BYTES", 10)
     answer = client.post(f"{stage(TABLE)}/contents", json={"name": "log.csv"})
