@@ -33,7 +33,7 @@ import numpy as np
 import requests
 from PIL import Image
 
-from benchmarks import hostile_inputs, hostile_json
+from benchmarks import hostile_inputs, hostile_json, hostile_maps
 from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
 from benchmarks.hostile_inputs import Request
@@ -82,6 +82,10 @@ def make_request(
             f"/maps/{TARGET}/satellite", hostile_inputs.picture(chance), method="PUT", tray="1"
         ),
         "zip": lambda: _form("/maps/import", ("a.zip", hostile_inputs.map_zip(chance)), name="imported"),
+        "crowded-zip": lambda: _form(
+            "/maps/import", ("a.zip", hostile_maps.crowded_zip(chance)), name="many"
+        ),
+        "crowded-list": lambda: _form(f"/maps/{TARGET}/positions", hostile_maps.crowded_list(chance)),
         "positions": lambda: _form(f"/maps/{TARGET}/positions", ("a.cfg", hostile_inputs.cfg(chance))),
         "mission": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_inputs.track(chance)),
         "crs": lambda: Request("PUT", f"/maps/{TARGET}/georeference", json=_world_file(chance)),
