@@ -15,6 +15,7 @@ from webapp.jobs.context import Context
 from webapp.render import export_file
 from webapp.settings import Settings
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.tasks.blur.accept import accept_in_library
 from webapp.tasks.blur.find import PhotoToSearch, search_photos
 from webapp.tasks.evaluation import evaluate
@@ -38,7 +39,6 @@ from webapp.tasks.localize.open_map import OpenOptions
 from webapp.tasks.localize.pipeline import open_pipeline
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
-from webapp.tasks.maps.show_photo import boxes_of
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
 from webapp.tasks.satellite.files import taken_back_if_refused
@@ -258,6 +258,7 @@ def import_map_zip(context: Context) -> dict[str, Any]:
 def export_map_file(context: Context) -> dict[str, Any]:
     """Export a map to a file for download; the argument `format` is its format."""
     record = context.map()
+    look = export_file.look_of(context.library, record)
     download = export_file.export_map_file(
         context.library,
         record.id,
@@ -265,7 +266,7 @@ def export_map_file(context: Context) -> dict[str, Any]:
         settings=context.settings,
         progress=context.progress,
     )
-    name = export_file.keep(context.library, record.slug, download=download)
+    name = export_file.keep(context.library, record.slug, download=download, look=look)
     return {"file": name, "media_type": download.media_type, "revision": record.revision}
 
 

@@ -12,11 +12,12 @@ from PIL import Image
 from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.core.mapmodel.model import Map
 from webapp.files.maps.folder import photo_path
-from webapp.files.photos.photo import read_upright
+from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.render.canvas import Canvas, Point, shortened, text_width
 from webapp.render.colours import INK, INLIER, OUTLIER, PAPER, QUIET
 from webapp.render.map_picture import draw_map
 from webapp.settings import PhotoLimits
+from webapp.tasks.maps.pictures import boxes_in_file
 
 WIDTH_PX = 1600
 HEIGHT_PX = 640
@@ -56,13 +57,13 @@ def match_picture(
     if not answer.evidence:
         return None
     best = answer.evidence[0]
-    photo = next(e.photo for e in the_map.experiences if e.id == best.experience)
+    photo = next(e for e in the_map.experiences if e.id == best.experience)
     return draw_matches(
-        read_upright(query, limits=limits),
-        read_upright(photo_path(cfg, photo), limits=limits),
+        read_blurred(query, boxes_in_file(cfg.parent, the_map, query), limits=limits),
+        read_blurred(photo_path(cfg, photo.photo), photo.blurred, limits=limits),
         evidence=best,
         query_name=query.name,
-        photo_name=photo,
+        photo_name=photo.photo,
     )
 
 

@@ -16,7 +16,7 @@ from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.exchange import tum
 from webapp.files.object_storage.storage import local
-from webapp.files.photos.photo import read_upright
+from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.render.answer_pictures import draw_matches
 from webapp.render.map_picture import draw_map
 from webapp.render.report import QueryPictures, render_report
@@ -24,6 +24,7 @@ from webapp.settings import PhotoLimits
 from webapp.tasks.evaluation.evaluate import to_json
 from webapp.tasks.evaluation.poses import trajectories
 from webapp.tasks.evaluation.types import Evaluation
+from webapp.tasks.maps.pictures import boxes_in_file
 
 COLUMNS = (
     "path", "x", "y", "keypoints", "matches", "matches_pruned", "distance_min", "distance_max",
@@ -80,7 +81,7 @@ def worst_rows(rows: list[Row], count: int) -> list[Row]:
 def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) -> list[QueryPictures]:
     """Draw the map picture and the match picture of each row that has a hypothesis."""
     subject = evaluation.subject
-    photos = {e.id: e.photo for e in subject.map.experiences}
+    photos = {e.id: e for e in subject.map.experiences}
     satellite = read_upright(local(subject.map_folder / subject.map.satellite.path), limits=limits)
     shown = []
     for row in rows:
@@ -89,12 +90,14 @@ def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) ->
             continue
         match = None
         for evidence in answer.evidence[:1]:
+            query, photo = evaluation.query_folder / row.result.path, photos[evidence.experience]
+            in_query = boxes_in_file(subject.map_folder, subject.map, query)
             match = draw_matches(
-                read_upright(evaluation.query_folder / row.result.path, limits=limits),
-                read_upright(local(subject.map_folder / photos[evidence.experience]), limits=limits),
+                read_blurred(query, in_query, limits=limits),
+                read_blurred(local(subject.map_folder / photo.photo), photo.blurred, limits=limits),
                 evidence=evidence,
                 query_name=row.result.path,
-                photo_name=photos[evidence.experience],
+                photo_name=photo.photo,
             )
         where = draw_map(satellite, subject.map, answer=answer, truth=row.result.truth)
         shown.append(QueryPictures(row, _jpeg(where), None if match is None else _jpeg(match)))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal, get_args
 
-from webapp.errors import UsageError
+from webapp.errors import NotFound, UsageError
 from webapp.files.atomic import storage_error
 from webapp.files.listing import DERIVED
 from webapp.progress import Progress
 from webapp.render import folium_page
 from webapp.settings import Settings
 from webapp.store.library import Library
+from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of_files
+from webapp.store.schema import MapRecord
 from webapp.tasks.exchange import export_files, write_exif
 from webapp.tasks.exchange.export_source import Download, Source, of_library
 
@@ -55,8 +59,13 @@ def export_map_file(
     return makers[form](of_library(library, map_id))
 
 
-def keep(library: Library, slug: str, *, download: Download) -> str:
+def keep(library: Library, slug: str, *, download: Download, look: str | None) -> str:
     """Write an export into the map's `derived/exports`, where it is kept for a week.
+
+    Parameters
+    ----------
+    look : str or None
+        What was blurred before it was made, from `look_of`.
 
     Returns
     -------
@@ -67,8 +76,9 @@ def keep(library: Library, slug: str, *, download: Download) -> str:
     ------
     StorageError
     """
-    folder = exports_folder(library, slug)
-    part = folder / f"{download.name}.part"
+    folder = _folder(library, slug)
+    path = _kept_path(folder, download.name, look)
+    part = path.with_name(f"{path.name}.part")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for old in folder.iterdir():
@@ -76,7 +86,7 @@ def keep(library: Library, slug: str, *, download: Download) -> str:
                 old.unlink()
         with part.open("wb") as file:
             file.writelines(download.pieces)
-        part.replace(folder / download.name)
+        part.replace(path)
     except OSError as error:
         raise storage_error(error, where=download.name) from error
     finally:
@@ -84,6 +94,31 @@ def keep(library: Library, slug: str, *, download: Download) -> str:
     return download.name
 
 
-def exports_folder(library: Library, slug: str) -> Path:
-    """Return the folder of the exports of a map."""
+def kept(library: Library, record: MapRecord, name: str) -> Path:
+    """Return an export that was kept; one that was made before a photo was blurred is never returned.
+
+    Raises
+    ------
+    NotFound
+    """
+    folder = _folder(library, record.slug)
+    path = _kept_path(folder, name, look_of(library, record))
+    there = [file.name for file in folder.iterdir()] if folder.is_dir() else []
+    if path.name not in there or name.endswith(".part"):
+        raise NotFound("export not found, or it has expired", hint="export the map again")
+    return path
+
+
+def look_of(library: Library, record: MapRecord) -> str | None:
+    """Return a key of what is blurred in the photos of a map for recipients of an export; None if nothing."""
+    with library.database.read() as session:
+        found = boxes_of_files(session, (photo.sha256 for photo in maps.photos(session, record)))
+    return hashlib.sha256(repr(sorted(found.items())).encode()).hexdigest()[:12] if found else None
+
+
+def _kept_path(folder: Path, name: str, look: str | None) -> Path:
+    return folder / (name if look is None else f"{name}.{look}")
+
+
+def _folder(library: Library, slug: str) -> Path:
     return library.map_folder(slug) / DERIVED / "exports"

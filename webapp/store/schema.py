@@ -191,7 +191,16 @@ class Photo(Base):
     """A photo of a map, placed or not; a placed one is an experience of the map."""
 
     __tablename__ = "photo"
-    __table_args__ = (UniqueConstraint("map_id", "sha256"), Index(None, "map_id", "revision"))
+    __table_args__ = (
+        UniqueConstraint("map_id", "sha256"),
+        Index(None, "map_id", "revision"),
+        Index(
+            "ix_photo_blurred_sha256",
+            "sha256",
+            sqlite_where=text("blurred IS NOT NULL"),
+            postgresql_where=text("blurred IS NOT NULL"),
+        ),
+    )
 
     map_id: Mapped[int] = mapped_column(ForeignKey("map.id", ondelete="CASCADE"), primary_key=True)
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
@@ -360,6 +369,8 @@ class QueryRecord(Base):
     """Name of the original file."""
     file: Mapped[str]
     """Name in the folder of the map's queries, chosen by the server."""
+    sha256: Mapped[str | None]
+    """Of the file; None for an answer of an older version."""
     width: Mapped[int]
     """Of the upright photo."""
     height: Mapped[int]

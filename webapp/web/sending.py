@@ -7,7 +7,11 @@ from pathlib import Path, PurePosixPath
 
 from flask import Response, send_file
 
+from webapp.files.photos.preview import Kind
 from webapp.tasks.exchange.export_source import Download
+from webapp.tasks.maps import pictures
+from webapp.tasks.maps.pictures import Audience, PhotoFile
+from webapp.web.state import library, settings
 
 _MEDIA_TYPES = {".webp": "image/webp"}
 """Media types that Python before 3.13 does not know if the system has no list of them."""
@@ -21,6 +25,25 @@ def send_immutable(path: Path, *, etag: str) -> Response:
 def send_revalidated(path: Path, *, etag: str, media_type: str | None = None) -> Response:
     """Send a file that browsers have to revalidate each time, as access to it can be revoked."""
     return _send(path, etag=etag, caching="private, no-cache", media_type=media_type)
+
+
+def send_picture(photo: PhotoFile, *, kind: Kind, audience: Audience, changes_url: bool = False) -> Response:
+    """Send a preview of a photo.
+
+    Parameters
+    ----------
+    changes_url : bool
+        Whether its URL contains a key of the blurred boxes, so that browsers can cache it.
+    """
+    shown = pictures.give_picture(library(), photo, kind=kind, audience=audience, settings=settings())
+    return (send_immutable if changes_url else send_revalidated)(shown.path, etag=shown.etag)
+
+
+def send_original(photo: PhotoFile, name: str, *, audience: Audience) -> Response:
+    """Send the original file of a photo as an attachment, by default under its name on the server."""
+    path = pictures.give_original(library(), photo, audience=audience)
+    send = send_immutable if audience == "members" else send_revalidated
+    return as_attachment(send(path, etag=photo.sha256), name, default=path.name)
 
 
 def as_attachment(response: Response, name: str, *, default: str) -> Response:

@@ -53,7 +53,7 @@ def test_a_copy_has_no_files_of_what_its_map_has_not_any_more(adopt, library, ed
     folder = library.map_folder("park")
     (folder / "satellite-0123abcd.png").write_bytes(b"an earlier image")
     for id in (1, 2):
-        preview.write_previews(folder, id, previews={"thumb": b"small"})
+        preview.write_previews(preview.previews_folder(folder), str(id), previews={"thumb": b"small"})
     edit(map_id, {"photo/2": {"removed": True}})
     slug = duplicate_map.duplicate_map(library, map_id, account_id=owner, name="Copy")
     copied = library.map_folder(slug)

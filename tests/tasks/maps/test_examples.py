@@ -4,8 +4,9 @@ import pytest
 from PIL import Image
 
 from webapp.errors import NotFound
-from webapp.settings import PhotoLimits
-from webapp.tasks.maps.examples import Example, examples_of, path_of, thumb_of
+from webapp.settings import Settings
+from webapp.tasks.maps.examples import Example, examples_of, file_of, path_of
+from webapp.tasks.maps.pictures import give_picture
 
 
 def test_only_photos_of_the_folder_are_examples(tmp_path):
@@ -43,11 +44,15 @@ def test_photos_without_a_position_in_the_list_come_last(tmp_path):
     ]
 
 
-def test_a_small_picture_is_made_once(tmp_path, save_photo):
-    cfg = tmp_path / "map.cfg"
+def test_a_small_picture_is_made_once(tmp_path, save_photo, library):
     save_photo(tmp_path / "queries" / "a.jpg", 1)
-    thumb = thumb_of(cfg, "a.jpg", limits=PhotoLimits())
-    with Image.open(thumb) as image:
+    photo = file_of(tmp_path / "map.cfg", "a.jpg")
+
+    def thumb():
+        options = {"kind": "thumb", "audience": "members", "settings": Settings()}
+        return give_picture(library, photo, **options).path
+
+    with Image.open(thumb()) as image:
         assert max(image.size) <= 256
-    made = thumb.stat().st_mtime_ns
-    assert thumb_of(cfg, "a.jpg", limits=PhotoLimits()).stat().st_mtime_ns == made
+    made = thumb().stat().st_mtime_ns
+    assert thumb().stat().st_mtime_ns == made

@@ -48,18 +48,9 @@ def yard(client, library, park):
     return url, slug
 
 
-@pytest.fixture
-def joined(yard, client, library):
-    """The map with three placed photos and landmarks that all of them see, and its record."""
-    url, slug = yard
-    for id, at in enumerate(AT):
-        place(client, url, id, at=at)
-    with library.database.read() as session:
-        record = session.query(MapRecord).filter_by(slug=slug).one()
-        contents = tuple(
-            session.query(Photo).filter_by(map_id=record.id, id=n).one().sha256 for n in range(3)
-        )
-    folder = landmarks_folder(library.cfg(slug))
+def add_landmarks(cfg, contents):
+    """Write landmarks that three photos see, which are placed at `AT`."""
+    folder = landmarks_folder(cfg)
     folder.mkdir(parents=True)
     centre = np.array([(x, -y, 0.0) for x, y in AT], float)
     point = np.array([(50.0, -60.0, 5.0), (150.0, -100.0, -3.0), (90.0, -20.0, 8.0), (30.0, -150.0, 0.0)])
@@ -80,4 +71,18 @@ def joined(yard, client, library):
     )
     write_cloud(folder / CLOUD_FILE, StoredCloud(cloud, "key"))
     write_colours(folder / COLOURS_FILE, np.arange(12, dtype=np.uint8).reshape(4, 3), key="key")
+
+
+@pytest.fixture
+def joined(yard, client, library):
+    """The map with three placed photos and landmarks that all of them see, and its record."""
+    url, slug = yard
+    for id, at in enumerate(AT):
+        place(client, url, id, at=at)
+    with library.database.read() as session:
+        record = session.query(MapRecord).filter_by(slug=slug).one()
+        contents = tuple(
+            session.query(Photo).filter_by(map_id=record.id, id=n).one().sha256 for n in range(3)
+        )
+    add_landmarks(library.cfg(slug), contents)
     return f"{url}/landmarks", record

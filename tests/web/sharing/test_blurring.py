@@ -1,7 +1,6 @@
 """Faces and plates are blurred in every picture of a photo, and outsiders do not get its file."""
 
 import io
-import json
 import zipfile
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ from PIL import Image
 from sqlalchemy import select
 
 from tests.standin_models import install_blur_networks
+from tests.web.sharing.stripes import BOX, blur, contrast, fetched, stripes
 from webapp.errors import Busy, Conflict
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.progress import Progress
@@ -19,52 +19,8 @@ from webapp.store.maps import maps
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.accept import accept_in_library
 from webapp.tasks.blur.find import PhotoToSearch, search_photos
-from webapp.tasks.maps import show_photo
+from webapp.tasks.maps import pictures, show_photo
 from webapp.web.state import KEY
-
-BOX = {"x": 0.25, "y": 0.25, "width": 0.5, "height": 0.5}
-
-
-def stripes():
-    """Return a JPEG of stripes, which become grey when blurred."""
-    pixels = np.zeros((120, 160, 3), np.uint8)
-    pixels[:, ::2] = 255
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "JPEG", quality=95)
-    return file.getvalue()
-
-
-def contrast(picture):
-    """Return the contrast in the middle of a picture."""
-    grey = np.asarray(Image.open(io.BytesIO(picture)).convert("L"), float)
-    height, width = grey.shape
-    return grey[height // 3 : 2 * height // 3, width // 3 : 2 * width // 3].std()
-
-
-def fetched(browser, address):
-    with browser.get(address) as answer:
-        assert answer.status_code == 200, address
-        return answer.get_data()
-
-
-@pytest.fixture
-def full(client, park):
-    """A map with an image and a placed photo."""
-    image = io.BytesIO()
-    Image.new("RGB", (300, 200), "green").save(image, "PNG")
-    image.seek(0)
-    corners = {"top_left": {"lat": 50.1, "lon": 14.4}, "bottom_right": {"lat": 50.09, "lon": 14.42}}
-    data = {"file": (image, "s.png"), "corners": json.dumps(corners)}
-    client.put(f"/api/v1/maps/{park}/satellite", data=data)
-    client.post(f"/api/v1/maps/{park}/photos", data={"file": [(io.BytesIO(stripes()), "a.jpg")]})
-    client.patch(
-        f"/api/v1/maps/{park}/experiences", json={"changes": [{"id": 0, "x_px": 50.0, "y_px": 60.0}]}
-    )
-    return park
-
-
-def blur(browser, slug, *boxes, id=0):
-    return browser.put(f"/api/v1/maps/{slug}/photos/{id}/blur", json={"boxes": list(boxes)})
 
 
 def photo_of(browser, slug):
@@ -98,14 +54,14 @@ def test_previews_made_before_the_blur_and_written_after_it_are_not_shown(
     token = client.post(f"/api/v1/maps/{full}/shares", json={"photos": True}).json["url"].rpartition("/")[2]
     for file in (library.folder / full / "derived" / "previews").iterdir():
         file.unlink()
-    write = show_photo.write_previews
+    write = pictures.write_previews
 
     def blurred_meanwhile(*args, **options):
-        monkeypatch.setattr(show_photo, "write_previews", write)
+        monkeypatch.setattr(pictures, "write_previews", write)
         assert blur(client, full, BOX).status_code == 200
         write(*args, **options)
 
-    monkeypatch.setattr(show_photo, "write_previews", blurred_meanwhile)
+    monkeypatch.setattr(pictures, "write_previews", blurred_meanwhile)
     fetched(stranger, f"/api/v1/shared/{token}/photos/0/preview")
     for kind in ("preview", "thumb"):
         assert contrast(fetched(stranger, f"/api/v1/shared/{token}/photos/0/{kind}")) < 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from webapp.core.blur import BlurBox, blur
 from webapp.core.texts import tidy_name
 from webapp.errors import PhotoError
 from webapp.files.decode import Pixels, check_bytes, decode, open_image
@@ -181,6 +183,13 @@ def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | N
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
+
+
+def read_blurred(
+    source: Path | bytes, boxes: Iterable[BlurBox], *, limits: PhotoLimits, max_side: int | None = None
+) -> Pixels:
+    """Read a photo like `read_upright`, with boxes blurred: for everything that is shown to somebody."""
+    return blur(read_upright(source, limits=limits, max_side=max_side), boxes)
 
 
 def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:

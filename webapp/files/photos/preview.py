@@ -68,34 +68,36 @@ def blur_key(blurred: Sequence[BlurBox]) -> str | None:
     return hashlib.sha256(repr(list(blurred)).encode()).hexdigest()[:12] if blurred else None
 
 
-def preview_name(stem: str, kind: Kind) -> str:
-    """Return the file name of a preview."""
-    return f"{stem}-{SIDES[kind]}{_SUFFIX[kind]}"
+def preview_name(stem: str, kind: Kind, *, blurred: Sequence[BlurBox] = ()) -> str:
+    """Return the file name of a preview, which depends on the blurred boxes.
+
+    A preview made before the photo was blurred, but written afterwards, is thus not taken for a blurred one.
+    """
+    look = blur_key(blurred)
+    return f"{f'{stem}-{look}' if look else stem}-{SIDES[kind]}{_SUFFIX[kind]}"
+
+
+def previews_folder(folder: Path) -> Path:
+    """Return the folder of the previews of a map's or a mission's photos, in its own folder."""
+    return folder / DERIVED / "previews"
 
 
 def preview_path(
     map_folder: Path, photo_id: int | str, *, kind: Kind, blurred: Sequence[BlurBox] = ()
 ) -> Path:
-    """Return the path of a preview, which depends on the photo's id and its blurred boxes.
-
-    A preview made before the photo was blurred, but written afterwards, is thus not taken for a blurred one.
-    """
-    look = blur_key(blurred)
-    stem = f"{photo_id}-{look}" if look else f"{photo_id}"
-    return map_folder / DERIVED / "previews" / preview_name(stem, kind)
+    """Return the path of a preview of a photo of a map or a mission."""
+    return previews_folder(map_folder) / preview_name(f"{photo_id}", kind, blurred=blurred)
 
 
 def write_previews(
-    map_folder: Path,
-    photo_id: int | str,
-    *,
-    previews: Mapping[Kind, bytes],
-    blurred: Sequence[BlurBox] = (),
+    folder: Path, stem: str, *, previews: Mapping[Kind, bytes], blurred: Sequence[BlurBox] = ()
 ) -> None:
-    """Write the previews of a photo.
+    """Write the previews of a photo into a folder, which is created if missing.
 
     Parameters
     ----------
+    stem : str
+        Beginning of their names.
     blurred : sequence of BlurBox
         Those with which the previews were made.
 
@@ -104,9 +106,9 @@ def write_previews(
     StorageError
         Writing failed; they can be made again from the photo.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     for kind, data in previews.items():
-        path = preview_path(map_folder, photo_id, kind=kind, blurred=blurred)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path = folder / preview_name(stem, kind, blurred=blurred)
         write_bytes(path, data)
         if path.suffix != ".jpg":
             discard(path.with_suffix(".jpg"))  # its name in version 0.7.0

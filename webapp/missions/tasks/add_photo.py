@@ -7,18 +7,19 @@ import re
 import unicodedata
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from webapp.errors import NotFound
 from webapp.files.part_file import move_in, show_file_as
 from webapp.files.photos import preview
 from webapp.files.photos.photo import PhotoFacts, read_facts
-from webapp.files.photos.preview import Kind
 from webapp.missions.store import missions
 from webapp.missions.store.schema import Mission, MissionObject, MissionPhoto
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
+from webapp.tasks.maps.pictures import PhotoFile
 
 PHOTOS = "photos"
 """Name of the folder of photos in the folder of a mission."""
@@ -98,7 +99,7 @@ def add_mission_photo(
         shown = session.get(MissionObject, (mission_id, kept.object_id)) if kept.object_id else None
         if shown is not None and shown.photo_sha is None:
             shown.photo_sha, shown.revision = sha256, mission.revision
-        preview.write_previews(folder, sha256, previews=previews)
+        preview.write_previews(preview.previews_folder(folder), sha256, previews=previews)
     return kept
 
 
@@ -116,24 +117,16 @@ def original(library: Library, photo: MissionPhoto) -> Path:
     return path
 
 
-def preview_of(library: Library, photo: MissionPhoto, *, kind: Kind, settings: Settings) -> Path:
-    """Find a preview of a photo; make it if it is missing.
-
-    Raises
-    ------
-    NotFound, PhotoError
-        The photo is missing or damaged.
-    StorageError
-        Writing failed.
-    """
+def file_of(library: Library, photo: MissionPhoto) -> PhotoFile:
+    """Return a photo as its pictures are made of it."""
     folder = missions.folder(library, photo.mission_id)
-    path = preview.preview_path(folder, photo.sha256, kind=kind)
-    if not path.exists():
-        source = original(library, photo)
-        with show_file_as(photo.name, source):
-            made = preview.make_previews(source, limits=settings.photo)
-        preview.write_previews(folder, photo.sha256, previews=made)
-    return path
+    return PhotoFile(
+        photo.name,
+        photo.sha256,
+        partial(original, library, photo),
+        preview.previews_folder(folder),
+        photo.sha256,
+    )
 
 
 def _path(name: str, sha256: str, *, suffix: str) -> str:

@@ -20,6 +20,7 @@ from webapp.missions.tasks.icons import icon
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download, plain_name
+from webapp.tasks.maps.pictures import give_picture
 
 Writer = Callable[[MissionExport], Iterator[bytes]]
 
@@ -95,7 +96,8 @@ def _picture(library: Library, mission_id: int, sha256: str, *, settings: Settin
     try:
         with library.database.read() as session:
             photo = missions.find_photo(session, mission_id, sha256)
-        return add_photo.preview_of(library, photo, kind="preview", settings=settings)
+        file = add_photo.file_of(library, photo)
+        return give_picture(library, file, kind="preview", audience="visitors", settings=settings).path
     except (NotFound, PhotoError):
         return None
 

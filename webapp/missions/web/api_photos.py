@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from pathlib import PurePosixPath
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -21,7 +22,7 @@ from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.fields import Boolean
 from webapp.web.openapi import file_answer
-from webapp.web.sending import as_attachment, send_immutable
+from webapp.web.sending import send_original, send_picture
 
 blueprint = APIBlueprint(
     "api_mission_photos",
@@ -156,8 +157,8 @@ def thumb(mission_id: int, sha256: str) -> Response:
 def original(mission_id: int, sha256: str) -> Response:
     """Get the original file of a photo."""
     photo = _find(mission_id, sha256)
-    path = add_photo.original(library(), photo)
-    return as_attachment(send_immutable(path, etag=sha256), path.name, default=path.name)
+    file = add_photo.file_of(library(), photo)
+    return send_original(file, PurePosixPath(photo.path).name, audience="members")
 
 
 def _find(mission_id: int, sha256: str) -> MissionPhoto:
@@ -168,5 +169,4 @@ def _find(mission_id: int, sha256: str) -> MissionPhoto:
 
 def _preview(mission_id: int, sha256: str, kind: Kind) -> Response:
     photo = _find(mission_id, sha256)
-    path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
-    return send_immutable(path, etag=f"{sha256}-{kind}")
+    return send_picture(add_photo.file_of(library(), photo), kind=kind, audience="members")

@@ -29,7 +29,7 @@ from webapp.tasks.satellite import display
 from webapp.web.context import library, public, settings
 from webapp.web.fields import RecordNumber
 from webapp.web.openapi import file_answer
-from webapp.web.sending import send_revalidated
+from webapp.web.sending import send_picture
 from webapp.web.sharing.shared_state import send_display
 
 blueprint = APIBlueprint(
@@ -199,5 +199,5 @@ def _map(token: str) -> MapRecord:
 def _photo(token: str, sha256: str, kind: Kind) -> Response:
     with library().database.read() as session:
         photo = state.find_shared_photo(session, shares.open_share(session, token), sha256=sha256)
-    path = add_photo.preview_of(library(), photo, kind=kind, settings=settings())
-    return send_revalidated(path, etag=f"{sha256}-{kind}")
+    file = add_photo.file_of(library(), photo)
+    return send_picture(file, kind=kind, audience="visitors")

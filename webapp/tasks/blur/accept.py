@@ -16,9 +16,10 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord
 from webapp.tasks.blur.find import SuggestedBoxes, UnsearchedPhoto
-from webapp.tasks.maps.show_photo import Changing, NewBlur, blur_photo, boxes_of
+from webapp.tasks.maps.show_photo import Changing, NewBlur, blur_photo
 
 Photo = TypeVar("Photo", Experience, UnplacedPhoto)
 

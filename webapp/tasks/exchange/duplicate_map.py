@@ -18,12 +18,12 @@ from webapp.files.photos.preview import SIDES, preview_path
 from webapp.progress import Progress
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks import staging
 from webapp.tasks.evaluation import stored as stored_evaluation
 from webapp.tasks.maps import adopt_map
 from webapp.tasks.maps.library_map import floors
-from webapp.tasks.maps.show_photo import boxes_of
 
 _RECORD_FIELDS = (
     "next_id",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from webapp.core.blur import BlurBox
@@ -17,7 +18,7 @@ from webapp.store.library import Library
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord
 from webapp.tasks.maps.library_map import as_map
-from webapp.tasks.maps.show_photo import boxes_of
+from webapp.tasks.maps.show_photo import boxes_in_exports
 
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 
@@ -34,8 +35,8 @@ class Source:
         Display name.
     name : str
         File name of the downloads, without extension: ASCII letters, digits, `-` and `_`.
-    blurred : mapping of int to list of BlurBox
-        Blurred boxes of photos, by id; photos without any are absent.
+    boxes : callable
+        Returns the current boxes to blur in a photo, by its id: it may be blurred while the export is made.
     unplaced : tuple of str
         Paths of the photos in the tray.
     """
@@ -44,7 +45,7 @@ class Source:
     cfg: Path
     title: str
     name: str
-    blurred: Mapping[int, list[BlurBox]] = field(default_factory=dict)
+    boxes: Callable[[int], Sequence[BlurBox]]
     unplaced: tuple[str, ...] = ()
 
     def georeference(self) -> Georeference:
@@ -97,14 +98,14 @@ def of_library(library: Library, map_id: int) -> Source:
         map_ = as_map(session, record)
         slug, title = record.slug, record.name
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
-        blurred = {photo.id: boxes_of(photo) for photo in photos if photo.blurred}
         unplaced = tuple(photo.path for photo in photos if photo.x_px is None)
     if map_ is None:
         raise UsageError(
             "the map has no satellite image yet: there is nothing to export",
             hint="upload a satellite image, or start from a blank plan",
         )
-    return Source(map_, library.cfg(slug), title, plain_name(slug), blurred, unplaced)
+    boxes = partial(boxes_in_exports, library, map_id)
+    return Source(map_, library.cfg(slug), title, plain_name(slug), boxes, unplaced)
 
 
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:
@@ -116,7 +117,9 @@ def of_folder(cfg: Path, *, title: str | None = None) -> Source:
         It cannot be read.
     """
     title = title or cfg.resolve().parent.name
-    return Source(read_map(cfg), cfg, title, plain_name(title))
+    map_ = read_map(cfg)
+    blurred = {e.id: e.blurred for e in map_.experiences}
+    return Source(map_, cfg, title, plain_name(title), blurred.__getitem__)
 
 
 def plain_name(text: str) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.blur import BlurBox
 from webapp.core.landmarks.cloud import LandmarkCloud
 from webapp.core.mapmodel.panorama import LevelView
 from webapp.errors import MapError, PhotoError
@@ -14,7 +16,7 @@ from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.points import COLOURS_FILE, read_colours, write_colours
 from webapp.files.maps.folder import photo_path
 from webapp.files.photos.panorama import cut_level_view
-from webapp.files.photos.photo import read_facts, read_upright
+from webapp.files.photos.photo import read_blurred, read_facts
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits
 from webapp.tasks.landmarks.reconstruct import Reconstruction
@@ -50,9 +52,11 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
         if photo is None or cloud.first[number] == cloud.first[number + 1]:
             return None
         try:
-            path = photo_path(cfg, found.photos[photo].photo)
-            turn_deg = found.turn_of.get(cloud.contents[number])
-            return _sample(path, cloud, number, turn_deg=turn_deg, limits=limits)
+            one = found.photos[photo]
+            picture = _Picture(
+                photo_path(cfg, one.photo), one.blurred, found.turn_of.get(cloud.contents[number])
+            )
+            return _sample(picture, cloud, number, limits=limits)
         except (PhotoError, MapError, OSError):
             return None  # e.g. deleted since; other photos see the points, too
 
@@ -72,17 +76,25 @@ def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progr
     write_colours(file, colours, key=stored.key)
 
 
-def _sample(
-    path: Path, cloud: LandmarkCloud, number: int, *, turn_deg: int | None, limits: PhotoLimits
-) -> Sampled:
-    """Return the points that a photo, or a view of a panorama, sees and their colours: red, green, blue."""
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    """A photo, or the view of a panorama that is turned by `turn_deg`."""
+
+    path: Path
+    blurred: tuple[BlurBox, ...]
+    turn_deg: int | None
+
+
+def _sample(picture: _Picture, cloud: LandmarkCloud, number: int, *, limits: PhotoLimits) -> Sampled:
+    """Return the points that a picture shows and their colours: red, green, blue."""
     rows = slice(int(cloud.first[number]), int(cloud.first[number + 1]))
-    if turn_deg is None:
+    path, blurred = picture.path, picture.blurred
+    if picture.turn_deg is None:
         full = read_facts(path, limits=limits)
-        pixels = read_upright(path, limits=limits, max_side=_SIDE_PX)
+        pixels = read_blurred(path, blurred, limits=limits, max_side=_SIDE_PX)
         scale = max(pixels.shape[:2]) / max(full.width, full.height)
     else:
-        pixels, _ = cut_level_view(read_upright(path, limits=limits), LevelView(turn_deg))
+        pixels, _ = cut_level_view(read_blurred(path, blurred, limits=limits), LevelView(picture.turn_deg))
         scale = 1.0
     column, row = np.floor((cloud.seen_xy[rows] + 0.5) * scale).astype(np.int64).T
     high, wide = pixels.shape[:2]

@@ -34,6 +34,7 @@ from webapp.files.localize.index_store import IndexFolder
 from webapp.files.maps.control_points import control_point_fields
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.control_points import PhotoLenses, Residual, georegister_all, residuals_of
 from webapp.tasks.landmarks.known import AnyPhoto
@@ -93,13 +94,20 @@ def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None
     """Read the points that placed photos see.
 
     None if there are none, or if one of these photos has been blurred, removed or moved to the tray since:
-    which points the others see is known only after the next georegistration.
+    which points the others see is known only after the next georegistration. One that is blurred only on
+    another map hides them until it is blurred on this map, too.
     """
     points = stored_points(library, record)
     found = None if points is None else _now(library, record)
     if points is None or found is None:
         return None
-    placed = {content[:_BEGINNING] for content, one in found[1].items() if isinstance(one, Experience)}
+    with library.database.read() as session:
+        hidden = blurred_elsewhere(session, maps.photos(session, record))
+    placed = {
+        content[:_BEGINNING]
+        for content, one in found[1].items()
+        if isinstance(one, Experience) and experience_of(one.id) not in hidden
+    }
     if _PLACED not in points.about or not placed.issuperset(points.about[_PLACED]):
         return None
     some = slice(points.about[_BY_PLACED])

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.blur import blur
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.mapmodel.model import Experience
 from webapp.core.mapmodel.views import content_of
@@ -26,7 +25,7 @@ from webapp.files.localize.global_vectors import StoredVectors
 from webapp.files.maps.folder import photo_path
 from webapp.files.object_storage.storage import settle
 from webapp.files.photos.panorama import cut_level_view
-from webapp.files.photos.photo import read_file, read_upright
+from webapp.files.photos.photo import read_blurred, read_file
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenMap
@@ -118,7 +117,7 @@ def _describe(
         data = read_file(path, limits=settings.photo)
         if content_of(experience, hashlib.sha256(data).hexdigest()) != content:
             return None
-        pixels, view = blur(read_upright(data, limits=settings.photo), experience.blurred), experience.view
+        pixels, view = read_blurred(data, experience.blurred, limits=settings.photo), experience.view
         return network.describe(pixels if view is None else cut_level_view(pixels, view)[0])
     except PhotoError:
         return None

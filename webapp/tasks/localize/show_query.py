@@ -1,18 +1,21 @@
-"""Finds the file of a query photo, or a preview of it; access is checked by the caller."""
+"""Finds the file of a query photo; access is checked by the caller."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
+from sqlalchemy.orm import Session
+
 from webapp.errors import NotFound
-from webapp.files.atomic import write_bytes
-from webapp.files.part_file import discard, show_file_as
-from webapp.files.photos.preview import SIDES, Kind, make_previews, preview_name
-from webapp.settings import Settings
+from webapp.files.part_file import discard, sha256_of
+from webapp.files.photos.preview import blur_key
 from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import QueryRecord
+from webapp.tasks.maps.pictures import PhotoFile, boxes_for
 
 
 def original(library: Library, query: QueryRecord) -> Path:
@@ -29,35 +32,39 @@ def original(library: Library, query: QueryRecord) -> Path:
     return path
 
 
-def preview(library: Library, query: QueryRecord, *, kind: Kind, settings: Settings) -> Path:
-    """Return a preview of a query, which is created on first use.
+def file_of(library: Library, query: QueryRecord) -> PhotoFile:
+    """Return the photo of an answer as its pictures are made of it.
 
     Raises
     ------
-    NotFound, PhotoError
-        The photo is missing or damaged.
-    StorageError
-        The file cannot be written.
+    NotFound
+        The answer is of an older version, which stored no hash, and its photo is missing.
     """
-    path = _preview_path(library, query, kind)
-    if not path.exists():
-        source = original(library, query)
-        with show_file_as(query.name, source):
-            made = make_previews(source, limits=settings.photo)
-        for other, data in made.items():
-            write_bytes(_preview_path(library, query, other), data)
-    return path
+    return PhotoFile(
+        query.name,
+        query.sha256 or sha256_of(original(library, query)),
+        partial(original, library, query),
+        queries.folder(library, query.map_id),
+        Path(query.file).stem,
+        adopted=None if query.adopted_id is None else (query.map_id, query.adopted_id),
+    )
+
+
+def looks(session: Session, library: Library, rows: Sequence[QueryRecord]) -> list[str | None]:
+    """Return a key of what is blurred in the photo of each answer; None if nothing is, or it is missing."""
+    found: dict[int, PhotoFile] = {}
+    for row in rows:
+        with suppress(NotFound):
+            found[row.id] = file_of(library, row)
+    boxes = boxes_for(session, [*found.values()], audience="members")
+    keys = {id: blur_key(one) for id, one in zip(found, boxes, strict=True)}
+    return [keys.get(row.id) for row in rows]
 
 
 def delete_files(library: Library, rows: Iterable[QueryRecord]) -> None:
     """Delete the files of queries whose records are gone."""
     for query in rows:
-        for kind in SIDES:
-            path = _preview_path(library, query, kind)
+        folder = queries.folder(library, query.map_id)
+        for path in folder.glob(f"{Path(query.file).stem}-*"):  # its previews
             discard(path)
-            discard(path.with_suffix(".jpg"))  # the name in version 0.7.0
-        discard(queries.folder(library, query.map_id) / query.file)
-
-
-def _preview_path(library: Library, query: QueryRecord, kind: Kind) -> Path:
-    return queries.folder(library, query.map_id) / preview_name(Path(query.file).stem, kind)
+        discard(folder / query.file)

@@ -13,7 +13,7 @@ from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import answer_to_json
 from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.errors import NotFound, UsageError
-from webapp.files.part_file import move_in, show_file_as
+from webapp.files.part_file import move_in, sha256_of, show_file_as
 from webapp.files.photos.photo import read_facts
 from webapp.settings import Settings
 from webapp.store import queries
@@ -170,6 +170,7 @@ def store_result(
         account_id=account_id,
         name=tidy_name(photo.name),
         file=f"{secrets.token_hex(12)}.{suffix_of(facts)}",
+        sha256=sha256_of(photo.path),
         width=facts.width,
         height=facts.height,
         options=_options(request),

@@ -179,7 +179,7 @@ def add_photo(
         duplicate, placed = record.revision == before, kept.x_px is not None
         if kept is row:
             # before the commit: if the previews cannot be written, the whole photo is rejected
-            preview.write_previews(folder, kept.id, previews=previews)
+            preview.write_previews(preview.previews_folder(folder), str(kept.id), previews=previews)
     forget_intake(folder, kept)
     return AddedPhoto(kept.id, name, duplicate, placed, problem or kept.gps_problem, change.job)
 

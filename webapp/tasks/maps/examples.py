@@ -10,8 +10,9 @@ from pathlib import Path
 
 from webapp.errors import NotFound, TableError
 from webapp.files.localize import queries_csv
-from webapp.files.photos.preview import make_previews, preview_path, write_previews
-from webapp.settings import PhotoLimits
+from webapp.files.part_file import sha256_of
+from webapp.files.photos.preview import previews_folder
+from webapp.tasks.maps.pictures import PhotoFile
 
 FOLDER = "queries"
 LIST = "queries.csv"
@@ -60,15 +61,14 @@ def path_of(cfg: Path, name: str) -> Path:
     return cfg.parent / FOLDER / name
 
 
-def thumb_of(cfg: Path, name: str, *, limits: PhotoLimits) -> Path:
-    """Return the thumbnail of an example photo, which is created on first use.
+def file_of(cfg: Path, name: str) -> PhotoFile:
+    """Return an example photo as its pictures are made of it.
 
     Raises
     ------
-    NotFound, PhotoError, StorageError
+    NotFound
+        The map has no example with this name.
     """
-    photo, key = path_of(cfg, name), f"example-{name}"
-    thumb = preview_path(cfg.parent, key, kind="thumb")
-    if not thumb.exists():
-        write_previews(cfg.parent, key, previews=make_previews(photo, limits=limits))
-    return thumb
+    path = path_of(cfg, name)
+    sha256 = sha256_of(path)
+    return PhotoFile(name, sha256, lambda: path, previews_folder(cfg.parent), f"example-{sha256[:16]}")

@@ -1,9 +1,10 @@
-"""Finds a photo's file or preview (access is checked by the caller), and blurs parts of its previews."""
+"""Finds the file of a map's photo, and changes its blurred boxes; access is checked by the caller."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,13 +12,15 @@ from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import Kind, blur_key, make_previews, preview_path, write_previews
+from webapp.files.photos.preview import blur_key, make_previews, previews_folder, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
+from webapp.tasks.maps.pictures import PhotoFile, boxes_for
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
 
@@ -55,36 +58,38 @@ def original(library: Library, slug: str, *, photo: Photo) -> Path:
     return path
 
 
-def boxes_of(photo: Photo) -> list[BlurBox]:
-    """Return the blurred boxes of a photo."""
-    return [BlurBox(**box) for box in photo.blurred or ()]
+def file_of(library: Library, slug: str, *, photo: Photo) -> PhotoFile:
+    """Return a photo of a map as its pictures are made of it."""
+    return PhotoFile(
+        photo.name,
+        photo.sha256,
+        partial(original, library, slug, photo=photo),
+        previews_folder(library.map_folder(slug)),
+        str(photo.id),
+        on_map=tuple(boxes_of(photo)),
+    )
+
+
+def boxes_in_exports(library: Library, map_id: int, photo_id: int) -> tuple[BlurBox, ...]:
+    """Return the boxes to blur in a photo of a map for those who receive an export.
+
+    Raises
+    ------
+    NotFound
+        The map or the photo was deleted meanwhile.
+    """
+    with library.database.read() as session:
+        record = session.get(MapRecord, map_id)
+        if record is None:
+            raise NotFound("map not found")
+        photo = maps.photo(session, record, photo_id)
+        (boxes,) = boxes_for(session, [file_of(library, record.slug, photo=photo)], audience="visitors")
+        return boxes
 
 
 def blur_key_of_photo(photo: Photo) -> str | None:
     """Return a key of the blurred boxes of a photo; None if there are none."""
     return blur_key(boxes_of(photo))
-
-
-def preview(library: Library, slug: str, *, photo: Photo, kind: Kind, settings: Settings) -> Path:
-    """Return a preview of a photo, which is created if missing.
-
-    Raises
-    ------
-    NotFound, PhotoError
-        The photo is missing or damaged.
-    MapError
-        Its path leads out of the map's folder, perhaps by a link.
-    StorageError
-        The file cannot be written.
-    """
-    folder, boxes = library.map_folder(slug), boxes_of(photo)
-    path = preview_path(folder, photo.id, kind=kind, blurred=boxes)
-    if not path.exists():
-        source = original(library, slug, photo=photo)
-        with show_file_as(photo.name, source):
-            made = make_previews(source, limits=settings.photo, blurred=boxes)
-        write_previews(folder, photo.id, previews=made, blurred=boxes)
-    return path
 
 
 def blur_photo(
@@ -137,7 +142,8 @@ def blur_photo(
         photo = maps.photo(change.session, record, photo_id)
         if boxes_of(photo) != before:
             raise _blurred_by_another(photo)
-        write_previews(library.map_folder(record.slug), photo_id, previews=previews, blurred=boxes)
+        folder = previews_folder(library.map_folder(record.slug))
+        write_previews(folder, str(photo_id), previews=previews, blurred=boxes)
         photo.blurred = [box._asdict() for box in boxes] or None
         record.revision += 1
         record.changed_at = now()

@@ -7,12 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from webapp.core.blur import blur
 from webapp.core.mapmodel.model import Experience
-from webapp.errors import MapError, MissingPart, PhotoError
+from webapp.errors import MapError, MissingPart, NotFound, PhotoError
 from webapp.files.decode import Pixels
 from webapp.files.maps.folder import photo_path
-from webapp.files.photos.photo import read_upright
+from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.files.photos.preview import preview_path
 from webapp.files.satellite.raster import opened_raster, reduced
 from webapp.settings import PhotoLimits, Settings
@@ -32,18 +31,18 @@ def thumbnail(source: Source, experience: Experience, *, side: int, limits: Phot
     Returns
     -------
     bytes or None
-        JPEG without metadata; None if the photo is missing or unreadable.
+        JPEG without metadata; None if the photo is missing, unreadable, or was removed meanwhile.
     """
     cfg, id = source.cfg, experience.id
-    blurred = source.blurred.get(id, ())
-    preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview", blurred=blurred)
     try:
+        blurred = source.boxes(id)
+        preview = preview_path(cfg.parent, id, kind="thumb" if side <= 256 else "preview", blurred=blurred)
         if preview.exists():
             return encode_picture(read_upright(preview, limits=limits, max_side=side))
-        pixels = read_upright(photo_path(cfg, experience.photo), limits=limits, max_side=side)
-    except (MapError, PhotoError, MissingPart):
+        pixels = read_blurred(photo_path(cfg, experience.photo), blurred, limits=limits, max_side=side)
+    except (MapError, NotFound, PhotoError, MissingPart):
         return None
-    return encode_picture(blur(pixels, blurred))
+    return encode_picture(pixels)
 
 
 def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) -> Pixels | None:

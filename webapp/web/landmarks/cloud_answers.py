@@ -19,6 +19,7 @@ from webapp.errors import NotFound
 from webapp.extras import require
 from webapp.files.landmarks.points import MapPoints, as_ply
 from webapp.files.maps.map_json import parse_panorama
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.landmarks.export_models import export_models
 from webapp.tasks.landmarks.mapping import model_folders
@@ -31,7 +32,6 @@ from webapp.tasks.landmarks.show_cloud import (
     stored_points,
 )
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.maps.show_photo import boxes_of
 from webapp.web.compression import accepts_gzip, gzipped
 from webapp.web.context import library
 from webapp.web.fields import Boolean

@@ -33,13 +33,14 @@ from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeRe
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
+from webapp.tasks.maps.pictures import give_original
 from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, BoundedList, RecordNumber
 from webapp.web.localize.answers import AnswerOut
 from webapp.web.openapi import file_answer
-from webapp.web.sending import send_revalidated
+from webapp.web.sending import send_picture, send_revalidated
 from webapp.web.state import KEY as STATE
 
 blueprint = APIBlueprint("api_localize", __name__, url_prefix="/api/v1/maps/<slug>", tag="Localization")
@@ -135,16 +136,16 @@ def _make_cache(state: BlueprintSetupState) -> None:
 @blueprint.doc(responses=file_answer("The photo.", "image/*"))
 def example(slug: str, name: str) -> Response:
     """Get an example query that comes with the map, such as `query_02.jpg` of the sample."""
-    path = examples.path_of(library().cfg(open_map(slug).slug), name)
-    return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
+    photo = examples.file_of(library().cfg(open_map(slug).slug), name)
+    return send_revalidated(give_original(library(), photo, audience="members"), etag=photo.sha256)
 
 
 @blueprint.get("/examples/<string(maxlength=200):name>/thumb")
 @blueprint.doc(responses=file_answer("A picture of at most 256 x 256 pixels.", "image/webp"))
 def example_thumb(slug: str, name: str) -> Response:
     """Get a thumbnail of an example query."""
-    path = examples.thumb_of(library().cfg(open_map(slug).slug), name, limits=settings().photo)
-    return send_revalidated(path, etag=f"{path.stat().st_mtime_ns:x}")
+    photo = examples.file_of(library().cfg(open_map(slug).slug), name)
+    return send_picture(photo, kind="thumb", audience="members")
 
 
 @blueprint.post("/localize")

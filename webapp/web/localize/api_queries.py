@@ -24,7 +24,7 @@ from webapp.web.context import account, library, map_role, open_map, reading_map
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.localize.answers import Located
 from webapp.web.openapi import file_answer
-from webapp.web.sending import as_attachment, send_immutable, send_pieces
+from webapp.web.sending import send_original, send_picture, send_pieces
 
 blueprint = APIBlueprint(
     "api_queries", __name__, url_prefix="/api/v1/maps/<slug>/queries", tag="Localization"
@@ -184,8 +184,7 @@ def adopt(slug: str, id: int, *, place: dict[str, float | None]) -> dict[str, An
 def photo(slug: str, id: int) -> Response:
     """Get the original file of a query."""
     row = _find(slug, id)
-    path = show_query.original(library(), row)
-    return as_attachment(send_immutable(path, etag=path.name), row.name, default=path.name)
+    return send_original(show_query.file_of(library(), row), row.name, audience="members")
 
 
 @blueprint.get(f"/{_ID}/preview")
@@ -204,13 +203,24 @@ def thumb(slug: str, id: int) -> Response:
 
 def _queries_json(session: Session, record: MapRecord, rows: list[QueryRecord]) -> list[dict[str, Any]]:
     who = queries.names(session, rows)
-    return [_one(record.slug, row, who.get(row.account_id or -1)) for row in rows]
+    looks = show_query.looks(session, library(), rows)
+    return [
+        {**_one(row, who.get(row.account_id or -1)), **_addresses(record.slug, row, look)}
+        for row, look in zip(rows, looks, strict=True)
+    ]
 
 
-def _one(slug: str, row: QueryRecord, who: str | None) -> dict[str, Any]:
-    addresses = {
-        kind: url_for(f"api_queries.{kind}", slug=slug, id=row.id) for kind in ("photo", "preview", "thumb")
+def _addresses(slug: str, row: QueryRecord, look: str | None) -> dict[str, str]:
+    return {
+        "photo": url_for("api_queries.photo", slug=slug, id=row.id),
+        **{
+            kind: url_for(f"api_queries.{kind}", slug=slug, id=row.id, look=look)
+            for kind in ("preview", "thumb")
+        },
     }
+
+
+def _one(row: QueryRecord, who: str | None) -> dict[str, Any]:
     return {
         "id": row.id,
         "name": row.name,
@@ -221,7 +231,6 @@ def _one(slug: str, row: QueryRecord, who: str | None) -> dict[str, Any]:
         "options": row.options,
         "answer": row.answer,
         "adopted": row.adopted_id,
-        **addresses,
     }
 
 
@@ -232,5 +241,4 @@ def _find(slug: str, id: int) -> QueryRecord:
 
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     row = _find(slug, id)
-    path = show_query.preview(library(), row, kind=kind, settings=settings())
-    return send_immutable(path, etag=path.name)
+    return send_picture(show_query.file_of(library(), row), kind=kind, audience="members", changes_url=True)

@@ -19,6 +19,7 @@ from webapp.files.localize.blur_networks import NETWORKS, blur_networks, missing
 from webapp.files.part_file import discard, receive, show_file_as
 from webapp.files.photos import panorama
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.operate import jobs
 from webapp.store.operate.jobs import ENDED
 from webapp.store.schema import Job, MapRecord
@@ -102,7 +103,7 @@ def suggest(slug: str, id: int) -> dict[str, Any]:
     kept = DetectionCache(library().map_folder(record.slug), networks.key)
     with _finding.slot(), show_file_as(photo.name, source):
         found = search_photo(source, networks=networks, kept=kept, limits=settings().photo)
-    boxes, left = suggestions(found, blurred=show_photo.boxes_of(photo))
+    boxes, left = suggestions(found, blurred=boxes_of(photo))
     return {"boxes": _boxes_json(boxes), "left": left, "missing": networks.missing}
 
 
@@ -184,7 +185,7 @@ def _of_map(record: MapRecord) -> dict[str, Any]:
         photos = [photo for photo in maps.photos(session, record) if not photo.removed]
         job = _running(session, record)
     searched = [photo for photo in photos if photo.sha256 in found]
-    boxes = [(p, *suggestions(found[p.sha256], blurred=show_photo.boxes_of(p))) for p in searched]
+    boxes = [(p, *suggestions(found[p.sha256], blurred=boxes_of(p))) for p in searched]
     return {
         "photos": [
             {"id": p.id, "name": p.name, "boxes": _boxes_json(new), "left": left}

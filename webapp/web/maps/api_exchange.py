@@ -10,7 +10,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, File, Integer, List, String
 from apiflask.validators import Length, OneOf
-from flask import Response, jsonify, request, send_from_directory
+from flask import Response, jsonify, request, send_file
 from flask_babel import gettext as _
 
 from webapp.errors import NotFound, UsageError
@@ -125,11 +125,8 @@ def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
 @blueprint.doc(responses=file_answer("The file.", "*/*"))
 def exported(slug: str, name: str) -> Response:
     """Download the file that an export job has made."""
-    folder = export_file.exports_folder(library(), open_map(slug).slug)
-    there = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-    if name not in there or name.endswith(".part"):
-        raise NotFound("export not found, or it has expired", hint="export the map again")
-    return send_from_directory(folder, name, as_attachment=True)
+    path = export_file.kept(library(), open_map(slug), name)
+    return send_file(path, as_attachment=True, download_name=name)
 
 
 @blueprint.post("/import")

@@ -8,7 +8,7 @@ state begins again with the same fingerprint and gets the offset of the stored b
 from __future__ import annotations
 
 import secrets
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
@@ -39,7 +39,7 @@ from webapp.web.fields import BoundedList
 from webapp.web.maps import state
 from webapp.web.maps.schemas import PageQuery, PhotoPage
 from webapp.web.openapi import file_answer, json_answer
-from webapp.web.sending import as_attachment, send_immutable
+from webapp.web.sending import send_original, send_picture
 
 photos_api = APIBlueprint("api_photos", __name__, url_prefix="/api/v1/maps/<slug>/photos", tag="Photos")
 uploads_api = APIBlueprint("api_uploads", __name__, url_prefix="/api/v1/maps/<slug>/uploads", tag="Uploads")
@@ -147,10 +147,8 @@ def preview(slug: str, id: int) -> Response:
 def original(slug: str, id: int) -> Response:
     """Get the original file of a photo."""
     record, photo = _find(slug, id)
-    path = show_photo.original(library(), record.slug, photo=photo)
-    return as_attachment(
-        send_immutable(path, etag=photo.sha256), photo.name, default=PurePosixPath(photo.path).name
-    )
+    file = show_photo.file_of(library(), record.slug, photo=photo)
+    return send_original(file, photo.name, audience="members")
 
 
 def _take_in(record: MapRecord, file: FileStorage) -> dict[str, Any]:
@@ -174,8 +172,8 @@ def _find(slug: str, id: int) -> tuple[MapRecord, Photo]:
 
 def _preview(slug: str, id: int, kind: Kind) -> Response:
     record, photo = _find(slug, id)
-    path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return send_immutable(path, etag=f"{photo.sha256}-{kind}-{show_photo.blur_key_of_photo(photo)}")
+    file = show_photo.file_of(library(), record.slug, photo=photo)
+    return send_picture(file, kind=kind, audience="members", changes_url=True)
 
 
 class UploadIn(Schema):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, cast
 
 from apiflask import APIBlueprint, Schema
@@ -32,7 +31,7 @@ from webapp.web.localize.answers import Located
 from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.maps.schemas import FloorOut, NoteOut, PageQuery
 from webapp.web.openapi import file_answer
-from webapp.web.sending import as_attachment, send_revalidated
+from webapp.web.sending import send_original, send_picture
 from webapp.web.sharing import shared_state
 from webapp.web.state import KEY
 
@@ -166,9 +165,8 @@ def photo_original(token: str, id: int) -> Response:
     opened = _opened(token, originals=True)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
-    if photo.blurred:
-        raise shared_state.files_not_shared()
-    return _file(show_photo.original(library(), record.slug, photo=photo), photo.name)
+    file = show_photo.file_of(library(), record.slug, photo=photo)
+    return send_original(file, photo.name, audience="visitors")
 
 
 @blueprint.get("/query/thumb")
@@ -193,7 +191,7 @@ def query_preview(token: str) -> Response:
 def query_original(token: str) -> Response:
     """Get the original file of the photo of the shared answer, if the share includes original files."""
     query = shared_state.query(_opened(token, originals=True))
-    return _file(show_query.original(library(), query), query.name)
+    return send_original(show_query.file_of(library(), query), query.name, audience="visitors")
 
 
 def _opened(token: str, *, originals: bool = False) -> OpenedShare:
@@ -251,15 +249,10 @@ def _photo_preview(token: str, id: int, kind: Kind) -> Response:
     opened = _opened(token)
     with library().database.read() as session:
         record, photo = shared_state.photo(session, opened, id=id)
-    path = show_photo.preview(library(), record.slug, photo=photo, kind=kind, settings=settings())
-    return send_revalidated(path, etag=f"{photo.sha256}-{kind}-{show_photo.blur_key_of_photo(photo)}")
+    file = show_photo.file_of(library(), record.slug, photo=photo)
+    return send_picture(file, kind=kind, audience="visitors")
 
 
 def _query_preview(token: str, kind: Kind) -> Response:
     query = shared_state.query(_opened(token))
-    path = show_query.preview(library(), query, kind=kind, settings=settings())
-    return send_revalidated(path, etag=path.name)
-
-
-def _file(path: Path, name: str) -> Response:
-    return as_attachment(send_revalidated(path, etag=path.name), name, default=path.name)
+    return send_picture(show_query.file_of(library(), query), kind=kind, audience="visitors")

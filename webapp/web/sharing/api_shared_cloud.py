@@ -11,6 +11,7 @@ from flask import Response
 
 from webapp.errors import StorageError
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.tasks.landmarks.show_cloud import points_for_visitors, shown_cloud
 from webapp.web.context import library, public
 from webapp.web.landmarks import cloud_answers
@@ -76,6 +77,8 @@ def colmap(token: str, query: dict[str, str]) -> Response:
     with library().database.read() as session:
         record = shared_state.open_landmarks(session, token, originals=True).map
         placed = [photo for photo in maps.photos(session, record) if photo.is_placed]
+        hidden = blurred_elsewhere(session, placed)
+        placed = [photo for photo in placed if photo.id not in hidden]
     names = cloud_answers.names_of({f"{photo.id}-{photo.name}": photo for photo in placed})
     with visitors_limit.slot():
         return cloud_answers.send_colmap(record, names=names, form=query["form"], only_named=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from flask import Response, url_for
@@ -10,11 +11,15 @@ from sqlalchemy.orm import Session
 from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import boxes_of_files
 from webapp.store.schema import MapRecord, Photo, QueryRecord
 from webapp.store.sharing import OpenedShare, SharePermissions
+from webapp.tasks.localize import show_query
+from webapp.tasks.maps import pictures
 from webapp.tasks.satellite.display import DisplayFile
 from webapp.web.maps import state
 from webapp.web.sending import send_revalidated
+from webapp.web.state import library
 
 _OF_EXIF = ("fov_deg", "fov_source")
 """Fields of an answer that come from EXIF."""
@@ -36,7 +41,7 @@ def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any
         placed ones, `answer` is the shared answer or null.
     """
     present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
-    return {**_about(opened, token), "photos": [_photo(opened, photo, token) for photo in present]}
+    return {**_about(session, opened, token), "photos": _photos(session, opened, present, token=token)}
 
 
 def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
@@ -48,9 +53,9 @@ def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, A
     if not opened.share.originals:
         dots["fov_deg"] = [None] * len(dots["id"])
     return {
-        **_about(opened, token),
+        **_about(session, opened, token),
         "token": token,
-        "photos": [_photo(opened, photo, token) for photo in first],
+        "photos": _photos(session, opened, first, token=token),
         "dots": dots,
     }
 
@@ -61,12 +66,12 @@ def photos_after(
     """Return the photos after an id: `photos`, and `next`, the id to continue after, or None at the end."""
     found = maps.photos_after(session, opened.map, after, most=most, placed=True)
     return {
-        "photos": [_photo(opened, photo, token) for photo in found],
+        "photos": _photos(session, opened, found, token=token),
         "next": found[-1].id if len(found) == most else None,
     }
 
 
-def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
+def _about(session: Session, opened: OpenedShare, token: str) -> dict[str, Any]:
     """Return the state of a share without its photos."""
     record, share = opened.map, opened.share
     found = state.image(record, base=_image_address(token))
@@ -79,7 +84,7 @@ def _about(opened: OpenedShare, token: str) -> dict[str, Any]:
         "georeference": None if earth is None else {key: earth[key] for key in _OF_THE_EARTH},
         "notes": state.notes_json(record) if share.notes else [],
         "floors": state.floors_json(record, base=f"/api/v1/shared/{token}/floors"),
-        "answer": None if opened.query is None else _answer(opened, opened.query, token),
+        "answer": None if opened.query is None else _answer(session, opened, opened.query, token=token),
     }
 
 
@@ -131,7 +136,7 @@ def open_landmarks(session: Session, token: str, *, originals: bool = False) -> 
 
 def files_not_shared() -> NotFound:
     """Make the error of a share that does not include original files."""
-    return NotFound("original files are not shared here")
+    return NotFound(pictures.NOT_SHARED)
 
 
 def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
@@ -147,7 +152,8 @@ def landmarks_page(opened: OpenedShare, *, token: str) -> dict[str, Any]:
 
 def cameras(session: Session, opened: OpenedShare, *, token: str) -> dict[int, dict[str, Any]]:
     """Return the visible fields of the photos that can be cameras of landmarks, by id."""
-    shown = (_photo(opened, photo, token) for photo in maps.photos(session, opened.map) if _is_on(photo))
+    present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
+    shown = _photos(session, opened, present, token=token)
     return {photo["id"]: {"placed": True, **{key: photo[key] for key in _OF_CAMERAS}} for photo in shown}
 
 
@@ -171,9 +177,16 @@ def _named(query: QueryRecord) -> set[int]:
     return {id for hypothesis in query.answer["hypotheses"] for id in hypothesis["experiences"]}
 
 
-def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
+def _photos(
+    session: Session, opened: OpenedShare, photos: Sequence[Photo], *, token: str
+) -> list[dict[str, Any]]:
+    blurred = boxes_of_files(session, (photo.sha256 for photo in photos)) if opened.share.originals else {}
+    return [_photo(opened, photo, token, file=photo.sha256 not in blurred) for photo in photos]
+
+
+def _photo(opened: OpenedShare, photo: Photo, token: str, *, file: bool) -> dict[str, Any]:
+    """Return a photo; `file`: whether its original file is for visitors."""
     exif, shown = opened.share.originals, _shows(opened, photo.id)
-    file = shown and exif and not photo.blurred
     address = f"/api/v1/shared/{token}/photos/{photo.id}"
     return {
         "id": photo.id,
@@ -190,12 +203,13 @@ def _photo(opened: OpenedShare, photo: Photo, token: str) -> dict[str, Any]:
         "note": photo.note if opened.share.notes else None,
         "thumb": f"{address}/thumb" if shown else None,
         "preview": f"{address}/preview" if shown else None,
-        "original": f"{address}/original" if file else None,
+        "original": f"{address}/original" if shown and exif and file else None,
     }
 
 
-def _answer(opened: OpenedShare, query: QueryRecord, token: str) -> dict[str, Any]:
+def _answer(session: Session, opened: OpenedShare, query: QueryRecord, *, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, opened.share.photos
+    file = shown and exif and show_query.looks(session, library(), [query]) == [None]
     return {
         "name": query.name if exif else None,
         "at": query.at.isoformat(timespec="seconds"),
@@ -204,7 +218,7 @@ def _answer(opened: OpenedShare, query: QueryRecord, token: str) -> dict[str, An
         **answer_for_visitors(query.answer, exif=exif),
         "thumb": url_for("api_shared.query_thumb", token=token) if shown else None,
         "preview": url_for("api_shared.query_preview", token=token) if shown else None,
-        "original": url_for("api_shared.query_original", token=token) if shown and exif else None,
+        "original": url_for("api_shared.query_original", token=token) if file else None,
     }
 
 

@@ -1,0 +1,49 @@
+"""Blurred boxes of photos: those of a record, and those of a file on any map of the library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from sqlalchemy import select, text
+from sqlalchemy.orm import Session
+
+from webapp.core.blur import BlurBox
+from webapp.store.schema import Photo
+
+_MOST_PARAMETERS = 5000
+_HAS_BOXES = text("photo.blurred IS NOT NULL")
+"""The condition of the index, as text: a JSON column may also hold the JSON value null."""
+
+
+def boxes_of(photo: Photo) -> list[BlurBox]:
+    """Return the blurred boxes of a photo."""
+    return [BlurBox(**box) for box in photo.blurred or ()]
+
+
+def boxes_of_files(session: Session, hashes: Iterable[str]) -> dict[str, tuple[BlurBox, ...]]:
+    """Return the boxes that are blurred in some files on any map, also in its bin or tray.
+
+    Parameters
+    ----------
+    hashes : iterable of str
+        SHA-256 of the files.
+
+    Returns
+    -------
+    dict of str to tuple of BlurBox
+        By SHA-256, without repetitions; files without any are absent.
+    """
+    wanted = sorted(set(hashes))
+    found: dict[str, dict[BlurBox, None]] = {}
+    for start in range(0, len(wanted), _MOST_PARAMETERS):
+        some = Photo.sha256.in_(wanted[start : start + _MOST_PARAMETERS])
+        rows = select(Photo.sha256, Photo.blurred).where(some, _HAS_BOXES)
+        for sha256, boxes in session.execute(rows.order_by(Photo.map_id, Photo.id)):
+            found.setdefault(sha256, {}).update((BlurBox(**box), None) for box in boxes or ())
+    return {sha256: tuple(boxes) for sha256, boxes in found.items() if boxes}
+
+
+def blurred_elsewhere(session: Session, photos: Sequence[Photo]) -> set[int]:
+    """Return the ids of those photos of a map in which more is blurred on another map."""
+    found = boxes_of_files(session, (photo.sha256 for photo in photos))
+    return {p.id for p in photos if not set(found.get(p.sha256, ())).issubset(boxes_of(p))}
