@@ -251,6 +251,16 @@ class Photo(Base):
         return self.x_px is not None and not self.removed
 
 
+class BlurredFile(Base):
+    """What was blurred in a photo of a deleted map, as missions and other maps may have the same file."""
+
+    __tablename__ = "blurred_file"
+    __table_args__ = WITHOUT_ROWID
+
+    sha256: Mapped[str] = mapped_column(primary_key=True)
+    boxes: Mapped[list[dict[str, Any]]]
+
+
 class PlacedElsewhere(Base):
     """The position of a photo in a further placement of a map."""
 

@@ -1,9 +1,12 @@
 """Colours of the court's points come from its photos."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from webapp.core.blur import BlurBox
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.points import COLOURS_FILE, read_colours
 from webapp.files.maps.folder import read_map
@@ -41,3 +44,12 @@ def test_a_photo_that_has_gone_leaves_its_points_to_the_others(court, found):
     colour_cloud(court.cfg, found, limits=PhotoLimits(), progress=Progress())
     cloud, rgb = colours_of(found)
     assert len(np.unique(rgb[cloud.seen_point[cloud.rows_of(0)]])) > 20
+
+
+def test_colours_are_those_of_the_blurred_photos(court, found):
+    sharp = colours_of(found)[1].astype(float).std()
+    (found.folder / COLOURS_FILE).unlink()
+    everything = (BlurBox(0.0, 0.0, 1.0, 1.0),)
+    photos = tuple(replace(photo, blurred=everything) for photo in found.photos)
+    colour_cloud(court.cfg, replace(found, photos=photos), limits=PhotoLimits(), progress=Progress())
+    assert colours_of(found)[1].astype(float).std() < sharp / 2

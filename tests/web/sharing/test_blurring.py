@@ -3,6 +3,7 @@
 import io
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,15 +12,22 @@ from sqlalchemy import select
 
 from tests.standin_models import install_blur_networks
 from tests.web.sharing.stripes import BOX, blur, contrast, fetched, stripes
+from webapp.core.hypotheses.model import Evidence
 from webapp.errors import Busy, Conflict
 from webapp.files.localize.blur_networks import blur_networks
 from webapp.progress import Progress
+from webapp.render import export_file
+from webapp.render.answer_pictures import HEIGHT_PX, match_picture
 from webapp.settings import Settings
 from webapp.store.maps import maps
+from webapp.store.maps.blurred import blurred_elsewhere
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.blur.accept import accept_in_library
 from webapp.tasks.blur.find import PhotoToSearch, search_photos
-from webapp.tasks.maps import pictures, show_photo
+from webapp.tasks.exchange.export_source import of_folder
+from webapp.tasks.maps import export, pictures, show_photo
+from webapp.tasks.maps.delete_map import delete_map
+from webapp.tasks.maps.thumbnails import thumbnail
 from webapp.web.state import KEY
 
 
@@ -114,6 +122,92 @@ def test_a_copy_of_the_map_is_blurred_too(client, full, library):
     photo = photo_of(client, copy["slug"])
     assert photo["blurred"] == [BOX]
     assert contrast(fetched(client, photo["preview"])) < 20
+
+
+@pytest.fixture
+def on_mission(client, stranger):
+    """Send the photo to a mission and share it; return how to fetch its picture as a visitor."""
+    mission = client.post("/api/v1/missions", json={"name": "Walk"}).json["id"]
+    data = {"file": (io.BytesIO(stripes()), "m.jpg")}
+    sha256 = client.post(f"/api/v1/missions/{mission}/photos", data=data).json["sha256"]
+    shared = client.post(f"/api/v1/missions/{mission}/shares", json={"photos": True}).json["url"]
+    address = f"/api/v1/shared-missions/{shared.rpartition('/')[2]}/photos/{sha256}/preview"
+    return lambda: fetched(stranger, address)
+
+
+def test_the_boxes_outlive_the_map_until_they_are_changed_on_another(
+    client, full, on_mission, library, new_map, owner, fill_map
+):
+    blur(client, full, BOX)
+    assert client.delete(f"/api/v1/maps/{full}").status_code == 200
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+    assert contrast(on_mission()) < 20, "in the bin"
+    delete_map(library, record.id)
+    assert contrast(on_mission()) < 20, "deleted"
+    again = fill_map(client, new_map(owner, name="Again"))
+    assert photo_of(client, again)["blurred"] == [BOX]
+    assert contrast(fetched(client, photo_of(client, again)["preview"])) < 20
+    assert blur(client, again).status_code == 200
+    assert contrast(on_mission()) > 60
+
+
+def test_boxes_of_deleted_maps_are_forgotten_where_others_are_chosen(
+    client, full, on_mission, library, new_map, owner, fill_map
+):
+    other = fill_map(client, new_map(owner, name="Other"))
+    blur(client, full, BOX)
+    client.delete(f"/api/v1/maps/{full}")
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+    delete_map(library, record.id)
+    assert photo_of(client, other)["blurred"] == [] and contrast(on_mission()) < 20
+    corner = {"x": 0.0, "y": 0.0, "width": 0.1, "height": 0.1}
+    assert blur(client, other, corner).status_code == 200
+    assert contrast(on_mission()) > 60
+
+
+def test_landmarks_are_hidden_from_visitors_while_a_photo_is_blurred_only_on_another_map(
+    client, full, library, owner, new_map, fill_map
+):
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+        assert blurred_elsewhere(session, maps.photos(session, record)) == set()
+    other = fill_map(client, new_map(owner, name="Other"))
+    blur(client, other, BOX)
+    with library.database.read() as session:
+        assert blurred_elsewhere(session, maps.photos(session, record)) == {0}
+    blur(client, full, BOX)
+    with library.database.read() as session:
+        assert blurred_elsewhere(session, maps.photos(session, record)) == set()
+
+
+def test_what_is_blurred_during_an_export_is_blurred_in_the_rest_of_it(client, full, library):
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+    download = export_file.export_map_file(library, record.id, form="kmz", settings=Settings())
+    blur(client, full, BOX)
+    with zipfile.ZipFile(io.BytesIO(b"".join(download.pieces))) as archive:
+        assert contrast(archive.read("files/0.jpg")) < 20
+
+
+def test_pictures_made_from_the_folder_of_a_map_are_blurred(client, full, library):
+    blur(client, full, BOX)
+    with library.database.read() as session:
+        record = session.scalars(select(MapRecord).where(MapRecord.slug == full)).one()
+    export.export_map(library, record.id)
+    cfg, limits = library.cfg(full), Settings().photo
+    source = of_folder(cfg)
+    (photo,) = source.map.experiences
+    jpeg = thumbnail(source, photo, side=640, limits=limits)
+    assert contrast(jpeg) < 20
+    none = np.zeros((0, 2), np.float32)
+    answer = SimpleNamespace(evidence=[Evidence(0, none, none, np.zeros(0, bool))])
+    picture = match_picture(cfg, source.map, query=cfg.parent / photo.photo, answer=answer, limits=limits)
+    pixels = np.asarray(picture.convert("L"), float)[:HEIGHT_PX]
+    for half in (pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]):
+        high, wide = half.shape
+        assert half[high // 3 : 2 * high // 3, wide // 3 : 2 * wide // 3].std() < 20
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from webapp.core import texts
 from webapp.errors import NotAllowed, NotFound, UsageError
 from webapp.store.clock import now
 from webapp.store.list_parts import ListCursor, ListPart, last_changed_first
+from webapp.store.maps.blurred import take_over_boxes
 from webapp.store.schema import Account, MapRecord, Member, Photo
 
 Role = Literal["owner", "editor", "viewer"]
@@ -322,6 +323,7 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
     row.map_id, row.revision = record.id, record.revision
     row.id = reserve_id(record) if row.id is None else row.id
     session.add(row)
+    take_over_boxes(session, row)
     session.flush()
     _note_placed(record, row)
     return row

@@ -12,6 +12,7 @@ from webapp.errors import Conflict, NotFound, StorageError
 from webapp.files.listing import DERIVED
 from webapp.store import queries
 from webapp.store.library import Library
+from webapp.store.maps.blurred import keep_boxes
 from webapp.store.schema import MapRecord
 
 _DELETED = "deleted"
@@ -19,7 +20,7 @@ _DELETED = "deleted"
 
 
 def delete_map(library: Library, map_id: int) -> None:
-    """Delete a map: its records, then its files.
+    """Delete a map: its records, then its files. Of blurred photos, hashes and boxes are kept.
 
     The folders are first moved out of the library; after a kill in between, the map is still in the bin and
     can be deleted again.
@@ -44,6 +45,7 @@ def delete_map(library: Library, map_id: int) -> None:
         for folder in (queries.folder(library, map_id), library.map_folder(record.slug)):
             if folder.exists():
                 _take_out(library, folder, slug=record.slug)
+        keep_boxes(session, record)
         session.delete(record)
     _empty(library)
 

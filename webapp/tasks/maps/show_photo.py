@@ -17,7 +17,7 @@ from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
 from webapp.store.maps import maps
-from webapp.store.maps.blurred import boxes_of
+from webapp.store.maps.blurred import boxes_of, release_boxes
 from webapp.store.maps.changing import MapChange
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps.pictures import PhotoFile, boxes_for
@@ -145,6 +145,7 @@ def blur_photo(
         folder = previews_folder(library.map_folder(record.slug))
         write_previews(folder, str(photo_id), previews=previews, blurred=boxes)
         photo.blurred = [box._asdict() for box in boxes] or None
+        release_boxes(change.session, photo)
         record.revision += 1
         record.changed_at = now()
         photo.revision = record.revision
