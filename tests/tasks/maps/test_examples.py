@@ -44,7 +44,8 @@ def test_photos_without_a_position_in_the_list_come_last(tmp_path):
     ]
 
 
-def test_a_small_picture_is_made_once(tmp_path, save_photo, library):
+def test_a_small_picture_is_made_once(tmp_path, save_photo, new_library):
+    library = new_library(tmp_path / "library")
     save_photo(tmp_path / "queries" / "a.jpg", 1)
     photo = file_of(tmp_path / "map.cfg", "a.jpg")
 

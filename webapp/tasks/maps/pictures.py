@@ -14,7 +14,7 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from webapp.core.blur import BlurBox
-from webapp.core.mapmodel.model import Map
+from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import NotFound
 from webapp.files.object_storage.storage import hash_of
 from webapp.files.part_file import sha256_of, show_file_as
@@ -131,7 +131,8 @@ def boxes_in_file(folder: Path, the_map: Map, file: Path) -> tuple[BlurBox, ...]
     folder : Path
         Folder of the map.
     """
-    photos = [one for one in (*the_map.experiences, *the_map.unplaced) if one.blurred]
+    everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
+    photos = [one for one in everyone if one.blurred]
     if not photos:
         return ()
     sha256 = sha256_of(file)

@@ -12,7 +12,7 @@ from webapp.core.blur import MOST_BOXES, BlurBox
 from webapp.errors import Conflict, NotFound, UsageError
 from webapp.files.maps.folder import photo_path
 from webapp.files.part_file import show_file_as
-from webapp.files.photos.preview import blur_key, make_previews, previews_folder, write_previews
+from webapp.files.photos.preview import make_previews, previews_folder, write_previews
 from webapp.settings import Settings
 from webapp.store.clock import now
 from webapp.store.library import Library
@@ -85,11 +85,6 @@ def boxes_in_exports(library: Library, map_id: int, photo_id: int) -> tuple[Blur
         photo = maps.photo(session, record, photo_id)
         (boxes,) = boxes_for(session, [file_of(library, record.slug, photo=photo)], audience="visitors")
         return boxes
-
-
-def blur_key_of_photo(photo: Photo) -> str | None:
-    """Return a key of the blurred boxes of a photo; None if there are none."""
-    return blur_key(boxes_of(photo))
 
 
 def blur_photo(

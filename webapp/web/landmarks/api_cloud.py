@@ -11,14 +11,13 @@ from flask import Response
 from webapp.errors import StorageError
 from webapp.extras import require
 from webapp.store.maps import maps
-from webapp.store.schema import MapRecord, Photo
+from webapp.store.schema import MapRecord
 from webapp.tasks.landmarks.show_cloud import ShownCloud, shown_cloud
-from webapp.tasks.maps.show_photo import blur_key_of_photo
 from webapp.web.context import account, library, open_map
 from webapp.web.landmarks import cloud_answers
 from webapp.web.landmarks.cloud_answers import CloudOut, ColmapIn
 from webapp.web.landmarks.jobs import queue_landmarks, running_job
-from webapp.web.maps.state import source_of_photo
+from webapp.web.maps.state import picture_address, source_of_photo
 
 blueprint = APIBlueprint("api_cloud", __name__, url_prefix="/api/v1/maps/<slug>/landmarks", tag="Landmarks")
 
@@ -73,12 +72,6 @@ def colmap(slug: str, query: dict[str, str]) -> Response:
     return cloud_answers.send_colmap(record, names=names, form=query["form"])
 
 
-def preview_address(record: MapRecord, photo: Photo) -> str:
-    """Return the URL of a photo's preview."""
-    look = f"?look={blur_key_of_photo(photo)}" if photo.blurred else ""
-    return f"/api/v1/maps/{record.slug}/photos/{photo.id}/preview{look}"
-
-
 def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
     with library().database.read() as session:
         job = running_job(session, record)
@@ -90,7 +83,7 @@ def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
             "height": photo.height,
             "placed": photo.x_px is not None,
             "source": source_of_photo(photo),
-            "preview": preview_address(record, photo),
+            "preview": picture_address(record, photo, "preview"),
         }
         for photo in photos
     }

@@ -6,8 +6,8 @@ from flask import Blueprint, render_template
 
 from webapp.store.maps import maps
 from webapp.web.context import account, reading_map
-from webapp.web.landmarks.api_cloud import preview_address
 from webapp.web.maps import state as map_state
+from webapp.web.maps.state import picture_address
 
 blueprint = Blueprint("landmarks_pages", __name__)
 
@@ -38,7 +38,7 @@ def control_points(slug: str) -> str:
                 "name": photo.name,
                 "width": photo.width,
                 "height": photo.height,
-                "preview": preview_address(record, photo),
+                "preview": picture_address(record, photo, "preview"),
             }
             for photo in maps.photos(session, record)
             if not photo.removed

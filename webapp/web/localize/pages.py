@@ -72,6 +72,7 @@ class MissedPhoto:
 
     id: int
     name: str
+    thumb: str
     words: str
     advice: str
 
@@ -100,7 +101,9 @@ def quality(slug: str) -> str:
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
         placed = maps.counts(session, record)[1]
         names = {
-            photo.path: (photo.id, photo.name) for photo in maps.photos(session, record) if not photo.removed
+            photo.path: (photo.id, photo.name, map_state.picture_address(record, photo, "thumb"))
+            for photo in maps.photos(session, record)
+            if not photo.removed
         }
         going = [
             job.id
@@ -138,7 +141,7 @@ def _metres(record: MapRecord) -> float | None:
     )
 
 
-def _part(kept: StoredEvaluation, names: Mapping[str, tuple[int, str]], *, metres: float | None) -> Part:
+def _part(kept: StoredEvaluation, names: Mapping[str, tuple[int, str, str]], *, metres: float | None) -> Part:
     figures, words = kept.figures, _chart_words()
     one_out = figures["scheme"] == "leave-one-out"
     radius = figures["place_radius_px"]

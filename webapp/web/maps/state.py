@@ -14,13 +14,14 @@ from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import PhotoSource
+from webapp.files.photos.preview import Kind, blur_key
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
+from webapp.store.maps.blurred import boxes_of
 from webapp.store.maps.maps import Dot
 from webapp.store.operate import job_views
 from webapp.store.schema import Account, MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps.library_map import floors, georeference
-from webapp.tasks.maps.show_photo import blur_key_of_photo
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.files import source_of
 from webapp.web import context
@@ -214,8 +215,6 @@ def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 
 
 def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
-    address = f"/api/v1/maps/{record.slug}/photos/{photo.id}"
-    look = f"?look={blur_key_of_photo(photo)}" if photo.blurred else ""
     return {
         "id": photo.id,
         "name": photo.name,
@@ -236,9 +235,15 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "source": source_of_photo(photo),
         "panorama": photo.panorama,
         "note": photo.note,
-        "preview": f"{address}/preview{look}",
-        "thumb": f"{address}/thumb{look}",
+        "preview": picture_address(record, photo, "preview"),
+        "thumb": picture_address(record, photo, "thumb"),
     }
+
+
+def picture_address(record: MapRecord, photo: Photo, kind: Kind) -> str:
+    """Return the URL of a preview of a photo for members, which changes with what is blurred in it."""
+    look = f"?look={blur_key(boxes_of(photo))}" if photo.blurred else ""
+    return f"/api/v1/maps/{record.slug}/photos/{photo.id}/{kind}{look}"
 
 
 def notes_json(record: MapRecord) -> list[dict[str, Any]]:
