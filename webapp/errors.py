@@ -25,6 +25,7 @@
     │   ├── GeoreferenceError    corners, control points, world file, GeoTIFF
     │   ├── TableError           a CSV of queries or positions, at this line
     │   └── TrackError           a file with a track
+    │       └── TooSlow          ... that takes more time to read than it may
     ├── StorageError             reading or writing failed: disk full, read-only, damaged, locked
     │   ├── DiskFull             ... because there is no space left
     │   └── ObjectLost           ... because the object storage has lost an object
@@ -175,6 +176,10 @@ class TableError(InputError):
 
 class TrackError(InputError):
     """A file with a track is damaged, too large, of an unknown format, or has nothing usable."""
+
+
+class TooSlow(TrackError):
+    """A file with a track takes more time to be read than the settings allow."""
 
 
 class StorageError(ExpMapError):

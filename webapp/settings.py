@@ -56,6 +56,26 @@ class UploadLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class FileLimits:
+    """What reading a file with tracks may cost; it is read in a process of its own."""
+
+    memory_mb: Annotated[float, AtLeast(50)] = 500.0
+    """Memory, megabytes (10^6 bytes), in addition to some 50 MB of the process itself."""
+
+    cpu_s: float = 20.0
+    """CPU time, seconds."""
+
+    cpu_s_per_mb: Annotated[float, AtLeast(0)] = 10.0
+    """Further CPU time for each megabyte (10^6 bytes) of the file, seconds."""
+
+    request_s: float = 10.0
+    """Seconds that a request may take to read a small file; after that, a job reads it."""
+
+    at_once: Annotated[int, AtLeast(1)] = 2
+    """Files that requests read at the same time, at most one per account; for others the server is busy."""
+
+
+@dataclass(frozen=True, slots=True)
 class ImportLimits:
     """Limits of a zip archive with a map."""
 
@@ -304,6 +324,7 @@ class Settings:
 
     photo: PhotoLimits = field(default_factory=PhotoLimits)
     upload: UploadLimits = field(default_factory=UploadLimits)
+    files: FileLimits = field(default_factory=FileLimits)
     imports: ImportLimits = field(default_factory=ImportLimits)
     extract: ExtractSettings = field(default_factory=ExtractSettings)
     retrieval: RetrievalSettings = field(default_factory=RetrievalSettings)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -71,8 +71,7 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
         lock.release()
 
 
-@contextmanager
-def exclusive(path: Path, *, doing: str) -> Iterator[None]:
+def exclusive(path: Path, *, doing: str, wait_s: int = 60) -> AbstractContextManager[None]:
     """Run the block in one process at a time; fail at once if another holds the lock.
 
     Parameters
@@ -81,6 +80,8 @@ def exclusive(path: Path, *, doing: str) -> Iterator[None]:
         The lock file; its folder is created if missing.
     doing : str
         Message of `Busy`: what the other process is doing.
+    wait_s : int
+        Seconds after which `Busy` suggests to try again.
 
     Raises
     ------
@@ -89,20 +90,34 @@ def exclusive(path: Path, *, doing: str) -> Iterator[None]:
     StorageError
         The folder cannot be written.
     """
+    return one_of([path], doing=doing, wait_s=wait_s)
+
+
+@contextmanager
+def one_of(paths: Sequence[Path], *, doing: str, wait_s: int) -> Iterator[None]:
+    """Hold one of several locks, so that the block runs in as many processes or threads at a time.
+
+    Parameters and errors as for `exclusive`.
+    """
+    held = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(path, timeout=0)
-        lock.acquire()
-    except Timeout as error:
-        raise Busy(doing, wait_s=60, hint="wait until it has finished") from error
+        for path in paths:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(path, timeout=0)
+            with suppress(Timeout):
+                lock.acquire()
+                held = lock
+                break
     except OSError as error:
         raise StorageError(
-            f"the folder cannot be written: {error.strerror}", where=str(path.parent)
+            f"the folder cannot be written: {error.strerror}", where=str(paths[0].parent)
         ) from error
+    if held is None:
+        raise Busy(doing, wait_s=wait_s, hint="wait until it has finished")
     try:
         yield
     finally:
-        lock.release()
+        held.release()
 
 
 @contextmanager
