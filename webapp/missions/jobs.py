@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from webapp.errors import Conflict, IndexDamaged, InputError, NotFound, NotReady, UsageError
+from webapp.files.gate import budget_for
 from webapp.jobs import map_jobs
 from webapp.jobs.context import Context
 from webapp.missions.tasks import (
@@ -75,7 +76,8 @@ def inspect_mission_file(context: Context) -> dict[str, Any]:
     if context.account_id is None:
         raise NotFound("the account that uploaded this file no longer exists")
     staged = staged_file.find(context.library, arguments["file"], account_id=context.account_id)
-    return staged_file.inspect_staged(staged, arguments, progress=context.progress)
+    budget = budget_for(staged.path, context.settings.files)
+    return staged_file.inspect_staged(staged, arguments, budget=budget, progress=context.progress)
 
 
 def localize_mission_photos(context: Context) -> dict[str, Any]:

@@ -18,6 +18,9 @@ from defusedxml.ElementTree import iterparse
 from webapp.errors import TrackError
 
 MAX_DEPTH = 60
+_NO_MEMORY = 1
+"""Expat's code of this error."""
+
 DECLARATION = '<?xml version="1.0" encoding="UTF-8"?>\n'
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -100,6 +103,14 @@ def _events(file: BinaryIO) -> Iterator[tuple[str, Element]]:
     except DefusedXmlException as error:
         hint = "such a file can exhaust the memory of its reader: export the track again"
         raise TrackError("the XML declares a document type or entities", hint=hint) from error
-    except (ParseError, ValueError, LookupError, RecursionError) as error:
+    except ParseError as error:
+        if error.code == _NO_MEMORY:
+            raise MemoryError from error
+        raise _damaged(error) from error
+    except (ValueError, LookupError, RecursionError) as error:
         # an unknown encoding raises LookupError, a multi-byte encoding ValueError
-        raise TrackError(f"the XML is damaged: {str(error)[:200]}", hint="export the track again") from error
+        raise _damaged(error) from error
+
+
+def _damaged(error: Exception) -> TrackError:
+    return TrackError(f"the XML is damaged: {str(error)[:200]}", hint="export the track again")

@@ -20,6 +20,10 @@ from webapp.missions.files.track_chunks import Findings, Piece
 MAX_BYTES = 50_000_000
 """Maximum file size: all records are held in memory; a day of cycling takes a few megabytes."""
 
+_TINY, _MAX_TINY = 4, 1000
+"""Bytes of a message that holds hardly anything, and how many of these a file may have: decoding one takes as
+long as decoding a position."""
+
 _DEG = 180.0 / 2**31
 _LEFT_OUT = {
     "course_point": "points of a course, which are also on its track",
@@ -59,7 +63,7 @@ def is_fit(head: bytes) -> bool:
 def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
     with extra("missions"):
         import fitdecode
-    points = []
+    points, tiny = [], 0
     try:
         with warnings.catch_warnings():  # about manufacturers' own fields, which are not used
             warnings.simplefilter("ignore")
@@ -67,7 +71,12 @@ def _points(file: BinaryIO, *, findings: Findings) -> list[LinePoint]:
                 for frame in reader:
                     if frame.frame_type == fitdecode.FIT_FRAME_DATA:
                         points += _point(frame, findings=findings)
-    except MemoryError:
+                        tiny += sum(field.size for field in frame.def_mesg.all_field_defs) < _TINY
+                        if tiny > _MAX_TINY:
+                            raise TrackError(
+                                f"the FIT file has more than {_MAX_TINY} messages without content"
+                            )
+    except (MemoryError, TrackError):
         raise
     except Exception as error:  # its parsers raise arbitrary exceptions for damaged files
         said = " ".join(str(error).split())[:200] or type(error).__name__

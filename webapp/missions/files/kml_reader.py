@@ -12,6 +12,7 @@ import math
 import re
 import zipfile
 import zlib
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from typing import IO, BinaryIO, cast
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import TrackError
@@ -28,7 +30,7 @@ from webapp.files.exchange.xml import child_text, local_name, number, walk
 from webapp.files.exchange.zip_directory import has_many_files
 from webapp.missions.core.trajectory.records import Sighting
 from webapp.missions.files.line_buffer import LineBuffer, LinePoint, mostly_timed
-from webapp.missions.files.track_chunks import UNTIMED_OBJECTS, Findings, Piece, WorldObjects
+from webapp.missions.files.track_chunks import CHUNK, UNTIMED_OBJECTS, Findings, Piece, WorldObjects
 
 MAX_LINES = 100
 """A KML with more lines is a drawing, not a recorded track."""
@@ -39,10 +41,12 @@ _UNUSED = {
     "NetworkLink": "links to other files, which are not followed",
     "GroundOverlay": "images on the ground, which are not tracks",
 }
-_GAP = re.compile(r"\s*,\s*")
+_WORD = re.compile(r"\S+")
 
 MAX_BYTES = 200_000_000
-MAX_RATIO = 200
+MAX_RATIO = 100
+"""Compression of a KML: of recorded positions it is about 5, of repeated text up to 50."""
+
 _SMALL = 1_000_000
 _MAX_FILES = 10_000
 """Maximum number of files in a KMZ, including icons and pictures."""
@@ -104,14 +108,21 @@ def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) ->
 
 def _line(part: Element, title: str, *, findings: Findings) -> Iterator[Piece]:
     if local_name(part) == "Track":
-        points = _track(part, findings=findings, where=title)
+        track = _track(part, findings=findings, where=title)
+        points, timed = iter(track), mostly_timed(track)
     else:
         rows = _coordinates(child_text(part, "coordinates"), findings=findings, where=title)
-        points = [LinePoint(math.nan, lat, lon, height) for lon, lat, height in rows.tolist()]
-    line = LineBuffer(title, timed=mostly_timed(points))
+        points, timed = _untimed(rows), False
+    line = LineBuffer(title, timed=timed)
     for point in points:
         yield from line.add(point, findings=findings)
     yield from line.flush(findings)
+
+
+def _untimed(rows: NDArray[np.float64]) -> Iterator[LinePoint]:
+    for first in range(0, len(rows), CHUNK):
+        for lon, lat, height in rows[first : first + CHUNK].tolist():
+            yield LinePoint(math.nan, lat, lon, height)
 
 
 def _track(part: Element, *, findings: Findings, where: str) -> list[LinePoint]:
@@ -166,20 +177,21 @@ def _time(placemark: Element) -> float:
     return math.nan
 
 
-def _coordinates(text: str, *, findings: Findings, where: str) -> np.ndarray:
+def _coordinates(text: str, *, findings: Findings, where: str) -> NDArray[np.float64]:
     """Parse `lon,lat[,height]` positions: (n, 3) float64, NaN for missing or invalid numbers.
 
     If blanks between positions are missing, the numbers are split into triples, as in Google Earth.
     """
-    rows = []
-    for word in _GAP.sub(",", text).split():
-        fields = [number(field) for field in word.split(",")]
+    rows = array("d")
+    plain = " ".join(text.split()).replace(" ,", ",").replace(", ", ",")
+    for word in _WORD.finditer(plain):
+        fields = [number(field) for field in word[0].split(",")]
         if len(fields) > 3 and len(fields) % 3 == 0:
             findings.note("positions without blanks between them were read as longitude, latitude, height")
-            rows += [fields[i : i + 3] for i in range(0, len(fields), 3)]
+            rows.extend(fields)
         else:
-            rows.append((fields + [math.nan] * 3)[:3])
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+            rows.extend((fields + [math.nan] * 3)[:3])
+    return np.frombuffer(rows, dtype=np.float64).reshape(-1, 3)
 
 
 @contextmanager

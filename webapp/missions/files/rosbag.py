@@ -20,6 +20,7 @@ from webapp.errors import ExpMapError, TrackError
 from webapp.extras import extra
 from webapp.missions.core.trajectory.records import make_poses
 from webapp.missions.core.trajectory.robotframe import LocalPoses
+from webapp.missions.files.bag_limits import limited_reader1, limited_reader2
 from webapp.missions.files.ros_messages import OBJECTS, PATH, POSES, TRANSFORMS, WORLD, RosPose
 from webapp.missions.files.track_chunks import (
     CHUNK,
@@ -211,7 +212,9 @@ def _opened(path: Path, suffix: str) -> Iterator[AnyReader]:
         from rosbags.typesys import Stores, get_typestore
     with _reading():
         # message definitions are in the bag, except in ROS 2 bags in SQLite from before 2023
-        bag = AnyReader([_called(path, suffix)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        named = _called(path, suffix)
+        bag = AnyReader([named], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        bag.readers = [limited_reader2(named)] if bag.is2 else [limited_reader1(named)]
         bag.open()
     try:
         yield bag

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import io
 import itertools
 import zipfile
 from pathlib import Path
@@ -42,6 +43,7 @@ TITLES: dict[Kind, str] = {
 """Names of the kinds, for display."""
 
 _HEAD = 4096
+_XML_HEAD = 1_000_000
 _LINES = 50
 _KML_ROOTS = {"kml", "Document", "Folder", "Placemark", "NetworkLink"}
 _HINT = "known are ROS bags, MCAP, GPX, TCX, KML, KMZ, GeoJSON, FIT, IGC, NMEA, TUM, KITTI and CSV"
@@ -104,7 +106,8 @@ def _binary(path: Path, head: bytes) -> Kind | None:
 
 def _xml(path: Path) -> Kind:
     with path.open("rb") as file:
-        _, root = next(walk(file, whole=()))
+        beginning = io.BytesIO(file.read(_XML_HEAD))  # no endless comment, and no attribute of gigabytes
+    _, root = next(walk(beginning, whole=()))
     name = local_name(root)
     if name == "gpx":
         return "gpx"

@@ -20,6 +20,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound, TrackError
+from webapp.files.gate import budget_for
 from webapp.missions.core.trajectory.records import Sighting, Source
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.files.track_chunks import Findings, Skipped
@@ -30,7 +31,7 @@ from webapp.missions.tasks import read_track
 from webapp.missions.tasks.import_order import Order, options_key
 from webapp.missions.tasks.place_track import TrackSegment
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import FileLimits, Settings
 from webapp.store.database import Writes
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
@@ -141,12 +142,13 @@ def import_track_file(
         Parts that are stored are kept; importing the file again continues after them.
     """
     progress, write = progress or Progress(), writes or library.database.write
+    limits = settings.files
     if isinstance(into, int):
         order = _with_start(library, into, order)
     key = _key(order, progress)
     findings = Findings()
     with _called(order):
-        survey = _survey(order, findings, progress)
+        survey = _survey(order, findings, progress, limits=limits)
     with write() as session:
         mission = _mission(session, into) if isinstance(into, int) else _made(session, into)
         mission_id = mission.id
@@ -157,7 +159,7 @@ def import_track_file(
         stored = _stored(session, mission_id, key)
     progress.size(survey.records)
     progress.note("storing")
-    for first, group in _groups(_parts(order, progress), stored):
+    for first, group in _groups(_parts(order, progress, limits=limits), stored):
         with write() as session:
             mission = _mission(session, mission_id)
             missing = group[max(_stored(session, mission_id, key) - first, 0) :]
@@ -194,12 +196,16 @@ class _Survey:
     objects: int
 
 
-def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
+def _survey(order: Order, findings: Findings, progress: Progress, *, limits: FileLimits) -> _Survey:
     progress.note("reading")
     seen: dict[Key, bool] = {}
     parts = records = objects = 0
     for part in read_track.stream(
-        order.path, options=order.options, findings=findings, progress=_SilentProgress(progress)
+        order.path,
+        options=order.options,
+        findings=findings,
+        progress=_SilentProgress(progress),
+        budget=budget_for(order.path, limits),
     ):
         parts += 1
         if isinstance(part, TrackSegment):
@@ -212,10 +218,13 @@ def _survey(order: Order, findings: Findings, progress: Progress) -> _Survey:
     return _Survey(kind, seen, parts, records + objects, objects)
 
 
-def _parts(order: Order, progress: Progress) -> Iterator[Part]:
+def _parts(order: Order, progress: Progress, *, limits: FileLimits) -> Iterator[Part]:
     """Read the file, prefixing generated ids of objects with its name."""
     stem = PurePath(order.name).stem
-    for part in read_track.stream(order.path, options=order.options, findings=Findings(), progress=progress):
+    budget = budget_for(order.path, limits)
+    for part in read_track.stream(
+        order.path, options=order.options, findings=Findings(), progress=progress, budget=budget
+    ):
         if isinstance(part, TrackSegment):
             yield part
         else:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webapp.files.exchange.times import utc
+from webapp.files.gate import Budget
 from webapp.missions.core.trajectory.robotframe import Anchor, anchor_of
 from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.files.csv_table import TableHead, table_head
@@ -99,6 +100,7 @@ def inspect_file(
     options: ReadOptions | None = None,
     progress: Progress | None = None,
     now_s: float | None = None,
+    budget: Budget | None = None,
 ) -> FileReport:
     """Read a file and report its content; nothing is stored, and no start is needed.
 
@@ -110,6 +112,8 @@ def inspect_file(
         One step per pose or object.
     now_s : float, optional
         Seconds since 1970; later times are doubtful.
+    budget : Budget, optional
+        What reading may cost; by default as the default settings say.
 
     Raises
     ------
@@ -130,7 +134,8 @@ def inspect_file(
         found: dict[tuple[str, str, str], _Gathered] = {}
         anchors: dict[str, Anchor] = {}
         objects = 0
-        for piece in file_pieces(path, options=options, findings=findings):
+        pieces = file_pieces(path, options=options, findings=findings, progress=progress, budget=budget)
+        for piece in pieces:
             progress.check()
             objects += _take(piece, placer, found=found, anchors=anchors)
             progress.advance(len(piece.poses) if isinstance(piece, WorldPiece | RobotPiece) else 1)

@@ -13,27 +13,16 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from webapp.errors import ExpMapError, TrackError
+from webapp.files.gate import Budget
 from webapp.missions.core.trajectory.records import Poses, Sighting, Source, join
-from webapp.missions.files import (
-    csv_reader,
-    fit,
-    geojson_reader,
-    gpx,
-    igc,
-    kml_reader,
-    nmea,
-    rosbag,
-    tcx,
-    trajectory_text,
-)
-from webapp.missions.files.kml_reader import opened_kml
+from webapp.missions.files import guarded_reader
 from webapp.missions.files.rosbag import Topic
 from webapp.missions.files.track_chunks import Findings, Piece, Skipped
 from webapp.missions.files.track_format import TITLES, Kind, kind_of
+from webapp.missions.files.track_reader import BAG_SUFFIXES, Selection
 from webapp.missions.tasks.place_track import ReadOptions, TrackPlacer, TrackSegment, one_line
 from webapp.progress import Progress
 
-_SUFFIX: dict[Kind, str] = {"ros1": ".bag", "ros2-sqlite": ".db3", "ros2-mcap": ".mcap", "ros2-folder": ""}
 _MAX_TITLE = 200
 
 
@@ -133,9 +122,9 @@ def topics(path: Path) -> list[Topic]:
     """
     with about_file(path):
         kind = kind_of(path)
-        if kind not in _SUFFIX:
+        if kind not in BAG_SUFFIXES:
             raise TrackError(f"only bags have topics, this is {TITLES[kind]}")
-        return rosbag.topics(path, suffix=_SUFFIX[kind])
+        return guarded_reader.topics(path, kind)
 
 
 def title(file: str, track: str) -> str:
@@ -158,6 +147,7 @@ def stream(
     findings: Findings,
     progress: Progress | None = None,
     now_s: float | None = None,
+    budget: Budget | None = None,
 ) -> Iterator[TrackSegment | tuple[Sighting, ...]]:
     """Read a file piece by piece; the same file with the same options yields the same pieces.
 
@@ -169,12 +159,15 @@ def stream(
         Filled with items that are left out or doubtful, and with notes.
     now_s : float, optional
         Seconds since 1970; later times are doubtful.
+    budget : Budget, optional
+        What reading may cost; by default as the default settings say.
     """
     progress = progress or Progress()
     with about_file(path):
         found = False
         places = TrackPlacer(options, findings, time.time() if now_s is None else now_s)
-        for piece in file_pieces(path, options=options, findings=findings):
+        pieces = file_pieces(path, options=options, findings=findings, progress=progress, budget=budget)
+        for piece in pieces:
             progress.check()
             for part in places.placed(piece):
                 found = True
@@ -186,40 +179,24 @@ def stream(
             raise TrackError(findings.nothing_usable())
 
 
-def file_pieces(path: Path, *, options: ReadOptions, findings: Findings) -> Iterator[Piece]:
-    """Yield the pieces of a file, before they are georeferenced; raises as `read_track`."""
-    kind = file_kind(path, options)
-    if kind in _SUFFIX:
-        suffix = _SUFFIX[kind]
-        yield from rosbag.read(path, suffix=suffix, wanted=options.topics, findings=findings)
-    elif kind == "kmz":
-        with opened_kml(path) as packed:
-            yield from kml_reader.read(packed, findings=findings, tracks=options.topics)
-    else:
-        with path.open("rb") as file:
-            match kind:
-                case "gpx":
-                    yield from gpx.read(file, findings=findings)
-                case "kml":
-                    yield from kml_reader.read(file, findings=findings, tracks=options.topics)
-                case "nmea":
-                    yield from nmea.read(file, findings=findings)
-                case "tcx":
-                    yield from tcx.read(file, findings=findings)
-                case "geojson":
-                    yield from geojson_reader.read(file, findings=findings)
-                case "fit":
-                    yield from fit.read(file, findings=findings)
-                case "igc":
-                    yield from igc.read(file, findings=findings)
-                case "tum" | "kitti":
-                    yield from trajectory_text.read(file, kind, findings=findings, axes=options.axes)
-                case "csv":
-                    yield from csv_reader.read(
-                        file, columns=options.columns, findings=findings, axes=options.axes
-                    )
-                case _:
-                    raise AssertionError(f"no reader of {kind}")
+def file_pieces(
+    path: Path,
+    *,
+    options: ReadOptions,
+    findings: Findings,
+    progress: Progress,
+    budget: Budget | None = None,
+) -> Iterator[Piece]:
+    """Yield the pieces of a file, before they are georeferenced; raises as `guarded_reader.read`."""
+    selection = Selection(options.topics, options.columns, options.axes)
+    yield from guarded_reader.read(
+        path,
+        file_kind(path, options),
+        selection=selection,
+        findings=findings,
+        progress=progress,
+        budget=budget,
+    )
 
 
 def file_kind(path: Path, options: ReadOptions) -> Kind:

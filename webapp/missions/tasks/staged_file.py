@@ -15,6 +15,7 @@ from typing import Any
 
 from webapp.errors import NotFound, TrackError, UsageError
 from webapp.files import part_file
+from webapp.files.gate import Budget
 from webapp.missions.tasks import inspect_file
 from webapp.missions.tasks.import_order import order_of, waiting_path
 from webapp.progress import Progress
@@ -116,7 +117,7 @@ def check_complete(staged: StagedFile) -> None:
 
 
 def inspect_staged(
-    staged: StagedFile, form: Mapping[str, Any], *, progress: Progress | None = None
+    staged: StagedFile, form: Mapping[str, Any], *, budget: Budget, progress: Progress | None = None
 ) -> dict[str, Any]:
     """Report the content of a staged file, as JSON types.
 
@@ -124,6 +125,8 @@ def inspect_staged(
     ----------
     form : mapping
         `name`, and optionally `columns`, `axes` and `source`, in the format of `order_of`.
+    budget : Budget
+        What reading may cost.
 
     Raises
     ------
@@ -132,7 +135,9 @@ def inspect_staged(
     """
     order = order_of(staged.path, form)
     try:
-        report = inspect_file.inspect_file(staged.path, options=order.options, progress=progress)
+        report = inspect_file.inspect_file(
+            staged.path, options=order.options, progress=progress, budget=budget
+        )
     except TrackError as error:
         error.where = (error.where or order.name).replace(staged.path.name, order.name)
         raise

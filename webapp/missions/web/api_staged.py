@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from math import ceil
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -9,8 +13,11 @@ from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, Float, Integer, List, Nested, String
 from apiflask.validators import Length, OneOf, Range
 from flask import request
+from flask_babel import gettext as _
 
-from webapp.errors import UsageError
+from webapp.errors import TooSlow, UsageError
+from webapp.files.gate import budget_for
+from webapp.files.lock import exclusive, one_of
 from webapp.files.part_file import WrongOffset, append, one_at_a_time
 from webapp.missions.core.trajectory.records import SOURCES
 from webapp.missions.files.track_format import kind_of
@@ -23,6 +30,7 @@ from webapp.missions.web.context import open_mission
 from webapp.store.operate import jobs
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.web import chunks
+from webapp.web.clients import ClientProgress
 from webapp.web.context import account, authorized_by, library, open_map, settings
 from webapp.web.fields import LATER, BoundedList, RecordNumber
 from webapp.web.openapi import json_answer
@@ -249,7 +257,10 @@ def contents(file_id: str, given: dict[str, Any]) -> Any:
     staged_file.check_complete(staged)
     form = given | {"name": _file_name(given["name"])}
     if staged.size_bytes <= _QUICK_BYTES:
-        return staged_file.inspect_staged(staged, form)
+        with suppress(TooSlow), _reading():
+            limits = settings().files
+            budget = replace(budget_for(staged.path, limits), wait_s=limits.request_s)
+            return staged_file.inspect_staged(staged, form, budget=budget, progress=ClientProgress())
     arguments = form | {"file": staged.id}
     with library().database.write() as session:
         job = jobs.enqueue(
@@ -300,6 +311,24 @@ def import_staged(file_id: str, given: dict[str, Any]) -> dict[str, int]:
         finally:
             if not queued:
                 staged_file.put_back(library(), staged, token=token)
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Let each account read one file at a time, and all together a few.
+
+    Raises
+    ------
+    Busy
+    """
+    folder, wait_s = library().inner / "reading", ceil(settings().files.request_s)
+    own = folder / f"account-{account().id}.lock"
+    any_free = [folder / f"{number}.lock" for number in range(settings().files.at_once)]
+    with (
+        exclusive(own, doing=_("another file of yours is being read"), wait_s=wait_s),
+        one_of(any_free, doing=_("the server is reading other files"), wait_s=wait_s),
+    ):
+        yield
 
 
 def _state(staged: StagedFile) -> dict[str, Any]:

@@ -2,13 +2,19 @@
 
 import os
 import time
+from contextlib import ExitStack
 
 import pytest
 
+from benchmarks import hostile_files
+from webapp.errors import TooSlow
+from webapp.files.lock import exclusive
+from webapp.missions.files import guarded_reader
 from webapp.missions.store import tracks
 from webapp.missions.store.schema import Mission
 from webapp.missions.tasks import import_file
 from webapp.missions.web import api_staged
+from webapp.settings import FileLimits
 from webapp.tasks.operate.sweep_uploads import sweep_uploads
 
 FILES = "/api/v1/mission-files"
@@ -246,3 +252,40 @@ def test_empty_too_large_and_too_many_are_refused(client, settings):
     for _ in range(settings.upload.open_per_account):
         assert client.post(FILES, json={"name": "a", "size_bytes": 5}).status_code == 201
     assert client.post(FILES, json={"name": "a", "size_bytes": 5}).status_code == 400
+
+
+def _too_slow(_path, _kind, *, budget, **_options):
+    assert budget.wait_s == FileLimits().request_s
+    raise TooSlow("it takes more than 10 s to be read")
+
+
+def test_a_file_that_takes_long_is_read_by_a_job(client, stage, work, monkeypatch):
+    monkeypatch.setattr(guarded_reader, "read", _too_slow)
+    answer = client.post(f"{stage(TABLE)}/contents", json={"name": "log.csv"})
+    monkeypatch.undo()
+    assert answer.status_code == 202
+    assert [one["track"] for one in work()["sources"]] == ["walk", "ride"]
+
+
+def test_each_account_and_the_server_read_few_files_at_once(client, stage, library, owner, settings):
+    address, form = f"{stage(TABLE)}/contents", {"name": "log.csv"}
+    folder = library.inner / "reading"
+    own = [folder / f"account-{owner.id}.lock"]
+    shared = [folder / f"{number}.lock" for number in range(settings.files.at_once)]
+    for held, said in ((own, "another file of yours"), (shared, "other files")):
+        with ExitStack() as stack:
+            for path in held:
+                stack.enter_context(exclusive(path, doing="test"))
+            busy = client.post(address, json=form)
+        assert (busy.status_code, busy.json["error"]["code"]) == (503, "busy")
+        assert said in busy.json["error"]["message"]
+        assert int(busy.headers["Retry-After"]) > 0
+        assert client.post(address, json=form).status_code == 200, "it is free again"
+
+
+def test_a_bomb_is_an_error_of_the_file_and_leaves_the_server_as_it_was(client, stage):
+    name, data = hostile_files.BOMBS["mcap zstd"](600_000_000)
+    answer = client.post(f"{stage(data, name)}/contents", json={"name": name})
+    assert answer.status_code == 422
+    assert answer.json["error"]["where"] == "a.mcap"
+    assert "claims to hold 600 MB" in answer.json["error"]["message"]

@@ -1,0 +1,225 @@
+"""Limits within bags, in addition to those of the process that reads them.
+
+rosbags decompresses chunks of any size, generates code in proportion to the lengths of arrays in message
+definitions, and reads any SQLite database.
+"""
+
+from __future__ import annotations
+
+import bz2
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from webapp.errors import TrackError
+
+if TYPE_CHECKING:
+    import apsw
+    from rosbags.interfaces import Connection
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+MAX_CHUNK = 128_000_000
+"""Bytes of a decompressed chunk, and of a message in SQLite. Recorders usually write chunks of 1 to 8 MB."""
+
+_SMALL_CHUNK, _MAX_RATIO = 16_000_000, 250
+"""Larger chunks may not be compressed more than this: blank images in a small one are."""
+
+MAX_DEFINITION = 300_000
+"""Characters of a message definition with all that it contains; the longest of usual packages has 60000."""
+
+MAX_DEFINITIONS = 5_000_000
+"""Characters of all different definitions."""
+
+MAX_ARRAY = 1000
+"""Length of a fixed array of texts or messages; those of numbers may have any."""
+
+_ARRAY, _BASE, _TEXTS = 3, 1, ("string", "wstring")
+_TABLE_LIKE = "type = 'index' OR (type = 'table' AND rootpage > 0)"
+
+
+class _Decompressor(Protocol):
+    """Decompressor of one frame of `lz4`, `bz2` or `zstd`."""
+
+    @property
+    def eof(self) -> bool: ...
+    @property
+    def unused_data(self) -> bytes | None: ...
+    def decompress(self, data: bytes, max_length: int) -> bytes: ...
+
+
+def unpacked(data: bytes, *, size: int, start: Callable[[], _Decompressor]) -> bytes:
+    """Decompress a chunk, and stop once it is larger than it should be.
+
+    Parameters
+    ----------
+    size : int
+        Size of the decompressed chunk that the bag states.
+    start : callable
+        Makes the decompressor of a frame; a chunk may have several.
+
+    Raises
+    ------
+    TrackError
+        The size is beyond the limits, or wrong.
+    """
+    if size > MAX_CHUNK or (size > _SMALL_CHUNK and size > _MAX_RATIO * len(data)):
+        raise TrackError(
+            f"a chunk of the bag claims to hold {size / 1e6:.0f} MB in {len(data)} bytes",
+            hint="record it again in smaller chunks",
+        )
+    parts: list[bytes] = []
+    found, rest = 0, data
+    while rest:
+        frame = start()
+        part = frame.decompress(rest, size - found + 1)
+        parts.append(part)
+        found += len(part)
+        if found > size or not frame.eof:
+            break
+        rest = frame.unused_data or b""
+    if found != size:
+        raise TrackError("a chunk of the bag has another size than it should", hint="it is damaged")
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def limited_reader1(path: Path) -> Reader1:
+    """Return a reader of a ROS 1 bag that checks its chunks and definitions."""
+    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+    from rosbags.rosbag1 import Reader
+    from rosbags.rosbag1.reader import Chunk, Header, RecordType
+
+    starts = {"lz4": LZ4FrameDecompressor, "bz2": bz2.BZ2Decompressor}
+
+    class Limited(Reader):
+        """Knows the decompressed size of each chunk, from its header."""
+
+        def read_chunk(self) -> Chunk:
+            assert self.bio is not None
+            at = self.bio.tell()
+            header = Header.read(self.bio, RecordType.CHUNK)
+            self.bio.seek(at)
+            chunk = super().read_chunk()
+            start = starts.get(header.get_string("compression"))
+            if start is None:
+                return chunk
+            return chunk._replace(decompressor=partial(unpacked, size=header.get_uint32("size"), start=start))
+
+        def open(self) -> None:
+            super().open()
+            _check_or_close(self)
+
+    return Limited(path)
+
+
+def limited_reader2(path: Path) -> Reader2:
+    """Return a reader of a ROS 2 bag that checks its chunks, definitions and tables.
+
+    It changes how rosbags decompresses and opens databases in this process.
+    """
+    import apsw
+    from backports import zstd
+    from lz4.frame import LZ4FrameDecompressor
+    from rosbags.rosbag2 import Reader, storage_mcap
+
+    # rosbags passes the stated size, but its own functions ignore it
+    for name, start in (("lz4", LZ4FrameDecompressor), ("zstd", zstd.ZstdDecompressor)):
+        storage_mcap.DECOMPRESSORS[name] = partial(_unpacked_mcap, start=start)
+    if check_database not in apsw.connection_hooks:
+        apsw.connection_hooks.append(check_database)
+
+    class Limited(Reader):
+        """Checks the definitions before they are used."""
+
+        def open(self) -> None:
+            super().open()
+            _check_or_close(self)
+
+    return Limited(path)
+
+
+def _unpacked_mcap(data: bytes, size: int, *, start: Callable[[], _Decompressor]) -> bytes:
+    return unpacked(data, size=size, start=start)
+
+
+def _check_or_close(reader: Reader1 | Reader2) -> None:
+    try:
+        check_definitions(reader.connections)
+    except BaseException:
+        reader.close()
+        raise
+
+
+def check_definitions(connections: Iterable[Connection]) -> None:
+    """Reject message definitions from which rosbags would generate very much code.
+
+    Raises
+    ------
+    TrackError
+    """
+    different = {(one.msgtype, one.msgdef) for one in connections}
+    if sum(len(definition.data) for _, definition in different) > MAX_DEFINITIONS:
+        raise TrackError(f"the bag has more than {MAX_DEFINITIONS} characters of message definitions")
+    for kind, definition in sorted(different, key=lambda one: one[0]):
+        if len(definition.data) > MAX_DEFINITION:
+            raise TrackError(f"a message definition is longer than {MAX_DEFINITION} characters", where=kind)
+        _check_arrays(_parsed(kind, definition), where=kind)
+
+
+def _parsed(kind: str, definition: Any) -> Typesdict:
+    """Parse a definition as `AnyReader` does."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    if definition.format == MessageDefinitionFormat.NONE or "[" not in definition.data:
+        return {}
+    if definition.format == MessageDefinitionFormat.MSG:
+        return get_types_from_msg(definition.data, kind)
+    line = "=" * 80 + "\n"
+    parts = [part.partition("\n")[2] for part in definition.data.split(line)[1:]] or [definition.data]
+    return {name: fields for part in parts for name, fields in get_types_from_idl(part).items()}
+
+
+def _check_arrays(types: Typesdict, *, where: str) -> None:
+    for _, fields in types.values():
+        for name, (node, about) in fields:
+            if node != _ARRAY:
+                continue
+            (inner, element), length = about
+            unrolled = inner != _BASE or element[0] in _TEXTS
+            if unrolled and length > MAX_ARRAY:
+                raise TrackError(
+                    f"the message definition has an array of {length} elements, and the limit is {MAX_ARRAY}",
+                    where=f"{where} {name[:80]}",
+                )
+
+
+def check_database(connection: apsw.Connection) -> None:
+    """Limit what a database of somebody else can do, and reject one that has more than tables and indexes.
+
+    A view, a trigger, a generated column or a virtual table could compute anything while it is read.
+
+    Raises
+    ------
+    TrackError
+    """
+    import apsw
+
+    connection.config(apsw.SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0)
+    connection.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
+    connection.config(apsw.SQLITE_DBCONFIG_ENABLE_TRIGGER, 0)
+    connection.config(apsw.SQLITE_DBCONFIG_DEFENSIVE, 1)
+    connection.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
+    connection.limit(apsw.SQLITE_LIMIT_ATTACHED, 0)
+    connection.pragma("query_only", True)
+    connection.pragma("cell_size_check", True)
+    other = connection.execute(f"SELECT name FROM sqlite_schema WHERE NOT ({_TABLE_LIKE})").fetchone()
+    computed = connection.execute(
+        "SELECT t.name FROM sqlite_schema AS t, pragma_table_xinfo(t.name) AS c "
+        "WHERE t.type = 'table' AND c.hidden > 0"
+    ).fetchone()
+    for found, what in ((other, "a view or a trigger"), (computed, "a computed column")):
+        if found is not None:
+            raise TrackError(f"the database has {what}, which no recorder makes", where=str(found[0])[:80])
