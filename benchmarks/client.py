@@ -38,7 +38,7 @@ class Client:
 
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
         """Send a request to the API; return the response whatever its status."""
-        return self.session.request(method, f"{self.url}/api/v1{path}", timeout=60, **options)
+        return self.session.request(method, f"{self.url}/api/v1{path}", **{"timeout": 60, **options})
 
     def ask(self, method: str, path: str, **options: Any) -> Any:
         """Send a request to the API that must succeed; return its JSON."""

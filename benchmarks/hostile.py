@@ -2,13 +2,15 @@
 
     python -m benchmarks.hostile [--minutes 60] [--seed 0] [--clients 4] [--only 12345]
 
-Random requests to all of the API, photos, satellite images, zips, `.cfg` files, missions and coordinate
-systems are sent by several clients to a separate server with a temporary library. Each request is derived
-from the seed and its number: `--only` repeats one. Prints a JSON object with the responses by kind and
-status, and the slowest request of each kind with its seconds; on standard error each fault as it occurs: a
-5xx other than "busy" (503 with `Retry-After`) and a full disk (507), no response, a response after more than
-a minute, a health check after more than ten seconds, an acknowledged photo that is missing or different. With
-faults, the end of the server's log follows, and the exit code is 1.
+Random requests to all of the API, photos, satellite images, zips, `.cfg` files, missions, coordinate systems
+and decompression bombs (some of whose clients leave after three seconds) are sent by several clients to a
+separate server with a temporary library. Each request is derived from the seed and its number: `--only`
+repeats one. Prints a JSON object with the responses by kind and status, the slowest request of each kind and
+the slowest health check with their seconds, and the greatest memory of any process, over what it took when
+idle; on standard error each fault as it occurs: a 5xx other than "busy" (503 with `Retry-After`) and a full
+disk (507), no response, a response after more than a minute, a health check after more than ten seconds, a
+process with 700 MB more than when idle, an acknowledged photo that is missing or different. With faults, the
+end of the server's log follows, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -33,14 +35,19 @@ import numpy as np
 import requests
 from PIL import Image
 
-from benchmarks import hostile_inputs, hostile_json, hostile_maps
+from benchmarks import hostile_files, hostile_inputs, hostile_json, hostile_maps
 from benchmarks.client import Client
 from benchmarks.editing_load import sign_in_links
 from benchmarks.hostile_inputs import Request
+from benchmarks.memory import PeakMemory
 from tests.browser.app import App
 
 TARGET, KEPT = "target", "kept"
 _LONGEST_S, _HEALTH_S = 60.0, 10.0
+_LEAVES_S = 3.0
+_MOST_MB = 700.0
+_LOOK_S = 0.2
+_STAGED = "/mission-files"
 _MISSION = {"name": "walk"}
 
 
@@ -88,6 +95,8 @@ def make_request(
         "crowded-list": lambda: _form(f"/maps/{TARGET}/positions", hostile_maps.crowded_list(chance)),
         "positions": lambda: _form(f"/maps/{TARGET}/positions", ("a.cfg", hostile_inputs.cfg(chance))),
         "mission": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_inputs.track(chance)),
+        "bomb": lambda: _form(f"/missions/{known['mission_id']}/imports", hostile_files.bomb(chance)),
+        "preview": lambda: _form(_STAGED, hostile_files.bomb(chance), leave=chance.choice(("", "1"))),
         "crs": lambda: Request("PUT", f"/maps/{TARGET}/georeference", json=_world_file(chance)),
     }
     kind = chance.choices(sorted(kinds), weights=[6 if kind == "api" else 1 for kind in sorted(kinds)])[0]
@@ -101,16 +110,28 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, App(Path(folder) / "maps") as app:
         owner = Client(app.url, app.sign_in)
         acknowledged = _prepare(owner)
-        over = threading.Event()
-        watch = threading.Thread(target=_watch, args=(app.url, tally, over))
-        watch.start()
+        memory, over = PeakMemory(app.pid), threading.Event()
+        watches = [
+            threading.Thread(target=_watch, args=(app.url, tally, over)),
+            threading.Thread(target=_watch_memory, args=(memory, over)),
+        ]
+        for watch in watches:
+            watch.start()
         sent = _send_all(app, arguments, tally=tally)
         over.set()
-        watch.join()
+        for watch in watches:
+            watch.join()
+        if memory.most_mb > _MOST_MB:
+            tally.fault(f"{memory.process} took {memory.most_mb:.0f} MB more than when idle")
         _check_kept(owner, acknowledged, tally=tally)
         if tally.faults:
             sys.stderr.writelines(app.said)
-    print(json.dumps({"sent": sent, "faults": len(tally.faults), **_sorted(tally)}, indent=2))
+    figures = {
+        "slowest_health_s": tally.slowest.get("health", (None, ""))[0],
+        "most_mb_over_idle": round(memory.most_mb),
+        "of_process": memory.process,
+    }
+    print(json.dumps({"sent": sent, "faults": len(tally.faults), **figures, **_sorted(tally)}, indent=2))
     raise SystemExit(1 if tally.faults else 0)
 
 
@@ -176,6 +197,8 @@ def _known(client: Client) -> dict[str, Any]:
 def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, int]) -> None:
     kind, number = name
     where = f"{kind} {number}: {request.method} {request.path[:200]}"
+    if request.path == _STAGED and request.files:
+        where += f" ({request.files[0][1][0]})"
     options: dict[str, Any] = {"params": request.query}
     if request.files:
         options |= {"files": request.files, "data": request.data}
@@ -185,7 +208,13 @@ def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, in
         options["json"] = request.json
     started = time.monotonic()
     try:
-        answer = client.call(request.method, request.path, **options)
+        if request.path == _STAGED and request.files:
+            answer = _preview(client, *request.files[0][1], leaves=bool(request.data["leave"]))
+        else:
+            answer = client.call(request.method, request.path, **options)
+        if answer is None:
+            tally.note(kind, "left", seconds=time.monotonic() - started, request=where)
+            return
     except (requests.RequestException, ValueError) as error:
         seconds = time.monotonic() - started
         tally.note(kind, "none", seconds=seconds, request=where)
@@ -198,6 +227,32 @@ def _send(client: Client, request: Request, *, tally: Tally, name: tuple[str, in
         tally.fault(f"{where}: {answer.status_code} {answer.text[:200]}")
     elif seconds > _LONGEST_S:
         tally.fault(f"{where}: answered after {seconds:.0f} s")
+
+
+def _preview(client: Client, name: str, data: bytes, *, leaves: bool) -> requests.Response | None:
+    """Upload a file, ask for its contents, and delete it; None if the client left before the answer."""
+    begun = client.call("POST", _STAGED, json={"name": name, "size_bytes": len(data)})
+    if not begun.ok:
+        return begun
+    address = f"{_STAGED}/{begun.json()['id']}"
+    sent = client.call("PATCH", address, data=data, headers={"Upload-Offset": "0"})
+    if not sent.ok:
+        return sent
+    try:
+        return client.call(
+            "POST", f"{address}/contents", json={"name": name}, timeout=_LEAVES_S if leaves else _LONGEST_S
+        )
+    except requests.exceptions.ReadTimeout:
+        if not leaves:
+            raise
+        return None
+    finally:
+        client.call("DELETE", address)
+
+
+def _watch_memory(memory: PeakMemory, over: threading.Event) -> None:
+    while not over.wait(_LOOK_S):
+        memory.look()
 
 
 def _watch(url: str, tally: Tally, over: threading.Event) -> None:

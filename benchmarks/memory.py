@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 _ROLES = {"webserver": "web server", " worker ": "background worker", " serve ": "supervisor"}
@@ -30,6 +31,47 @@ def memory_mb(pid: int) -> Table:
         found[f"{role} {process}"] = sizes
     total = {name: sum(sizes[name] for sizes in found.values()) for name in next(iter(found.values()))}
     return {**found, "all": total}
+
+
+class PeakMemory:
+    """The greatest memory of any process of a program, over what that process took when it was idle.
+
+    Parameters
+    ----------
+    pid : int
+        The program, which is idle now. A process that is started later counts in full.
+
+    Attributes
+    ----------
+    most_mb : float
+        In 2^20 bytes, of resident memory; short-lived peaks are found too, but not those of processes that
+        end before the next `look`.
+    process : str
+        Command line of that process.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._idle_mb: dict[int, float] = {}
+        self.most_mb, self.process = 0.0, ""
+        for process in family(pid):
+            with suppress(OSError):
+                Path(f"/proc/{process}/clear_refs").write_text("5")  # forget its peak so far
+                self._idle_mb[process] = _peak_mb(process)
+
+    def look(self) -> None:
+        """Look at all processes."""
+        for process in family(self._pid):
+            with suppress(OSError, IndexError):  # it has just ended
+                over = _peak_mb(process) - self._idle_mb.get(process, 0.0)
+                if over > self.most_mb:
+                    command = Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
+                    self.most_mb, self.process = over, command.strip()
+
+
+def _peak_mb(process: int) -> float:
+    status = Path(f"/proc/{process}/status").read_text()
+    return float(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 def as_text(table: Table, *, title: str) -> str:

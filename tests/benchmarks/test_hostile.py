@@ -3,11 +3,14 @@
 import io
 import json
 import random
+import subprocess
+import sys
 import zipfile
 
 import pytest
 
 from benchmarks import hostile, hostile_inputs, hostile_json
+from benchmarks.memory import PeakMemory
 
 DOCUMENT = {
     "paths": {
@@ -50,7 +53,7 @@ def test_all_kinds_are_sent_and_most_addresses_exist():
     found = requests(3, 300)
     kinds = {kind for kind, _ in found}
     assert kinds >= {"api", "photo", "satellite", "zip", "mission", "crs", "positions"}
-    assert kinds >= {"json", "crowded-zip", "crowded-list"}
+    assert kinds >= {"json", "bomb", "preview", "crowded-zip", "crowded-list"}
     api = [request for kind, request in found if kind == "api"]
     assert all(request.method == "PATCH" and "{" not in request.path for request in api)
     assert sum(request.path == "/maps/target/photos/3" for request in api) > len(api) / 2
@@ -91,3 +94,19 @@ def test_the_slowest_request_of_a_kind_is_named():
         tally.note("api", 200, seconds=seconds, request=request)
     assert tally.slowest == {"api": (3.0, "api 2: POST /maps")}
     assert tally.statuses == {"api 200": 3}
+
+
+def test_the_greatest_memory_of_a_process_over_idle_is_found():
+    grow = "input(); kept = bytearray(90_000_000); print(len(kept), flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", grow], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        memory = PeakMemory(process.pid)
+        memory.look()
+        assert memory.most_mb < 20
+        print("go", file=process.stdin, flush=True)
+        assert process.stdout.readline() == "90000000\n"
+        memory.look()
+        process.communicate("end")
+    assert 60 < memory.most_mb < 110
+    assert grow in memory.process

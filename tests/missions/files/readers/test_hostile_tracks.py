@@ -50,7 +50,7 @@ def saved(tmp_path):
         ("computed column", 900_000_000, "a computed column"),
         ("view", 0, "a view or a trigger"),
         ("kmz", HUGE, "claims to hold"),
-        ("fit", 3_000_000, "messages without content"),
+        ("fit", 9_000_000, "messages without content"),
         ("nested", 1_000_000, "nested more than"),
     ],
 )
