@@ -31,6 +31,9 @@ VERSION = 1
 _BLOCK = 1 << 20
 _TIME = (1980, 1, 1, 0, 0, 0)
 _MAX_MANIFEST = 1 << 30
+_SMALL, _MAX_RATIO = 1_000_000, 50
+"""A larger manifest is compressed less than this: hashes are random."""
+
 _PART = r"(?!\.{1,2}(?:/|$))[^/\x00]+"
 _NAME = re.compile(rf"{_PART}(?:/{_PART})*")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -227,7 +230,7 @@ def _read(path: Path, progress: Progress, target: Callable[[str], Any]) -> Files
         for name, kept in files.items():
             progress.check()
             with opened.open(name) as source, target(name) as write:
-                if _copy(source, write) != kept:
+                if _copy(source, write, kept.size_bytes) != kept:
                     raise InputError(
                         "the backup is damaged: a file in it has changed", where=name, hint=_HINT
                     )
@@ -236,7 +239,8 @@ def _read(path: Path, progress: Progress, target: Callable[[str], Any]) -> Files
 
 
 def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
-    if MANIFEST not in opened.namelist() or opened.getinfo(MANIFEST).file_size > _MAX_MANIFEST:
+    about = opened.NameToInfo.get(MANIFEST)
+    if about is None or about.file_size > min(_MAX_MANIFEST, _SMALL + _MAX_RATIO * about.compress_size):
         raise InputError("this is not a backup of a library", hint="expmap backup makes one")
     try:
         content = json.loads(opened.read(MANIFEST))
@@ -255,9 +259,10 @@ def _manifest(opened: zipfile.ZipFile) -> tuple[dict[str, Any], Files]:
     return content, files
 
 
-def _copy(source: IO[bytes], write: Callable[[bytes], object]) -> BackupFile:
+def _copy(source: IO[bytes], write: Callable[[bytes], object], most: int | None = None) -> BackupFile:
+    """Copy a file, but no more of it than the first block beyond `most` bytes."""
     digest, size = hashlib.sha256(), 0
-    while block := source.read(_BLOCK):
+    while (most is None or size <= most) and (block := source.read(_BLOCK)):
         write(block)
         digest.update(block)
         size += len(block)

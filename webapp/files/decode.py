@@ -57,6 +57,12 @@ _BULK = (0.001, 0.999)
 
 _ROWS = 256
 
+_TILE = (322, 323)
+"""Tags of TIFF: width and height of a tile, pixels."""
+
+_LARGEST_TILE = 4096 * 4096
+"""Pixels of a tile that a small image may have, too."""
+
 
 @contextmanager
 def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.Image]:
@@ -92,6 +98,7 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
             with Image.open(file, formats=FORMATS) as image:
                 _check_pixels(image, limits)
                 _check_side(image)
+                _check_tiles(image)
                 if image.format in ("JPEG", "MPO"):
                     check_scans(source)
                 yield image
@@ -208,6 +215,15 @@ def _check_pixels(image: Image.Image, limits: PhotoLimits) -> None:
 def _check_side(image: Image.Image) -> None:
     if max(image.size) > _MAX_SIDE:
         raise PhotoError(f"it is {max(image.size)} pixels long, more than {_MAX_SIDE}", hint="cut out a part")
+
+
+def _check_tiles(image: Image.Image) -> None:
+    """Reject a TIFF of tiles far larger than itself: each is decompressed as a whole."""
+    width, height = (getattr(image, "tag_v2", {}).get(tag, 0) for tag in _TILE)
+    if not (isinstance(width, int) and isinstance(height, int)):
+        raise PhotoError("its tiles have no valid size")
+    if width * height > max(_LARGEST_TILE, 2 * image.width * image.height):
+        raise PhotoError(f"it has {image.width} x {image.height} pixels in tiles of {width} x {height}")
 
 
 def check_scans(source: Path | bytes) -> None:

@@ -16,7 +16,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 
 from tests.photo_files import progressive_jpeg
 from webapp.errors import PhotoError
-from webapp.files.decode import has_too_many_scans
+from webapp.files.decode import decode, has_too_many_scans, open_image
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import read_facts, read_gray, read_upright, turn_upright
 from webapp.settings import PhotoLimits
@@ -349,3 +349,24 @@ def test_16_bits_of_which_few_are_used_are_stretched(black, white):
     assert found.min() < 8 and found.max() > 247 and np.abs(found[0] - np.linspace(0, 255, 64)).max() < 8
     flat = read_gray(encode(np.full((48, 64), black + 300, np.uint16), "PNG"), limits=LIMITS).pixels
     assert np.ptp(flat) == 0
+
+
+def tiff_in_one_tile(width, height, side):
+    """Make a TIFF with pixels of 8 bits in a single tile."""
+    data = zlib.compress(bytes(side * side))
+    entries = {256: width, 257: height, 258: 8, 259: 8, 262: 1, 277: 1, 322: side, 323: side, 324: 8}
+    entries[325] = len(data)
+    table = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in sorted(entries.items()))
+    data += bytes(len(data) % 2)
+    head = struct.pack("<2sHI", b"II", 42, 8 + len(data))
+    return head + data + struct.pack("<H", len(entries)) + table + bytes(4)
+
+
+def test_a_small_tiff_with_a_huge_tile_is_refused_before_it_is_decoded():
+    with open_image(tiff_in_one_tile(64, 64, 256), limits=LIMITS) as image:
+        assert decode(image, "L").shape == (64, 64)
+    with (
+        pytest.raises(PhotoError, match="64 x 64 pixels in tiles of 8192 x 8192"),
+        open_image(tiff_in_one_tile(64, 64, 8192), limits=LIMITS),
+    ):
+        pass
