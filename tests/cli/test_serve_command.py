@@ -94,13 +94,10 @@ def web(folder):
 
 
 def answers(url):
-    """Return whether the server responds, healthy or not: the background worker may be starting."""
+    """Return whether a web process responds."""
     try:
-        with urllib.request.urlopen(url + "/healthz", timeout=60) as response:
+        with urllib.request.urlopen(url + "/sign-in", timeout=60) as response:
             return response.status == 200
-    except urllib.error.HTTPError as error:
-        error.close()
-        return error.code == 503
     except (OSError, urllib.error.URLError):
         return False
 
@@ -149,6 +146,7 @@ def test_it_says_that_it_is_not_ready_finishes_its_requests_and_ends(folder, por
     with served(folder, port) as (server, url, _), socket.create_connection(("127.0.0.1", port)) as slow:
         assert json.loads(urllib.request.urlopen(url + "/healthz", timeout=60).read()) == {
             "status": "ok",
+            "web": "ok",
             "database": "ok",
             "disk": "ok",
         }
@@ -188,11 +186,28 @@ def test_killed_processes_are_replaced(folder, port):
 
 def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
     with served(folder, port) as (server, _, _):
+        wait_for(lambda: len(processes(folder)) == 4)
+        orphans = processes(folder).keys() - {server.pid}
         server.kill()
         server.wait()
+        if sys.platform == "linux":  # they do not hold the port
+            with socket.create_server(("127.0.0.1", port)):
+                pass
         with served(folder, port) as (_, url, _):
             assert answers(url)
+            wait_for(lambda: not orphans & processes(folder).keys())
             wait_for(lambda: len(processes(folder)) == 4)
+
+
+def test_web_processes_end_at_once_with_the_supervisor_even_in_the_middle_of_a_request(folder, port):
+    with served(folder, port) as (server, url, _), socket.create_connection(("127.0.0.1", port)) as slow:
+        slow.sendall(b"POST /sign-in HTTP/1.1\r\nHost: here\r\nContent-Length: 9\r\n\r\nname")
+        assert answers(url)
+        server.kill()
+        slow.settimeout(60)
+        with suppress(ConnectionResetError):
+            assert slow.recv(1) == b""
+        wait_for(lambda: not web(folder)[1])
 
 
 def test_a_port_in_use(folder, port):

@@ -1,13 +1,17 @@
-"""Silent connections: how long the web server keeps them."""
+"""Silent connections: how long the web server keeps them; and slow requests, which have threads of their own."""
 
 import selectors
 import socket
+import threading
 import time
 from collections import deque
+from contextlib import ExitStack
+from types import SimpleNamespace
 
 import pytest
+from gunicorn.workers.gthread import PollableMethodQueue
 
-from webapp.jobs.slow_clients import Connection, PatientWorker
+from webapp.jobs.slow_clients import ClientSocket, Connection, PatientWorker
 
 
 @pytest.fixture
@@ -46,3 +50,23 @@ def test_a_silent_connection_is_kept_where_it_is_in_nobodys_way(worker, silent, 
     assert (silent in worker.pending_conns) is kept
     assert (silent.sock.fileno() == -1) is not kept
     assert worker.nr_conns == connections - (not kept)
+
+
+def test_requests_that_localize_leave_the_threads_to_others(worker):
+    worker.cfg, worker.method_queue = SimpleNamespace(threads=1), PollableMethodQueue()
+    worker.method_queue.init()
+    worker.tpool = worker.get_thread_pool()
+    localized, answered = threading.Event(), threading.Event()
+    worker.handle = lambda connection: (localized.wait if connection.localizes else answered.set)()
+    with ExitStack() as stack:
+        stack.callback(worker.method_queue.close)
+        stack.callback(localized.set)
+        for request in [b"POST /api/v1/maps/park/localize HTTP/1.1\r\n"] * 3 + [b"GET /maps HTTP/1.1\r\n"]:
+            connection = Connection.__new__(Connection)
+            here, there = (stack.enter_context(end) for end in socket.socketpair())
+            connection.sock, connection.localizes = ClientSocket(fileno=here.detach()), b"localize" in request
+            stack.enter_context(connection.sock)
+            there.sendall(request)
+            worker.enqueue_req(connection)
+        assert answered.wait(30)
+        assert not localized.is_set()

@@ -26,6 +26,10 @@ class Drain:
         """Environment for processes that inherit the read end."""
         return {DRAINING_FD: str(self.reading_end)}
 
+    def has_begun(self) -> bool:
+        """Return whether the server is about to stop."""
+        return self._begun
+
     def begin(self) -> None:
         """Signal the drain to all processes."""
         if not self._begun:

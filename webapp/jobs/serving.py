@@ -22,6 +22,8 @@ from sqlalchemy import select
 
 from webapp.errors import ExpMapError, MissingPart, UsageError
 from webapp.extras import require
+from webapp.jobs.acceptor import Acceptor
+from webapp.jobs.connection_queue import CAN_PASS
 from webapp.jobs.draining import Drain
 from webapp.jobs.webserver import native_threads
 from webapp.logs import Form
@@ -45,6 +47,7 @@ _FREE_WITHIN_S = 4.0
 """Time within which the port of a killed server becomes free."""
 
 _MOST_FAILURES = 3
+_ANSWERS_WITHIN_S = 1.0
 _BACKLOG = 512
 _SPARE_S = 3.0
 _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
@@ -104,11 +107,18 @@ def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> Non
             start = _Start(library, listener, settings=settings)
             figures = on_end.enter_context(_metrics_folder(settings))
             more = {**figures, **drain.environment}
-            web = _web(site, library, fds=(listener.fileno(), drain.reading_end), more=more)
+            acceptor = None
+            if CAN_PASS:
+                acceptor = on_end.enter_context(
+                    Acceptor(listener, library, settings=settings, draining=drain.has_begun)
+                )
+            end = listener if acceptor is None else acceptor.receiving_end
+            web = _web(site, library, fds=(end.fileno(), drain.reading_end), more=more)
             children = [web, *(_worker(site, library) for _ in range(settings.serve.job_workers))]
             keep_running(
                 children,
                 each_tick=lambda: start.look(web, echo=echo),
+                acceptor=acceptor,
                 drain=drain,
                 drain_s=settings.serve.drain_s,
                 stop_s=max(settings.serve.stop_s, settings.jobs.stop_s) + _SPARE_S,
@@ -159,13 +169,14 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def _web(site: Site, library: Library, *, fds: tuple[int, int], more: Mapping[str, str]) -> Child:
-    """Make the web server, which inherits the listening socket and the read end of the drain pipe."""
+    """Make the web server, which inherits the acceptor's queue or the listener, and the drain pipe."""
     numbers = {"--fd": fds[0], "--workers": site.workers, "--parent": os.getpid()}
+    passed = ["--passed"] if CAN_PASS else []
     return Child(
         "the web server",
         [
             sys.executable, "-m", "webapp.jobs.webserver", site.app, "--library", str(library.folder),
-            "--log", site.log,
+            "--log", site.log, *passed,
             *(text for name, number in numbers.items() for text in (name, str(number))),
         ],
         environment={**environment_for(native_threads(site.workers)), **more},
@@ -189,7 +200,8 @@ class _Start:
         self._library = library
         host, port = listener.getsockname()[:2]
         self._address = (_HERE.get(host, host), port)
-        self._announced = False
+        self._announced = self._web_answers = False
+        self._request: http.client.HTTPConnection | None = None
         with library.database.write() as session:
             owner = accounts.ensure_owner(session)
             self._token = sign_in.new_link(session, owner, hours=settings.web.link_hours)
@@ -213,7 +225,7 @@ class _Start:
             return
         if web.failures >= _MOST_FAILURES:
             raise ExpMapError("the web server did not start", hint="the messages above say why")
-        if self._sample_is_made() and self._answers():
+        if self._answers() and self._sample_is_made():
             host, port = self._address
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
             echo(f"listening on {url}")
@@ -227,18 +239,25 @@ class _Start:
             return jobs.find(session, self._sample).state in ENDED
 
     def _answers(self) -> bool:
-        """Return whether the server answers; a 503 counts, too, as only the start is checked, not health."""
-        connection = http.client.HTTPConnection(*self._address, timeout=1.0)
+        """Return whether the web processes have answered a request, which waits in their queue meanwhile."""
+        if self._web_answers:
+            return True
+        status = None
         try:
-            connection.request("GET", "/healthz")
-            return connection.getresponse().status in (
-                http.HTTPStatus.OK,
-                http.HTTPStatus.SERVICE_UNAVAILABLE,
-            )
-        except (OSError, http.client.HTTPException):
+            if self._request is None:
+                self._request = http.client.HTTPConnection(*self._address, timeout=_ANSWERS_WITHIN_S)
+                self._request.request("HEAD", "/sign-in")
+            self._request.sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+            status = self._request.getresponse().status
+        except BlockingIOError:
             return False
-        finally:
-            connection.close()
+        except (OSError, http.client.HTTPException) as error:
+            _log.debug("the web server does not answer yet: %s", error)
+        assert self._request is not None
+        self._request.close()
+        self._request = None
+        self._web_answers = status is not None and status < http.HTTPStatus.INTERNAL_SERVER_ERROR
+        return self._web_answers
 
 
 class Child:
@@ -326,6 +345,7 @@ def keep_running(
     children: Sequence[Child],
     *,
     each_tick: Callable[[], None],
+    acceptor: Acceptor | None,
     drain: Drain,
     drain_s: float,
     stop_s: float,
@@ -336,6 +356,8 @@ def keep_running(
     ----------
     each_tick : callable
         Called ten times a second; an error in it stops all processes.
+    acceptor : Acceptor or None
+        Stopped before the processes.
     drain : Drain
         Begun by the signal.
     drain_s : float
@@ -355,10 +377,14 @@ def keep_running(
             for child in children:
                 child.tend()
             each_tick()
+            if acceptor is not None and not acceptor.is_running():
+                raise ExpMapError("connections are no longer accepted", hint="the messages above say why")
         stopping.clear()
         drain.begin()
         stopping.wait(drain_s)
     finally:
+        if acceptor is not None:
+            acceptor.stop()
         for child in children:
             child.ask_to_stop()
         until = time.monotonic() + stop_s

@@ -1,4 +1,4 @@
-"""Timeouts that keep slow clients from blocking the threads of the web server.
+"""Timeouts and threads of their own that keep slow requests from blocking the threads of the web server.
 
 Gunicorn's threads read requests themselves, and would wait forever for one that stops half-way.
 """
@@ -6,10 +6,14 @@ Gunicorn's threads read requests themselves, and would wait forever for one that
 from __future__ import annotations
 
 import errno
+import os
+import re
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from selectors import EVENT_READ
+from types import FrameType
 from typing import Any
 
 from gunicorn import util  # type: ignore[import-untyped]
@@ -29,6 +33,9 @@ _CROWDED = 0.5
 """Fraction of a process's connections above which silent ones are closed after the plain patience."""
 _LINGER_S = 0.1
 """How long a closing connection is still read, short because this blocks the thread that accepts others."""
+
+_LOCALIZE = re.compile(rb"POST /\S*/(localize|find)[ ?]")
+_BEGIN_BYTES = 400
 
 
 class ClientSocket(socket.socket):
@@ -98,6 +105,14 @@ class Connection(TConn):  # type: ignore[misc]
     patient_until = 0.0
     """Monotonic time from which it counts as silent when many connections are open."""
 
+    def asks_to_localize(self) -> bool:
+        """Return whether a request begins that may wait for its turn to localize; False if not known yet."""
+        try:
+            begin = socket.socket.recv(self.sock, _BEGIN_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except OSError:
+            return False
+        return _LOCALIZE.match(begin) is not None
+
     def close(self, graceful: bool = False) -> None:
         """Close it; gracefully means that the end of the response is not lost."""
         if graceful:
@@ -113,14 +128,16 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
         """Accept a connection, and poll for its first bytes without occupying a thread."""
         try:
             accepted, address = listener.accept()
+        except EOFError as error:
+            self.log.warning("%s: exiting", error)
+            os._exit(0)  # at once: the interpreter would wait for all threads
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.ECONNABORTED, errno.EWOULDBLOCK):
                 return  # another process was quicker, or the client has gone
             raise
         self.nr_conns += 1
-        connection = Connection(
-            self.cfg, ClientSocket(fileno=accepted.detach()), address, listener.getsockname()
-        )
+        here = accepted.getsockname()
+        connection = Connection(self.cfg, ClientSocket(fileno=accepted.detach()), address, here)
         connection.patient_until = time.monotonic() + ClientSocket.patience_s
         connection.timeout = connection.patient_until + (_SILENT - 1) * ClientSocket.patience_s
         self.pending_conns.append(connection)
@@ -134,6 +151,21 @@ class PatientWorker(ThreadWorker):  # type: ignore[misc]
             for connection in self.pending_conns:
                 connection.timeout = connection.patient_until
         super().murder_pending()
+
+    def get_thread_pool(self) -> ThreadPoolExecutor:
+        """Make the threads; as many more for requests that localize, which others then need not wait for."""
+        self.localizing = ThreadPoolExecutor(self.cfg.threads, thread_name_prefix="localizing")
+        return ThreadPoolExecutor(self.cfg.threads, thread_name_prefix="request")
+
+    def enqueue_req(self, conn: Connection) -> None:
+        """Hand a connection with a request to a thread."""
+        pool = self.localizing if conn.asks_to_localize() else self.tpool
+        answered = pool.submit(self.handle, conn)
+        answered.add_done_callback(partial(self.method_queue.defer, self.finish_request, conn))
+
+    def handle_quit(self, _signal: int, _frame: FrameType | None) -> None:
+        """Exit at once: the interpreter would wait for all threads."""
+        os._exit(0)
 
     def handle(self, conn: Connection) -> Any:
         """Answer a request."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import socket
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from gunicorn.glogging import Logger  # type: ignore[import-untyped]
 from webapp import telemetry
 from webapp.configuration import load_settings
 from webapp.importing import import_name
+from webapp.jobs.connection_queue import ReceivingEnd
 from webapp.jobs.slow_clients import ClientSocket, PatientWorker
 from webapp.logs import FORMS, log_to_stderr
 from webapp.settings import Settings, let_threads_sleep
@@ -41,10 +43,21 @@ class Server(BaseApplication):  # type: ignore[misc]
         Gunicorn's options.
     parent : int
         Id of the supervisor's process; the server stops when it is gone.
+    listeners : sequence of socket
+        Listening sockets; none: those of the options.
     """
 
-    def __init__(self, app: str, *, settings: Settings, options: dict[str, Any], parent: int) -> None:
+    def __init__(
+        self,
+        app: str,
+        *,
+        settings: Settings,
+        options: dict[str, Any],
+        parent: int,
+        listeners: Sequence[socket.socket] = (),
+    ) -> None:
         self._app = app
+        self._listeners = list(listeners)
         self._settings = settings
         self._options = options
         self._parent = parent
@@ -68,7 +81,9 @@ class Server(BaseApplication):  # type: ignore[misc]
 
     def run(self) -> None:
         """Serve until stopped."""
-        _Master(self, self._parent).run()
+        master = _Master(self, self._parent)
+        master.LISTENERS = self._listeners
+        master.run()
 
 
 class _Master(Arbiter):  # type: ignore[misc]
@@ -107,7 +122,7 @@ def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, 
     Parameters
     ----------
     fd : int
-        File descriptor of a listening socket: requests wait there while gunicorn restarts.
+        File descriptor of the listening socket: requests wait there while gunicorn restarts.
     workers : int
         Number of processes.
     """
@@ -135,12 +150,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--library", type=Path, required=True)
     for name in ("--fd", "--workers", "--parent"):
         parser.add_argument(name, type=int, required=True)
+    parser.add_argument("--passed", action="store_true", help="--fd is the end of a queue of connections")
     parser.add_argument("--log", choices=FORMS, default="text")
     asked = parser.parse_args(arguments)
     log_to_stderr(asked.log)
     settings = replace(load_settings(), library=asked.library)
     options = gunicorn_options(settings, fd=asked.fd, workers=asked.workers)
-    Server(asked.app, settings=settings, options=options, parent=asked.parent).run()
+    listeners = [ReceivingEnd(fileno=asked.fd)] if asked.passed else []
+    Server(asked.app, settings=settings, options=options, parent=asked.parent, listeners=listeners).run()
 
 
 if __name__ == "__main__":

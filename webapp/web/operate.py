@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
-from http import HTTPStatus
 from typing import Any
 
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import List, Nested, String
 from flask import Blueprint, render_template
-from sqlalchemy import text
 from sqlalchemy.orm import Session
 
-from webapp.errors import NotFound, StorageError
-from webapp.files.lock import any_alive
-from webapp.files.object_storage.storage import in_use
-from webapp.jobs.draining import is_draining
-from webapp.store.library import has_library
+from webapp.errors import NotFound
+from webapp.jobs.health import Health, Report
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.operate import job_views, jobs
@@ -135,56 +129,20 @@ def show_jobs(slug: str) -> str:
 
 @health_pages.get("/livez")
 @public
-def livez() -> dict[str, Any]:
-    """Liveness probe: always answers 200; if there is no response, the process may be restarted."""
-    return {"status": "ok"}
+def livez() -> Report:
+    """Answer as the supervisor does; see `webapp.jobs.health`."""
+    return Health(library(), settings()).live()
 
 
 @health_pages.get("/readyz")
 @public
-def readyz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Readiness probe: answers 200 to receive requests, 503 if other servers of the library should.
-
-    Shared services, such as the database, are not checked: their failure would make all servers unready.
-    """
-    if is_draining():
-        return {"status": "draining"}, HTTPStatus.SERVICE_UNAVAILABLE
-    if settings().database is not None and not has_library(library().folder):
-        return {"status": "failing"}, HTTPStatus.SERVICE_UNAVAILABLE
-    return {"status": "ok"}, HTTPStatus.OK
+def readyz() -> Report:
+    """Answer as the supervisor does; see `webapp.jobs.health`."""
+    return Health(library(), settings()).ready()
 
 
 @health_pages.get("/healthz")
 @public
-def healthz() -> tuple[dict[str, Any], HTTPStatus]:
-    """Health check for monitoring: answers 503 if anything fails, including shared services, else 200."""
-    parts = {"database": _database_answers(), "disk": _disk_has_room()}
-    if settings().serve.job_workers:
-        parts["worker"] = any_alive(library().inner / "workers")
-    if settings().database is not None:
-        parts["folder"] = has_library(library().folder)
-    storage = in_use()
-    if storage is not None:
-        parts["storage"] = storage.reachable()
-    states = {name: "ok" if well else "failing" for name, well in parts.items()}
-    well = all(parts.values()) and not is_draining()
-    status = HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE
-    word = "draining" if is_draining() else "ok" if well else "failing"
-    return {"status": word, **states}, status
-
-
-def _database_answers() -> bool:
-    try:
-        with library().database.read() as session:
-            session.execute(text("SELECT 1 FROM map LIMIT 1"))
-    except StorageError:
-        return False
-    return True
-
-
-def _disk_has_room() -> bool:
-    """Return whether there is enough free space for uploads."""
-    try:
-        return shutil.disk_usage(library().folder).free >= settings().upload.reserve_mb * 1e6
-    except OSError:
-        return False
+def healthz() -> Report:
+    """Answer as the supervisor does; see `webapp.jobs.health`."""
+    return Health(library(), settings()).whole()

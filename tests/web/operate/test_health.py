@@ -23,14 +23,20 @@ def worker(library):
 def test_all_is_well(stranger, worker):
     answer = stranger.get("/healthz")
     assert answer.status_code == 200
-    assert answer.json == {"status": "ok", "database": "ok", "disk": "ok", "worker": "ok"}
+    assert answer.json == {"status": "ok", "web": "ok", "database": "ok", "disk": "ok", "worker": "ok"}
 
 
 def test_the_worker_is_missing(stranger, worker):
     worker.release()
     answer = stranger.get("/healthz")
     assert answer.status_code == 503
-    assert answer.json == {"status": "failing", "database": "ok", "disk": "ok", "worker": "failing"}
+    assert answer.json == {
+        "status": "failing",
+        "web": "ok",
+        "database": "ok",
+        "disk": "ok",
+        "worker": "failing",
+    }
 
 
 def test_a_worker_that_was_killed_counts_as_missing(stranger, library):

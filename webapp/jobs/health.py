@@ -1,0 +1,97 @@
+"""Health checks of a server, as `/healthz`, `/livez` and `/readyz` report them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from http import HTTPStatus
+
+from sqlalchemy import text
+
+from webapp.errors import StorageError
+from webapp.files.lock import any_alive
+from webapp.files.object_storage.storage import in_use
+from webapp.jobs.draining import is_draining
+from webapp.settings import Settings
+from webapp.store.library import Library, has_library
+
+Report = tuple[dict[str, str], HTTPStatus]
+_WORDS = {True: "ok", False: "failing"}
+_STATUSES = {True: HTTPStatus.OK, False: HTTPStatus.SERVICE_UNAVAILABLE}
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The health of a server.
+
+    Attributes
+    ----------
+    draining : callable
+        Returns whether the server is about to stop.
+    takes_requests : callable
+        Returns whether its web processes take new connections.
+    """
+
+    library: Library
+    settings: Settings
+    draining: Callable[[], bool] = is_draining
+    takes_requests: Callable[[], bool] = lambda: True
+
+    def live(self) -> Report:
+        """Liveness probe: always answers 200; if there is no response, the server may be restarted."""
+        return {"status": "ok"}, HTTPStatus.OK
+
+    def ready(self) -> Report:
+        """Readiness probe: answers 200 to receive requests, 503 if other servers of the library should.
+
+        Shared services, such as the database, are not checked: their failure would make all servers unready.
+        """
+        if self.draining():
+            return {"status": "draining"}, HTTPStatus.SERVICE_UNAVAILABLE
+        well = self.takes_requests() and (self.settings.database is None or has_library(self.library.folder))
+        return {"status": _WORDS[well]}, _STATUSES[well]
+
+    def whole(self) -> Report:
+        """Health check for monitoring: answers 503 if anything fails, including shared services, else 200."""
+        parts = {
+            "web": self.takes_requests(),
+            "database": self._database_answers(),
+            "disk": self._disk_has_room(),
+        }
+        if self.settings.serve.job_workers:
+            parts["worker"] = any_alive(self.library.inner / "workers")
+        if self.settings.database is not None:
+            parts["folder"] = has_library(self.library.folder)
+        storage = in_use()
+        if storage is not None:
+            parts["storage"] = storage.reachable()
+        well, draining = all(parts.values()), self.draining()
+        states = {name: _WORDS[state] for name, state in parts.items()}
+        return {"status": "draining" if draining else _WORDS[well], **states}, _STATUSES[
+            well and not draining
+        ]
+
+    def _database_answers(self) -> bool:
+        try:
+            with self.library.database.read() as session:
+                session.execute(text("SELECT 1 FROM map LIMIT 1"))
+        except StorageError:
+            return False
+        return True
+
+    def _disk_has_room(self) -> bool:
+        """Return whether there is enough free space for uploads."""
+        try:
+            free = shutil.disk_usage(self.library.folder).free
+        except OSError:
+            return False
+        return free >= self.settings.upload.reserve_mb * 1e6
+
+
+PROBES: dict[str, Callable[[Health], Report]] = {
+    "healthz": Health.whole,
+    "livez": Health.live,
+    "readyz": Health.ready,
+}
+"""The probes by the paths at which they are answered."""
