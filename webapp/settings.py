@@ -168,7 +168,7 @@ class ServeSettings:
     """Number of processes; the option `--workers` overrides it."""
 
     threads: int = 8
-    """Concurrent requests per process."""
+    """Concurrent requests per process; as many more that localize."""
 
     patience_s: float = 15.0
     """Seconds that a thread waits for a request to arrive, plus one for each 2000 bytes received."""

@@ -117,6 +117,10 @@ def test_it_says_where_it_is_and_stops_on_ctrl_c(folder, port):
         assert answers(url)
         assert urllib.request.urlopen(link, timeout=60).status == 200
         assert len(processes(folder)) == 4
+        (background,) = processes(folder, "webapp worker")
+        assert os.getpriority(os.PRIO_PROCESS, background) > os.getpriority(os.PRIO_PROCESS, server.pid)
+        if (group := Path(f"/proc/{background}/autogroup")).exists():
+            assert group.read_text().endswith(" nice 5\n")
         server.send_signal(signal.SIGINT)
         assert server.wait(60) == 0
         assert server.stdout.read() == ""

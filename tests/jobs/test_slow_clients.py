@@ -1,4 +1,4 @@
-"""Silent connections: how long the web server keeps them; and slow requests, which have threads of their own."""
+"""Silent connections: how long the web server keeps them; and the threads of slow requests."""
 
 import selectors
 import socket

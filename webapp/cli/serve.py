@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from webapp.tasks.operate.open_storage import open_storage
 
 _NICENESS = 5
 """Niceness of a background worker: the pages have priority."""
+
+_AUTOGROUP = Path("/proc/self/autogroup")
 
 
 def log_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -79,16 +82,25 @@ def worker(composition: Composition, library: Path | None, once: bool, parent: i
     `expmap serve` starts one itself. Further workers share the work, on this machine or on others that can
     access the same library.
     """
+    if parent is not None:
+        _give_way()
     from webapp.jobs.worker import Worker  # loads OpenCV, which the server does not need
 
     log_to_stderr(log)
     settings = library_settings(library)
     telemetry.start(settings.traces)
-    if parent is not None and hasattr(os, "nice"):
-        os.nice(_NICENESS)
     opened = open_library(settings.library, url=settings.database)
     open_storage(opened, settings)
     working = Worker(opened, settings, registry=composition.registry(), parent=parent)
     working.stop_on_signals()
     working.run(once=once)
     opened.database.close()
+
+
+def _give_way() -> None:
+    """Lower this process's priority, also that of its session: Linux may share the cores between sessions."""
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    if _AUTOGROUP.exists():
+        with suppress(OSError):  # the session belongs to another user, or its priority was just changed
+            _AUTOGROUP.write_text(str(_NICENESS))

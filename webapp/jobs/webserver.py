@@ -8,6 +8,7 @@ safely.
 from __future__ import annotations
 
 import argparse
+import mmap
 import os
 import socket
 from collections.abc import Callable, Sequence
@@ -58,6 +59,7 @@ class Server(BaseApplication):  # type: ignore[misc]
     ) -> None:
         self._app = app
         self._listeners = list(listeners)
+        self._loaded = mmap.mmap(-1, 1)  # shared with the worker processes
         self._settings = settings
         self._options = options
         self._parent = parent
@@ -77,7 +79,13 @@ class Server(BaseApplication):  # type: ignore[misc]
         cv2.setNumThreads(native_threads(self.cfg.workers))
         telemetry.start(self._settings.traces)  # its threads would not survive the fork
         create: Callable[[Settings], Any] = import_name(self._app)
-        return create(self._settings)
+        made = create(self._settings)
+        self._loaded[0] = 1
+        return made
+
+    def is_loaded(self) -> bool:
+        """Return whether a worker process has made the application."""
+        return self._loaded[0] == 1
 
     def run(self) -> None:
         """Serve until stopped."""
@@ -87,11 +95,18 @@ class Server(BaseApplication):  # type: ignore[misc]
 
 
 class _Master(Arbiter):  # type: ignore[misc]
-    """Stops when its parent is gone, so that the port becomes free."""
+    """Stops when its parent is gone, and lets the first worker start alone, so that it answers sooner."""
 
     def __init__(self, app: Server, parent: int) -> None:
         self._parent = parent
         super().__init__(app)
+        self.num_workers = 1
+
+    def manage_workers(self) -> None:
+        """Start workers; gunicorn calls it every second."""
+        if self.num_workers == 1 and self.app.is_loaded():
+            self.num_workers = self.cfg.workers
+        super().manage_workers()
 
     def murder_workers(self) -> None:
         """Check the parent and the workers; gunicorn calls it every second."""
