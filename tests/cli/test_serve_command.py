@@ -203,9 +203,13 @@ def test_without_the_supervisor_all_end_and_the_next_can_start(folder, port):
             wait_for(lambda: len(processes(folder)) == 4)
 
 
-def test_web_processes_end_at_once_with_the_supervisor_even_in_the_middle_of_a_request(folder, port):
+def test_web_processes_end_at_once_with_the_supervisor_even_in_a_request(folder, port, monkeypatch):
+    monkeypatch.setenv("EXPMAP_SERVE_PATIENCE_S", "600")
     with served(folder, port) as (server, url, _), socket.create_connection(("127.0.0.1", port)) as slow:
-        slow.sendall(b"POST /sign-in HTTP/1.1\r\nHost: here\r\nContent-Length: 9\r\n\r\nname")
+        slow.sendall(
+            b"POST /sign-in HTTP/1.1\r\nHost: here\r\nContent-Length: 9\r\n"
+            b"Content-Type: application/x-www-form-urlencoded\r\n\r\nname"
+        )
         assert answers(url)
         server.kill()
         slow.settimeout(60)
