@@ -4,7 +4,7 @@ import io
 import json
 
 import pytest
-from apiflask import fields
+from apiflask import Schema, fields
 
 from webapp.missions.store import missions
 from webapp.settings import Settings, WebSettings
@@ -237,8 +237,8 @@ def test_a_long_list_is_refused_before_its_items_are_converted():
         (BoundedList(Item(), most=3), [1] * 4),
         (BoundedDict(keys=Item(), values=Item(), most=3), dict.fromkeys("abcd", 1)),
     ):
-        with pytest.raises(ValueError, match="3"):
-            field.deserialize(value)
+        errors = Schema.from_dict({"given": field})().validate({"given": value})
+        assert errors == {"given": ["Longer than maximum length 3."]}
 
 
 def test_a_large_edit_is_accepted(client, library, owner, make_map):

@@ -52,7 +52,11 @@ class GeoreferenceIn(Schema):
         bytes=MOST_CORNERS,
         values=_CORNER_VALUES,
         load_default=None,
-        metadata={"type": "object", "description": "`top_left` and `bottom_right`, or all four."},
+        metadata={
+            "type": "object",
+            "additionalProperties": {},
+            "description": "`top_left` and `bottom_right`, or all four.",
+        },
     )
     points = BoundedList(Nested(PointIn), load_default=[], most=_MOST_POINTS)
     model = String(load_default=None, allow_none=True, validate=OneOf(tuple(NEEDED)))
