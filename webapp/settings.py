@@ -86,7 +86,7 @@ class ImportLimits:
     """Number of files and folders, and of lines in its `.cfg` files."""
 
     max_ratio: float = 200.0
-    """Maximum compression ratio of a file; that of photos is about one."""
+    """Maximum compression ratio of a file, and of all together; that of photos is about one."""
 
 
 @dataclass(frozen=True, slots=True)
