@@ -59,7 +59,7 @@ def match_picture(
     best = answer.evidence[0]
     photo = next(e for e in the_map.experiences if e.id == best.experience)
     return draw_matches(
-        read_blurred(query, boxes_in_file(cfg.parent, the_map, query), limits=limits),
+        read_blurred(query, boxes_in_file(cfg.parent, the_map, file=query), limits=limits),
         read_blurred(photo_path(cfg, photo.photo), photo.blurred, limits=limits),
         evidence=best,
         query_name=query.name,

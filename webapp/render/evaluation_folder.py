@@ -91,7 +91,7 @@ def pictured(evaluation: Evaluation, rows: list[Row], *, limits: PhotoLimits) ->
         match = None
         for evidence in answer.evidence[:1]:
             query, photo = evaluation.query_folder / row.result.path, photos[evidence.experience]
-            in_query = boxes_in_file(subject.map_folder, subject.map, query)
+            in_query = boxes_in_file(subject.map_folder, subject.map, file=query)
             match = draw_matches(
                 read_blurred(query, in_query, limits=limits),
                 read_blurred(local(subject.map_folder / photo.photo), photo.blurred, limits=limits),

@@ -94,7 +94,7 @@ def keep(library: Library, slug: str, *, download: Download, look: str | None) -
     return download.name
 
 
-def kept(library: Library, record: MapRecord, name: str) -> Path:
+def kept(library: Library, record: MapRecord, *, name: str) -> Path:
     """Return an export that was kept; one that was made before a photo was blurred is never returned.
 
     Raises

@@ -6,7 +6,6 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from webapp.core.blur import BlurBox
@@ -104,7 +103,10 @@ def of_library(library: Library, map_id: int) -> Source:
             "the map has no satellite image yet: there is nothing to export",
             hint="upload a satellite image, or start from a blank plan",
         )
-    boxes = partial(boxes_in_exports, library, map_id)
+
+    def boxes(photo_id: int) -> tuple[BlurBox, ...]:
+        return boxes_in_exports(library, map_id, photo_id=photo_id)
+
     return Source(map_, library.cfg(slug), title, plain_name(slug), boxes, unplaced)
 
 

@@ -50,7 +50,7 @@ def file_of(library: Library, query: QueryRecord) -> PhotoFile:
     )
 
 
-def looks(session: Session, library: Library, rows: Sequence[QueryRecord]) -> list[str | None]:
+def looks(session: Session, library: Library, *, rows: Sequence[QueryRecord]) -> list[str | None]:
     """Return a key of what is blurred in the photo of each answer; None if nothing is, or it is missing."""
     found: dict[int, PhotoFile] = {}
     for row in rows:

@@ -123,7 +123,7 @@ def give_original(library: Library, photo: PhotoFile, *, audience: Audience) -> 
     return photo.find()
 
 
-def boxes_in_file(folder: Path, the_map: Map, file: Path) -> tuple[BlurBox, ...]:
+def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
     """Return the boxes that are blurred in a file if it is a photo of a map.
 
     Parameters

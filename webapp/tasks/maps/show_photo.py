@@ -70,7 +70,7 @@ def file_of(library: Library, slug: str, *, photo: Photo) -> PhotoFile:
     )
 
 
-def boxes_in_exports(library: Library, map_id: int, photo_id: int) -> tuple[BlurBox, ...]:
+def boxes_in_exports(library: Library, map_id: int, *, photo_id: int) -> tuple[BlurBox, ...]:
     """Return the boxes to blur in a photo of a map for those who receive an export.
 
     Raises

@@ -83,7 +83,7 @@ def _cloud(record: MapRecord, shown: ShownCloud) -> dict[str, Any]:
             "height": photo.height,
             "placed": photo.x_px is not None,
             "source": source_of_photo(photo),
-            "preview": picture_address(record, photo, "preview"),
+            "preview": picture_address(record, photo, kind="preview"),
         }
         for photo in photos
     }

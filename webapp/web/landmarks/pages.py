@@ -38,7 +38,7 @@ def control_points(slug: str) -> str:
                 "name": photo.name,
                 "width": photo.width,
                 "height": photo.height,
-                "preview": picture_address(record, photo, "preview"),
+                "preview": picture_address(record, photo, kind="preview"),
             }
             for photo in maps.photos(session, record)
             if not photo.removed

@@ -203,7 +203,7 @@ def thumb(slug: str, id: int) -> Response:
 
 def _queries_json(session: Session, record: MapRecord, rows: list[QueryRecord]) -> list[dict[str, Any]]:
     who = queries.names(session, rows)
-    looks = show_query.looks(session, library(), rows)
+    looks = show_query.looks(session, library(), rows=rows)
     return [
         {**_one(row, who.get(row.account_id or -1)), **_addresses(record.slug, row, look)}
         for row, look in zip(rows, looks, strict=True)

@@ -101,7 +101,7 @@ def quality(slug: str) -> str:
         can_edit = maps.role_of(session, record, account=account()) in ("editor", "owner")
         placed = maps.counts(session, record)[1]
         names = {
-            photo.path: (photo.id, photo.name, map_state.picture_address(record, photo, "thumb"))
+            photo.path: (photo.id, photo.name, map_state.picture_address(record, photo, kind="thumb"))
             for photo in maps.photos(session, record)
             if not photo.removed
         }

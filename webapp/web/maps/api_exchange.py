@@ -125,7 +125,7 @@ def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
 @blueprint.doc(responses=file_answer("The file.", "*/*"))
 def exported(slug: str, name: str) -> Response:
     """Download the file that an export job has made."""
-    path = export_file.kept(library(), open_map(slug), name)
+    path = export_file.kept(library(), open_map(slug), name=name)
     return send_file(path, as_attachment=True, download_name=name)
 
 

@@ -235,12 +235,12 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "source": source_of_photo(photo),
         "panorama": photo.panorama,
         "note": photo.note,
-        "preview": picture_address(record, photo, "preview"),
-        "thumb": picture_address(record, photo, "thumb"),
+        "preview": picture_address(record, photo, kind="preview"),
+        "thumb": picture_address(record, photo, kind="thumb"),
     }
 
 
-def picture_address(record: MapRecord, photo: Photo, kind: Kind) -> str:
+def picture_address(record: MapRecord, photo: Photo, *, kind: Kind) -> str:
     """Return the URL of a preview of a photo for members, which changes with what is blurred in it."""
     look = f"?look={blur_key(boxes_of(photo))}" if photo.blurred else ""
     return f"/api/v1/maps/{record.slug}/photos/{photo.id}/{kind}{look}"

@@ -209,7 +209,7 @@ def _photo(opened: OpenedShare, photo: Photo, token: str, *, file: bool) -> dict
 
 def _answer(session: Session, opened: OpenedShare, query: QueryRecord, *, token: str) -> dict[str, Any]:
     exif, shown = opened.share.originals, opened.share.photos
-    file = shown and exif and show_query.looks(session, library(), [query]) == [None]
+    file = shown and exif and show_query.looks(session, library(), rows=[query]) == [None]
     return {
         "name": query.name if exif else None,
         "at": query.at.isoformat(timespec="seconds"),
