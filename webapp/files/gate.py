@@ -247,7 +247,7 @@ class _Nursery:
         with theirs:
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "webapp.files.gate_child"],
-                stdin=theirs,
+                stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 env=environment,
                 start_new_session=True,  # Ctrl-C is for the caller, which then ends it

@@ -189,7 +189,7 @@ def _check_arrays(types: Typesdict, *, where: str) -> None:
                 continue
             (inner, element), length = about
             unrolled = inner != _BASE or element[0] in _TEXTS
-            if unrolled and length > MAX_ARRAY:
+            if unrolled and int(length) > MAX_ARRAY:
                 raise TrackError(
                     f"the message definition has an array of {length} elements, and the limit is {MAX_ARRAY}",
                     where=f"{where} {name[:80]}",

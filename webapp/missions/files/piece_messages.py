@@ -60,7 +60,8 @@ def values_message(values: Sequence[Any]) -> bytes:
 def decode(message: bytes) -> Piece | Remark | list[Any]:
     """Decode a message."""
     text, _, data = message.partition(b"\n")
-    kind, *rest = json.loads(text)
+    found: list[Any] = json.loads(text)
+    kind, rest = found[0], found[1:]
     match kind:
         case "world":
             track, source, timed = rest
@@ -73,7 +74,8 @@ def decode(message: bytes) -> Piece | Remark | list[Any]:
         case "seen locally":
             return RobotObjects(rest[0], tuple(LocalSighting(*_fields(row, tuple)) for row in rest[1]))
         case "remark":
-            return (rest[0], rest[1], rest[2], rest[3])
+            method, what, where, count = rest
+            return method, what, where, count
     return rest
 
 
