@@ -8,7 +8,9 @@ import pytest
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import NotFound, TrackError
+from webapp.files import gate
 from webapp.files.exchange.gpx import NAMESPACE
+from webapp.importing import import_name
 from webapp.missions.core.trajectory.robotframe import Start
 from webapp.missions.core.trajectory.thinning import MinMove
 from webapp.missions.store import batches, missions, objects, tracks
@@ -49,7 +51,8 @@ def mission(library, owner):
 
 @pytest.fixture
 def small_parts(monkeypatch):
-    """Read files in small parts, and store a few at a time."""
+    """Read files in small parts, in this process, and store a few at a time."""
+    monkeypatch.setattr(gate, "run", lambda target, arguments, **_: import_name(target)(**arguments))
     monkeypatch.setattr("webapp.missions.files.csv_reader.CHUNK", 50)
     monkeypatch.setattr(import_file, "_AT_ONCE", 120)
 
