@@ -242,13 +242,15 @@ class _Start:
         """Return whether the web processes have answered a request, which waits in their queue meanwhile."""
         if self._web_answers:
             return True
-        status = None
         try:
             if self._request is None:
                 self._request = http.client.HTTPConnection(*self._address, timeout=_ANSWERS_WITHIN_S)
                 self._request.request("HEAD", "/sign-in")
-            self._request.sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-            status = self._request.getresponse().status
+                self._request.sock.setblocking(False)
+            self._request.sock.recv(1, socket.MSG_PEEK)
+            self._request.sock.settimeout(_ANSWERS_WITHIN_S)
+            self._request.getresponse()
+            self._web_answers = True
         except BlockingIOError:
             return False
         except (OSError, http.client.HTTPException) as error:
@@ -256,7 +258,6 @@ class _Start:
         assert self._request is not None
         self._request.close()
         self._request = None
-        self._web_answers = status is not None and status < http.HTTPStatus.INTERNAL_SERVER_ERROR
         return self._web_answers
 
 
