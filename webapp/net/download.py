@@ -6,11 +6,11 @@ import requests
 
 from webapp import __version__
 from webapp.errors import InputError
+from webapp.net.bounded import CHUNK, answering, body, bounded_session
 from webapp.progress import Progress
 
 _USER_AGENT = f"experience-map/{__version__}"
 _TIMEOUT_S = 20.0
-_CHUNK = 65_536
 _HINT = "try again later, or copy the file to this machine yourself and give its folder with --from"
 
 
@@ -35,29 +35,24 @@ def download(address: str, *, size: int, progress: Progress) -> bytes:
         The host does not answer, or not with a file of this size.
     Cancelled
     """
-    progress.size(-(-size // _CHUNK))
-    data = bytearray()
+    progress.size(-(-size // CHUNK))
+
+    def advance() -> None:
+        progress.check()
+        progress.advance()
+
     try:
-        # no redirects: they could lead to a host that the user has not agreed to
-        with requests.get(
-            address,
-            headers={"User-Agent": _USER_AGENT},
-            timeout=_TIMEOUT_S,
-            stream=True,
-            allow_redirects=False,
-        ) as answer:
+        with (
+            bounded_session(_USER_AGENT) as session,
+            answering(session, address, most_bytes=size, timeout_s=_TIMEOUT_S) as answer,
+        ):
             if answer.status_code != requests.codes.ok:
                 raise InputError(f"the host answered {answer.status_code}", where=address, hint=_HINT)
-            for chunk in answer.iter_content(_CHUNK):
-                progress.check()
-                data += chunk
-                progress.advance()
-                if len(data) > size:
-                    break
+            data = body(answer, most_bytes=size, at_chunk=advance)
     except requests.RequestException as error:
         message = f"the host cannot be reached ({type(error).__name__})"
         raise InputError(message, where=address, hint=_HINT) from error
-    if len(data) != size:
-        received = "more" if len(data) > size else len(data)
+    if data is None or len(data) != size:
+        received = "more" if data is None else len(data)
         raise InputError(f"expected {size} bytes, received {received}", where=address, hint=_HINT)
-    return bytes(data)
+    return data

@@ -12,12 +12,12 @@ from webapp import __version__
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.core.geo.types import LatLon
 from webapp.errors import InputError
+from webapp.net.bounded import answering, body, bounded_session
 from webapp.settings import GeocoderSettings
 
 _USER_AGENT = f"experience-map/{__version__} (search for a place by a person)"
 _MOST = 5
 _MAX_BYTES = 1_000_000
-_CHUNK = 65_536
 _MAX_NAME = 300
 _WHERE = "place search"
 
@@ -69,24 +69,24 @@ def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[Fou
 
 
 def _ask(address: str, wish: dict[str, str], *, timeout_s: float) -> bytes:
-    data = bytearray()
-    headers = {"User-Agent": _USER_AGENT, "Accept": "application/json"}
+    headers = {"Accept": "application/json"}
     try:
-        # no redirects: they could lead to a host that is not configured
-        with requests.get(
-            address, params=wish, headers=headers, timeout=timeout_s, stream=True, allow_redirects=False
-        ) as answer:
+        with (
+            bounded_session(_USER_AGENT) as session,
+            answering(
+                session, address, params=wish, headers=headers, most_bytes=_MAX_BYTES, timeout_s=timeout_s
+            ) as answer,
+        ):
             if answer.status_code != requests.codes.ok:
                 message = f"it answered {answer.status_code}"
                 raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates")
-            for chunk in answer.iter_content(_CHUNK):
-                data += chunk
-                if len(data) > _MAX_BYTES:
-                    raise InputError("it sent too much data", where=_WHERE)
+            data = body(answer, most_bytes=_MAX_BYTES)
     except requests.RequestException as error:
         message = "it cannot be reached"
         raise InputError(message, where=_WHERE, hint="try again later, or give the coordinates") from error
-    return bytes(data)
+    if data is None:
+        raise InputError("it sent too much data", where=_WHERE)
+    return data
 
 
 def _place(item: object) -> FoundPlace | None:

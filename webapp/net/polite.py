@@ -11,15 +11,14 @@ from email.utils import parsedate_to_datetime
 from urllib.parse import urljoin
 
 import requests
-from requests.adapters import HTTPAdapter
 from urllib3.util import Url, parse_url
 
 from webapp import __version__
 from webapp.errors import Cancelled, InputError, TooMany
+from webapp.net.bounded import BoundedAdapter, answering, body, bounded_session
 from webapp.settings import StreetSettings
 
 _USER_AGENT = f"experience-map/{__version__} (photos of one area for a map)"
-_CHUNK = 65_536
 _MAX_JSON_BYTES = 50_000_000
 _TRIES = 4
 _REDIRECTS = 3
@@ -78,11 +77,8 @@ class PoliteClient:
         self._settings = settings
         self._pace = RateLimit(settings.requests_per_second)
         self._stopped = threading.Event()
-        self._session = requests.Session()
+        self._session = bounded_session(_USER_AGENT, BoundedAdapter(pool_maxsize=settings.parallel))
         self._session.trust_env = False  # do not send passwords of a .netrc
-        self._session.headers["User-Agent"] = _USER_AGENT
-        for scheme in ("https://", "http://"):
-            self._session.mount(scheme, HTTPAdapter(pool_maxsize=settings.parallel))
 
     def stop(self) -> None:
         """Cancel pending requests, also those of other threads; later requests are refused."""
@@ -152,12 +148,12 @@ class PoliteClient:
                     f"has a photo on the host {_host(address)}, which is not allowed",
                     hint="add it to street.photo_hosts if you trust it",
                 )
-            with self._session.get(
+            with answering(
+                self._session,
                 address,
                 headers=self._headers if self._is_own(address) else {},
-                timeout=self._settings.timeout_s,
-                stream=True,
-                allow_redirects=False,
+                most_bytes=max_bytes,
+                timeout_s=self._settings.timeout_s,
             ) as answer:
                 if answer.is_redirect:
                     address = self._next_address(address, answer.headers["Location"])
@@ -178,13 +174,10 @@ class PoliteClient:
             raise self._error("redirects to an invalid address") from error
 
     def _content(self, answer: requests.Response, max_bytes: int) -> bytes:
-        data = bytearray()
-        for chunk in answer.iter_content(_CHUNK):
-            self._check()
-            data += chunk
-            if len(data) > max_bytes:
-                raise self._error(f"sent more than {max_bytes / 1e6:.0f} MB")
-        return bytes(data)
+        data = body(answer, most_bytes=max_bytes, at_chunk=self._check)
+        if data is None:
+            raise self._error(f"sent more than {max_bytes / 1e6:.0f} MB")
+        return data
 
     def _wait_as_asked(self, answer: requests.Response, *, otherwise_s: float) -> None:
         wait_s = _seconds(answer.headers.get("Retry-After"))

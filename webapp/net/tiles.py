@@ -10,12 +10,12 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 
 import requests
-from requests.adapters import HTTPAdapter
 from urllib3.util import Retry
 
 from webapp import __version__
 from webapp.core.geo.tilegrid import Tile
 from webapp.errors import InputError, StorageError
+from webapp.net.bounded import BoundedAdapter, answering, body, bounded_session
 from webapp.net.polite import RateLimit
 from webapp.net.services import TileService
 from webapp.progress import Progress
@@ -24,8 +24,10 @@ from webapp.threads import ContextThreads
 
 _USER_AGENT = f"experience-map/{__version__} (map tiles for one satellite image)"
 _MAX_BYTES = 4_000_000
-_CHUNK = 65536
 _TRIES = 4
+_LONGEST_PAUSE_S = 60
+"""Longest pause before a retry, even if the server asks for a longer one."""
+
 _LISTEN_S = 0.5
 """Interval at which cancellation is checked while waiting for tiles."""
 
@@ -49,12 +51,15 @@ class TileFetcher:
         self._settings = settings
         self._pace = RateLimit(settings.requests_per_second)
         # retried after 0.5, 1, 2 s, or when the server says (Retry-After)
-        retry = Retry(_TRIES - 1, backoff_factor=0.5, status_forcelist=_TRY_AGAIN, raise_on_status=False)
-        self._session = requests.Session()
-        self._session.headers["User-Agent"] = _USER_AGENT
-        adapter = HTTPAdapter(pool_maxsize=settings.parallel, max_retries=retry)
-        self._session.mount("https://", adapter)
-        self._session.mount("http://", adapter)
+        retry = Retry(
+            _TRIES - 1,
+            backoff_factor=0.5,
+            status_forcelist=_TRY_AGAIN,
+            raise_on_status=False,
+            retry_after_max=_LONGEST_PAUSE_S,
+        )
+        adapter = BoundedAdapter(pool_maxsize=settings.parallel, max_retries=retry)
+        self._session = bounded_session(_USER_AGENT, adapter)
 
     def fetch(
         self, tiles: Iterable[Tile], *, zoom: int, progress: Progress
@@ -122,27 +127,22 @@ class TileFetcher:
         """Request one tile from the service; answers other than images are never passed on."""
         hint = "try again later, or choose another service"
         try:
-            # no redirects: they could lead to a host that is not configured
-            with self._session.get(
-                address, timeout=self._settings.timeout_s, stream=True, allow_redirects=False
+            with answering(
+                self._session, address, most_bytes=_MAX_BYTES, timeout_s=self._settings.timeout_s
             ) as answer:
                 if answer.status_code in _NO_TILE:
                     return None
                 if answer.status_code != requests.codes.ok:
                     message = f"{self._service.name} answered {answer.status_code}"
                     raise InputError(message, where="tile service", hint=hint)
-                data = bytearray()
-                for chunk in answer.iter_content(_CHUNK):
-                    data += chunk
-                    if len(data) > _MAX_BYTES:
-                        break
+                data = body(answer, most_bytes=_MAX_BYTES)
         except requests.RequestException as error:
             message = f"{self._service.name} cannot be reached"
             raise InputError(message, where="tile service", hint=hint) from error
-        if len(data) > _MAX_BYTES or not bytes(data[:8]).startswith(_IMAGES):
+        if data is None or not data.startswith(_IMAGES):
             message = f"{self._service.name} did not send a tile"
             raise InputError(message, where="tile service", hint=hint)
-        return bytes(data)
+        return data
 
 
 def _keep(path: Path, data: bytes) -> None:

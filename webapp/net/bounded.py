@@ -1,0 +1,180 @@
+"""GET requests with limits of bytes and time, which hold whatever a server sends.
+
+The timeout of `requests` is that of one read from the socket, so that a byte now and then keeps a request
+open for ever, and nobody counts the bytes of headers, chunk sizes and trailers. Here the limits apply at the
+socket.
+"""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from http.client import HTTPResponse
+from typing import Any
+
+import requests
+from requests.adapters import HTTPAdapter
+from urllib3 import HTTPConnectionPool, HTTPSConnectionPool
+from urllib3.connection import HTTPConnection, HTTPSConnection
+
+CHUNK = 65_536
+_SLOWEST = 5_000.0
+"""Bytes per second that a server has to send, after a start."""
+
+_START = 2.0
+"""Time for this start and for the headers, in timeouts."""
+
+_AROUND = 1_000_000
+"""Bytes around a body of the largest size: headers, sizes of chunks, trailers."""
+
+_most_bytes: ContextVar[int] = ContextVar("most_bytes")
+
+
+class BoundedAdapter(HTTPAdapter):
+    """Adapter for sessions that `answering` uses; options as for `HTTPAdapter`."""
+
+    def init_poolmanager(self, *args: Any, **options: Any) -> None:
+        """Create the pools of connections."""
+        super().init_poolmanager(*args, **options)
+        self.poolmanager.pool_classes_by_scheme = _POOLS
+
+    def proxy_manager_for(self, *args: Any, **options: Any) -> Any:
+        """Create the pools of connections to a proxy."""
+        manager = super().proxy_manager_for(*args, **options)
+        manager.pool_classes_by_scheme = _POOLS
+        return manager
+
+
+def bounded_session(user_agent: str, adapter: HTTPAdapter | None = None) -> requests.Session:
+    """Create a session for `answering`."""
+    session = requests.Session()
+    session.headers["User-Agent"] = user_agent
+    adapter = adapter or BoundedAdapter()
+    for scheme in ("https://", "http://"):
+        session.mount(scheme, adapter)
+    return session
+
+
+@contextmanager
+def answering(
+    session: requests.Session,
+    address: str,
+    *,
+    most_bytes: int,
+    timeout_s: float,
+    headers: Mapping[str, str] | None = None,
+    params: Mapping[str, str] | None = None,
+) -> Iterator[requests.Response]:
+    """Send a GET request; redirects are not followed, as they could lead to a host that nobody has agreed to.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Maximum size of the body.
+    timeout_s : float
+        Longest wait for a part of the answer. The headers may take twice as long, and the whole answer the
+        time that its bytes take at 5 kB/s in addition.
+
+    Raises
+    ------
+    requests.RequestException
+        There is no answer, or it exceeds the limits.
+    """
+    token = _most_bytes.set(most_bytes)
+    try:
+        with session.get(
+            address,
+            headers=headers,
+            params=params,
+            timeout=timeout_s,
+            stream=True,
+            allow_redirects=False,
+        ) as answer:
+            yield answer
+    finally:
+        _most_bytes.reset(token)
+
+
+def body(
+    answer: requests.Response, *, most_bytes: int, at_chunk: Callable[[], object] = lambda: None
+) -> bytes | None:
+    """Read the body of an answer; None if it has more bytes than allowed, which are then not read.
+
+    Parameters
+    ----------
+    at_chunk : callable
+        Called for every 2^16 bytes; what it raises ends the reading.
+    """
+    data = bytearray()
+    for chunk in answer.iter_content(CHUNK):
+        at_chunk()
+        data += chunk
+        if len(data) > most_bytes:
+            return None
+    return bytes(data)
+
+
+class _BoundedRaw(io.RawIOBase):
+    """Reads from a socket until its budget of bytes and time is spent."""
+
+    def __init__(self, raw: io.RawIOBase, sock: Any) -> None:
+        self._raw, self._sock = raw, sock
+        self._timeout_s: float = sock.gettimeout()
+        self._since = time.monotonic()
+        self._left = _most_bytes.get() + _AROUND
+        self._received = 0
+        self.in_body = False
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int | None:
+        earned_s = self._received / _SLOWEST if self.in_body else 0.0
+        left_s = self._since + _START * self._timeout_s + earned_s - time.monotonic()
+        if left_s <= 0.0:
+            raise TimeoutError("the answer takes too long")
+        if self._received > self._left:
+            raise OSError("the answer is too long")
+        self._sock.settimeout(min(left_s, self._timeout_s))
+        count = self._raw.readinto(buffer)
+        self._received += count or 0
+        return count
+
+    def close(self) -> None:
+        self._raw.close()
+        super().close()
+
+
+class _BoundedResponse(HTTPResponse):
+    """A response that is read through `_BoundedRaw`."""
+
+    def __init__(self, sock: Any, *args: Any, **options: Any) -> None:
+        super().__init__(sock, *args, **options)
+        self._bounded = _BoundedRaw(self.fp.detach(), sock)
+        self.fp = io.BufferedReader(self._bounded)
+
+    def begin(self) -> None:
+        super().begin()
+        self._bounded.in_body = True
+
+
+class _Connection(HTTPConnection):
+    response_class = _BoundedResponse
+
+
+class _SecureConnection(HTTPSConnection):
+    response_class = _BoundedResponse
+
+
+class _Pool(HTTPConnectionPool):
+    ConnectionCls = _Connection
+
+
+class _SecurePool(HTTPSConnectionPool):
+    ConnectionCls = _SecureConnection
+
+
+_POOLS = {"http": _Pool, "https": _SecurePool}
