@@ -73,7 +73,7 @@ def test_a_model_that_cannot_be_opened_is_not_read_again(supply, monkeypatch):
     folder = supply(b"no model")
     assert usable_global_descriptor(folder) is None
     monkeypatch.setattr(
-        "webapp.files.localize.global_model.read_bytes", lambda path: pytest.fail("read again")
+        "webapp.files.localize.global_model.read_model", lambda path: pytest.fail("read again")
     )
     assert usable_global_descriptor(folder) is None
     with pytest.raises(InputError):

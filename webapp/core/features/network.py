@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,10 @@ from webapp.extras import extra
 
 Sides = tuple[int | None, ...]
 """Shape of an array; None for sides that are not fixed."""
+
+_ONE_FILE = ("session.model_external_initializers_file_folder_path", os.devnull)
+"""Option of onnxruntime: weights in other files are looked for where there are none. By default it reads
+files in the current folder that the model names; they would not be part of the model's hash."""
 
 _SILENT = 4
 """Minimum severity of onnxruntime's log messages (fatal): errors are raised as exceptions anyway."""
@@ -71,7 +76,7 @@ class Network:
     Raises
     ------
     InputError
-        onnxruntime cannot open the model, or it has other inputs or outputs.
+        onnxruntime cannot open the model, its weights are in other files, or it has other inputs or outputs.
     MissingPart
         onnxruntime is not installed.
     """
@@ -89,10 +94,11 @@ class Network:
         options.enable_mem_pattern = False
         # Threads that wait in a busy loop take CPU time from other processes.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.add_session_config_entry(*_ONE_FILE)
         try:
             self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
         except self._errors as error:
-            raise interface.error(file) from error
+            raise _unusable(error, interface, file=file) from error
         self.inputs: dict[str, Sides] = {i.name: _sides(i.shape) for i in self._session.get_inputs()}
         self.outputs: dict[str, Sides] = {o.name: _sides(o.shape) for o in self._session.get_outputs()}
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -127,6 +133,13 @@ class Network:
     def error(self) -> InputError:
         """Create the error for outputs that do not fit the interface."""
         return self._interface.error(self._file)
+
+
+def _unusable(error: Exception, interface: Interface, *, file: str) -> InputError:
+    if "external data path" in str(error).lower():
+        hint = "export it as one file: external_data=False of torch.onnx.export"
+        return InputError("its weights are in another file, which is not read", where=file, hint=hint)
+    return interface.error(file)
 
 
 def _errors_of(onnxruntime: Any) -> tuple[type[Exception], ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from webapp.core.features.global_descriptor import GlobalDescriptor, InputForm, read_form
 from webapp.errors import ExpMapError, InputError, MissingPart, StorageError
 from webapp.files.atomic import read_bytes
-from webapp.files.localize.models import MODELS, models_folder
+from webapp.files.localize.models import MODELS, models_folder, read_model
 
 _Seen = tuple[int, int] | None
 """Modification time and size of a file; None if it is missing."""
@@ -78,7 +78,7 @@ def model_paths(chosen: Path | None) -> tuple[Path, Path]:
 def _open(model: Path, seen: _Seen, form_seen: _Seen) -> GlobalDescriptor | ExpMapError:
     """Open the files in the state seen; errors are returned, so that they are cached, too."""
     try:
-        data = read_bytes(model)
+        data = read_model(model)
         form = _form(model.with_suffix(".json")) if form_seen is not None else InputForm()
         weights = hashlib.sha256(hashlib.sha256(data).digest() + repr(form).encode()).hexdigest()[:16]
         return GlobalDescriptor(data, file=model.name, form=form, weights=weights)

@@ -27,9 +27,12 @@ from webapp.core.features.table import (
     choose,
 )
 from webapp.core.features.xfeatnet import XFeatNetwork
-from webapp.errors import MissingPart, UsageError
+from webapp.errors import InputError, MissingPart, UsageError
 from webapp.extras import is_installed
 from webapp.files.atomic import read_bytes
+
+_MOST_BYTES = 2**31 - 1
+"""Limit of Protocol Buffers, in which ONNX files are written."""
 
 _FETCH = "run expmap models fetch"
 
@@ -223,7 +226,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
         return choice
     path, file = find_weights(choice.model, chosen)
     if not file.published:
-        choice = replace(choice, weights=hashlib.sha256(read_bytes(path)).hexdigest())
+        choice = replace(choice, weights=hashlib.sha256(read_model(path)).hexdigest())
     network(choice.model, chosen, weights=choice.weights)
     return choice
 
@@ -257,7 +260,7 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
     if model is None:
         return None
     path, file = find_weights(model, chosen)
-    return _network(model, path, file.sha256 or weights or hashlib.sha256(read_bytes(path)).hexdigest())
+    return _network(model, path, file.sha256 or weights or hashlib.sha256(read_model(path)).hexdigest())
 
 
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
@@ -284,7 +287,7 @@ def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
             f"no network matches features {features}", where="--features", hint=f"use --features {fitting}"
         )
     path, file = find_weights(model, chosen)
-    return _matcher(model, path, file.sha256 or hashlib.sha256(read_bytes(path)).hexdigest())
+    return _matcher(model, path, file.sha256 or hashlib.sha256(read_model(path)).hexdigest())
 
 
 def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher | None:
@@ -337,7 +340,7 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
         The file has another hash.
     StorageError
     """
-    data = read_bytes(path)
+    data = read_model(path)
     if hashlib.sha256(data).hexdigest() == sha256:
         return data
     published = next((file for file in MODELS[model] if file.sha256 == sha256), None)
@@ -348,6 +351,23 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
         where=path.name,
         hint="run expmap build on the map, and restart the server",
     )
+
+
+def read_model(path: Path) -> bytes:
+    """Read an ONNX file.
+
+    Raises
+    ------
+    InputError
+        It is larger than any such file can be.
+    StorageError
+        It cannot be read.
+    """
+    if (_size(path) or 0) > _MOST_BYTES:
+        raise InputError(
+            f"it has more than {_MOST_BYTES / 1e9:.1f} GB, so it is not an ONNX file", where=path.name
+        )
+    return read_bytes(path)
 
 
 def _size(path: Path) -> int | None:
