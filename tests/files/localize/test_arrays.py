@@ -136,6 +136,24 @@ def test_odd_headers_are_damage(tmp_path, header):
         read_arrays(path)
 
 
+def test_any_changed_byte_is_damage_or_does_not_matter(tmp_path):
+    path = written(tmp_path, x=np.arange(9), y=np.linspace(0, 1, 5))
+    whole, data = read_arrays(path, mapped=False), path.read_bytes()
+    found = 0
+    for place in range(len(data)):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :])
+        try:
+            read, meta = read_arrays(path, verify=True)
+        except IndexDamaged:
+            found += 1
+            continue
+        assert meta == whole[1]
+        assert {name: array.tolist() for name, array in read.items()} == {
+            name: array.tolist() for name, array in whole[0].items()
+        }
+    assert found > sum(array.nbytes for array in whole[0].values())
+
+
 def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
     def full(handle):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -24,6 +24,7 @@ from webapp.files.localize.index_store import (
     remove_outdated,
     write_search_index,
 )
+from webapp.files.sealed import sealed
 from webapp.settings import ExtractSettings
 
 MANIFEST = Manifest(
@@ -72,6 +73,7 @@ def test_wrong_fields_are_damage(index, change):
     index.write_manifest(MANIFEST)
     raw = json.loads(index.manifest_path.read_text())
     change(raw)
+    del raw["check"]
     index.manifest_path.write_text(json.dumps(raw))
     with pytest.raises(IndexDamaged, match="manifest") as damaged:
         index.read_manifest()
@@ -88,9 +90,28 @@ def test_another_file_is_damage(index, text):
 def test_another_format_is_reported(index):
     index.write_manifest(MANIFEST)
     raw = json.loads(index.manifest_path.read_text()) | {"format": 99}
-    index.manifest_path.write_text(json.dumps(raw))
+    index.manifest_path.write_bytes(sealed(raw))
     with pytest.raises(IndexDamaged, match="format 99"):
         index.read_manifest()
+
+
+def test_a_manifest_of_an_older_program_is_read(index):
+    index.write_manifest(MANIFEST)
+    raw = json.loads(index.manifest_path.read_text())
+    del raw["check"]
+    index.manifest_path.write_text(json.dumps(raw))
+    assert index.read_manifest() == MANIFEST
+
+
+def test_any_changed_byte_of_a_manifest_is_damage(index):
+    index.write_manifest(MANIFEST)
+    data = index.manifest_path.read_bytes()
+    for place in range(len(data)):
+        index.manifest_path.write_bytes(data[:place] + bytes([data[place] ^ 4]) + data[place + 1 :])
+        try:
+            assert index.read_manifest() == MANIFEST, place
+        except IndexDamaged as damaged:
+            assert damaged.hint
 
 
 def test_only_what_the_manifest_does_not_name_is_removed(index):

@@ -128,6 +128,19 @@ def cut(pattern: str):
     return run
 
 
+def flip(pattern: str):
+    """Change one bit in the middle of each file."""
+
+    def run(folder: Path) -> None:
+        for path in folder.glob(pattern):
+            data = bytearray(path.read_bytes())
+            data[len(data) // 2] ^= 1
+            path.write_bytes(data)
+
+    run.__name__ = f"flip {pattern}"
+    return run
+
+
 DAMAGES = [
     damage_segment,
     delete("*.features"),
@@ -136,6 +149,7 @@ DAMAGES = [
     delete("manifest.json"),
 ]
 DAMAGES += [cut("*.features"), cut("*.ivf"), cut("*.codebook"), cut("manifest.json"), delete("*.*")]
+DAMAGES += [flip("*.features"), flip("*.ivf"), flip("*.codebook"), flip("manifest.json")]
 
 
 @pytest.mark.parametrize("damage", DAMAGES, ids=lambda d: d.__name__)

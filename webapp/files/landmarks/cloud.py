@@ -166,7 +166,7 @@ def write_cloud(path: Path, stored: StoredCloud) -> None:
 def read_cloud(path: Path) -> StoredCloud | None:
     """Read the file; None if it is missing or unusable, so that it is recomputed."""
     try:
-        arrays, meta = read_arrays(path)
+        arrays, meta = read_arrays(path, verify=True)
         if meta["format"] != _FORMAT:
             return None
         arrays["submodel"] = arrays.pop("piece")

@@ -11,6 +11,7 @@ import json
 import math
 import threading
 import weakref
+import zlib
 from collections.abc import Collection, Mapping
 from io import FileIO
 from pathlib import Path
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from webapp.errors import IndexDamaged, ObjectLost
 from webapp.files import atomic
 from webapp.files.object_storage.storage import local, replaced, settle
+from webapp.files.sealed import sealed, unsealed
 
 _GAP_BYTES = 16_384
 """Rows closer to each other in the file are read in one go."""
@@ -159,7 +161,7 @@ def write_settled(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappi
 
 
 def read_arrays(
-    path: Path, *, mapped: bool = True, in_file: Collection[str] = ()
+    path: Path, *, mapped: bool = True, in_file: Collection[str] = (), verify: bool | None = None
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Open a file written by `write_arrays`.
 
@@ -170,11 +172,14 @@ def read_arrays(
     in_file : collection of str
         Arrays to leave in the file: each is a `FileRows`, which keeps the file open. If there are any, all
         others are read into memory.
+    verify : bool, optional
+        Whether the checksums of the arrays are compared, which reads all of them; by default, if they are
+        read into memory anyway.
 
     Raises
     ------
     IndexDamaged
-        The file is missing, truncated, or of another kind.
+        The file is missing, truncated, of another kind, or does not match its checksums.
     StorageError
         The file is an object, and the storage or the disk of the cache failed.
     """
@@ -185,13 +190,16 @@ def read_arrays(
             length = int.from_bytes(start[8:16], "little")
             if start[:8] != _MAGIC or length > path.stat().st_size:
                 raise _damaged("it is not a file of arrays", path)
-            header = json.loads(file.read(length))
+            header = unsealed(file.read(length))
         if path.stat().st_size != header["bytes"]:
             raise _damaged("it is truncated", path)
         if in_file:
             return _read_some(path, header["arrays"], in_file), dict(header["meta"])
         data = np.memmap(path, np.uint8, "r") if mapped else np.fromfile(path, np.uint8)
-        return {a["name"]: _view(data, a) for a in header["arrays"]}, dict(header["meta"])
+        arrays = {a["name"]: _view(data, a) for a in header["arrays"]}
+        if (not mapped if verify is None else verify) and not _as_written(arrays, header["arrays"]):
+            raise _damaged("its content differs from its checksums", path)
+        return arrays, dict(header["meta"])
     except OSError as error:
         raise _damaged(f"it cannot be read: {error.strerror or error}", path) from error
     except (ValueError, KeyError, TypeError) as error:
@@ -246,6 +254,11 @@ def _view(data: NDArray[np.uint8], entry: dict[str, Any]) -> NDArray[Any]:
     return view
 
 
+def _as_written(arrays: Mapping[str, NDArray[Any]], entries: list[dict[str, Any]]) -> bool:
+    """Compare the checksums, which files of older programs do not have."""
+    return all(zlib.crc32(_bytes_of(arrays[e["name"]])) == e["crc32"] for e in entries if "crc32" in e)
+
+
 def _parts(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> list[bytes | memoryview]:
     """Return the parts of a file; contiguous arrays are not copied."""
     plain = {name: np.ascontiguousarray(a) for name, a in arrays.items()}
@@ -256,14 +269,19 @@ def _parts(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> list[
     room += 160 * len(plain)
     offset, entries = _aligned(room), []
     for name, array in plain.items():
-        entries.append({"name": name, "dtype": array.dtype.str, "shape": array.shape, "offset": offset})
+        entry = {"name": name, "dtype": array.dtype.str, "shape": array.shape, "offset": offset}
+        entries.append(entry | {"crc32": zlib.crc32(_bytes_of(array))})
         offset = _aligned(offset + array.nbytes)
-    header = json.dumps({"bytes": offset, "arrays": entries, "meta": dict(meta)}, sort_keys=True).encode()
+    header = sealed({"bytes": offset, "arrays": entries, "meta": dict(meta)})
     parts: list[bytes | memoryview] = [_MAGIC, len(header).to_bytes(8, "little"), header]
     parts.append(bytes(_aligned(room) - 16 - len(header)))
     for array in plain.values():
-        parts += [array.reshape(-1).view(np.uint8).data, bytes(_aligned(array.nbytes) - array.nbytes)]
+        parts += [_bytes_of(array), bytes(_aligned(array.nbytes) - array.nbytes)]
     return parts
+
+
+def _bytes_of(array: NDArray[Any]) -> memoryview:
+    return array.reshape(-1).view(np.uint8).data
 
 
 def _aligned(size: int) -> int:

@@ -12,6 +12,7 @@ from typing import Any
 from webapp.core.hypotheses.calibration import EVIDENCE, Calibration
 from webapp.errors import StorageError
 from webapp.files import atomic
+from webapp.files.sealed import sealed, unsealed
 
 TrialRecord = dict[str, Any] | None
 """JSON values; None for a photo that cannot be used."""
@@ -63,7 +64,7 @@ def write(path: Path, stored: StoredCalibration) -> None:
             f"the folder cannot be created: {error.strerror}", where=str(path.parent)
         ) from error
     raw = {"format": FORMAT, **asdict(stored), "photos": sorted(stored.photos)}
-    atomic.write_text(path, json.dumps(raw, sort_keys=True))
+    atomic.write_bytes(path, sealed(raw))
 
 
 def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
@@ -75,7 +76,7 @@ def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
         Number of evidence values of a place.
     """
     try:
-        raw = json.loads(path.read_bytes())
+        raw = unsealed(path.read_bytes())
         if raw["format"] != FORMAT or len(raw["calibration"]["slope"]) != numbers:
             return None
         fitted = {**raw["calibration"], "slope": tuple(map(float, raw["calibration"]["slope"]))}

@@ -45,17 +45,19 @@ def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     return write_arrays(path, arrays, meta={"content": [e.content for e in entries]})
 
 
-def read_segment(path: Path, *, mapped: bool = True, in_file: bool = False) -> Segment:
+def read_segment(
+    path: Path, *, mapped: bool = True, in_file: bool = False, verify: bool | None = None
+) -> Segment:
     """Open a segment file: memory-mapped, or in memory if there are many small ones.
 
     With `in_file`, the arrays of keypoints stay in the file and are read on demand: the pages of a memory map
-    would stay in memory.
+    would stay in memory. With `verify`, checksums are compared, as in `read_arrays`.
 
     Raises
     ------
     IndexDamaged
     """
-    arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else ())
+    arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else (), verify=verify)
     try:
         segment = Segment(content=[str(c) for c in meta["content"]], **arrays)
     except (KeyError, TypeError) as error:
@@ -107,14 +109,14 @@ def write_signatures(path: Path, signatures: NDArray[np.uint8]) -> str:
     return write_arrays(path, {"signatures": signatures}, meta={})
 
 
-def read_signatures(path: Path, codebook: Codebook) -> NDArray[np.uint8]:
-    """Open (p, b) signatures as a memory map.
+def read_signatures(path: Path, codebook: Codebook, *, verify: bool = False) -> NDArray[np.uint8]:
+    """Open (p, b) signatures as a memory map; with `verify`, checksums are compared, as in `read_arrays`.
 
     Raises
     ------
     IndexDamaged
     """
-    signatures = read_arrays(path)[0].get("signatures")
+    signatures = read_arrays(path, verify=verify)[0].get("signatures")
     if signatures is None or signatures.shape[1:] != (codebook.signature_bytes,):
         raise IndexDamaged("it does not hold signatures of this codebook", where=str(path), hint=REPAIR)
     return signatures

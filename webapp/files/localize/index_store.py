@@ -34,6 +34,7 @@ from webapp.files import atomic
 from webapp.files.localize.arrays import REPAIR, present
 from webapp.files.object_storage import storage
 from webapp.files.object_storage.pointer import SUFFIX, pointed_path
+from webapp.files.sealed import sealed, unsealed
 from webapp.settings import ExtractSettings
 
 FORMAT = 2
@@ -161,7 +162,7 @@ class IndexFolder:
         IndexDamaged
         """
         try:
-            raw = json.loads(self.manifest_path.read_bytes())
+            raw = unsealed(self.manifest_path.read_bytes())
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -193,8 +194,7 @@ class IndexFolder:
 
     def write_manifest(self, manifest: Manifest) -> None:
         """Replace the manifest."""
-        text = json.dumps({"format": FORMAT, **asdict(manifest)}, sort_keys=True)
-        atomic.write_text(self.manifest_path, text)
+        atomic.write_bytes(self.manifest_path, sealed({"format": FORMAT, **asdict(manifest)}))
 
     def remove_unnamed(self, manifest: Manifest) -> None:
         """Delete finished photos and files that the manifest does not name.
@@ -264,7 +264,7 @@ def remove_outdated(base: Path) -> None:
     """Delete indexes below a folder whose older format can no longer be read."""
     for path in base.glob("*/manifest.json"):
         try:
-            form = json.loads(path.read_bytes())["format"]
+            form = unsealed(path.read_bytes())["format"]
         except (ValueError, KeyError, TypeError, FileNotFoundError):
             continue  # damaged, but maybe of the current format: the next build with its features repairs it
         if isinstance(form, int) and form < FORMAT:
@@ -283,8 +283,10 @@ def write_search_index(path: Path, index: Any, *, kind: Kind) -> str:
     return digest
 
 
-def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
+def read_search_index(path: Path, kind: Kind, *, mapped: bool = True, digest: str = "") -> Any:
     """Open a Faiss index; memory-mapped (`mapped`) unless it will be modified.
+
+    With `digest`, as returned by `write_search_index`, its content is compared, which reads all of it.
 
     Raises
     ------
@@ -294,14 +296,21 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True) -> Any:
     """
     path = present(path)
     try:
+        if digest and _digest(path) != digest:
+            raise IndexDamaged("it differs from its checksum", where=str(path), hint=REPAIR)
         if kind == "binary":
             return faiss.read_index_binary(os.fspath(path), faiss.IO_FLAG_MMAP if mapped else 0)
         in_place = mapped and not _is_copied(path)
         return faiss.read_index(os.fspath(path), faiss.IO_FLAG_MMAP_IFC if in_place else 0)
-    except (RuntimeError, MemoryError) as error:
+    except (OSError, RuntimeError, MemoryError) as error:
         raise IndexDamaged(
             "it is not a search index, or it is truncated", where=str(path), hint=REPAIR
         ) from error
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 def _is_copied(path: Path) -> bool:

@@ -88,14 +88,12 @@ class DescriptorCoding:
 
     def holds(self, record: SegmentRecord | None, *, codebook: str) -> bool:
         """Check whether the codes of a segment, or without one the codebook, are present and intact."""
-        path, rows = self.index.codebook_path(codebook), 0
+        path, rows, digest = self.index.codebook_path(codebook), 0, codebook
         if record is not None:
-            path, rows = (
-                self.index.codes_path(record.name, codebook=codebook, engine=self.engine),
-                record.descriptors,
-            )
+            path = self.index.codes_path(record.name, codebook=codebook, engine=self.engine)
+            rows, digest = record.descriptors, record.codes
         try:
-            return bool(read_search_index(path, self.kind).ntotal == rows)
+            return bool(read_search_index(path, self.kind, digest=digest).ntotal == rows)
         except IndexDamaged:
             return False
 
@@ -135,6 +133,6 @@ class SignatureCoding:
             if record is None:
                 return True
             path = self.index.codes_path(record.name, codebook=codebook, engine=self.engine)
-            return len(read_signatures(path, known)) == record.photos
+            return len(read_signatures(path, known, verify=True)) == record.photos
         except IndexDamaged:
             return False

@@ -50,7 +50,7 @@ def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifes
     held: set[str] = set()
     for record in manifest.segments:
         try:
-            held.update(read_segment(index.segment_path(record.name)).content)
+            held.update(read_segment(index.segment_path(record.name), verify=True).content)
         except IndexDamaged:
             continue
         whole = codebook and coding.holds(record, codebook=codebook)
