@@ -147,6 +147,24 @@ def test_a_clock_that_goes_back_neither_doubles_nor_loses_a_job(do, take, at):
     )
 
 
+def test_nobody_waits_an_hour_for_a_clock_that_went_back(do, take, at):
+    """A worker of another machine dies, and the clock is set back: its lease is as short as any."""
+    do(jobs.enqueue, "x")
+    held = take("a")
+    at(-3600)
+    assert take("b") is None
+    at(LIMITS.seconds + 1)
+    assert take("b").fence == held.fence + 1
+
+
+def test_a_job_that_was_put_off_does_not_wait_an_hour_longer(do, take, at):
+    do(jobs.enqueue, "x")
+    do(jobs.put_off, take(), **AWAY)
+    at(-3600)
+    assert do(jobs.anything_to_do)
+    assert take().fence == 2
+
+
 def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
     id = do(jobs.enqueue, "x").id
     old = take("a")

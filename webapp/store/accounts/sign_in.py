@@ -143,16 +143,15 @@ def _nobodys_hash() -> str:
 
 
 def _check_failures(session: Session, tried: list[str], *, limits: WebSettings) -> None:
-    window = timedelta(minutes=limits.sign_in_minutes)
+    window, at = timedelta(minutes=limits.sign_in_minutes), now()
+    # not those that a clock set back since has put into the future: nobody would wait an hour longer
     counted = (
         select(func.count(), func.min(FailedSignIn.at))
-        .where(FailedSignIn.who.in_(tried), FailedSignIn.at > now() - window)
+        .where(FailedSignIn.who.in_(tried), FailedSignIn.at.between(at - window, at + window))
         .group_by(FailedSignIn.who)
     )
     waits = [
-        first + window - now()
-        for count, first in session.execute(counted)
-        if count >= limits.sign_in_failures
+        first + window - at for count, first in session.execute(counted) if count >= limits.sign_in_failures
     ]
     if waits:
         wait_s = max(1, round(max(waits).total_seconds()))

@@ -25,7 +25,8 @@ from webapp.store.schema import Job, MapRecord
 ENDED = ("done", "failed", "cancelled")
 LIVE = ("queued", "running")
 
-_LONGEST_PAUSE_S = 300.0
+_LONGEST_PAUSE = timedelta(minutes=5)
+"""Of a job that is put off. One that is due later was put off before the clock was set back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +168,10 @@ def anything_to_do(session: Session, *, early: bool = False) -> bool:
     pause = case((Job.state == "queued", Job.not_before))
     left = select(Job.id, pause).where(Job.state.in_(LIVE)).order_by(pause.nulls_first()).limit(1)
     first = session.execute(left).first()
-    return first is not None and (early or first[1] is None or first[1] <= moment(session))
+    if first is None or early or first[1] is None:
+        return first is not None
+    at = moment(session)
+    return not at < first[1] <= at + _LONGEST_PAUSE
 
 
 def lease(
@@ -197,6 +201,8 @@ def lease(
     running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
     at = moment(session)
     for job in session.scalars(running).all():
+        if job.leased_until is not None:  # it was given for longer only if the clock has been set back since
+            job.leased_until = min(job.leased_until, at + timedelta(seconds=limits.seconds))
         if _is_held(job, is_gone, at=at):
             continue
         if job.cancel_wanted:
@@ -295,7 +301,7 @@ def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool
     """
     job = _held(session, held)
     if job is not None:
-        pause = min(max(pause_s, 1.0) * 2.0 ** min(job.waits, 20), _LONGEST_PAUSE_S)
+        pause = min(max(pause_s, 1.0) * 2.0 ** min(job.waits, 20), _LONGEST_PAUSE.total_seconds())
         waiting = _queue_again(session, job)
         waiting.note, waiting.waits = note, job.waits + 1
         waiting.not_before = moment(session) + timedelta(seconds=pause)
@@ -332,7 +338,10 @@ def _next_waiting(at: datetime | None) -> Select[Job]:
     at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
     since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
     found = select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
-    return found if at is None else found.where(or_(Job.not_before.is_(None), Job.not_before <= at))
+    if at is None:
+        return found
+    is_due = or_(Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
+    return found.where(or_(Job.not_before.is_(None), is_due))
 
 
 def _has_turn(session: Session, waiting: Job) -> bool:

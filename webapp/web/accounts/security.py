@@ -7,12 +7,14 @@ import hashlib
 import os
 import secrets
 from pathlib import Path
+from typing import Any
 
 from filelock import FileLock
 from flask import Flask, Response, current_app, g, has_request_context, request, session
 from flask.sessions import SecureCookieSessionInterface
 from flask_limiter import Limiter
 from flask_wtf.csrf import CSRFError, CSRFProtect, validate_csrf
+from itsdangerous import SignatureExpired, TimestampSigner, URLSafeTimedSerializer
 
 from webapp.errors import StorageError
 from webapp.web import context
@@ -77,7 +79,26 @@ def init_app(app: Flask) -> None:
     app.after_request(_add_headers)
 
 
+class _Signer(TimestampSigner):
+    """Accepts what was signed before the clock was set back: by default this would end all sessions."""
+
+    def unsign(self, signed_value: Any, max_age: int | None = None, return_timestamp: bool = False) -> Any:
+        """Check a signature and its age."""
+        value, signed_at = super().unsign(signed_value, return_timestamp=True)
+        age_s = self.get_timestamp() - int(signed_at.timestamp())
+        if max_age is not None and abs(age_s) > max_age:
+            raise SignatureExpired(f"signed {age_s} s ago", payload=value, date_signed=signed_at)
+        return (value, signed_at) if return_timestamp else value
+
+
 class _Sessions(SecureCookieSessionInterface):
+    def get_signing_serializer(self, app: Flask) -> URLSafeTimedSerializer | None:
+        """Return what signs the cookies."""
+        serializer = super().get_signing_serializer(app)
+        if serializer is not None:
+            serializer.signer = _Signer
+        return serializer
+
     def get_cookie_secure(self, app: Flask) -> bool:
         """Restrict the cookie to https if the request was made over https."""
         return has_request_context() and request.is_secure
