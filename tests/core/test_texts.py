@@ -5,7 +5,7 @@ import pytest
 from webapp.core.geo.floors import floor_name_problem
 from webapp.core.mapmodel.control_points import name_problem
 from webapp.core.mapmodel.notes import text_problem, title_problem
-from webapp.core.texts import has_controls, is_line, plain, tidy_name, visible
+from webapp.core.texts import has_controls, is_line, looks, plain, tidy_name, visible
 
 FAMILY = "👨\u200d👩\u200d👧"
 
@@ -59,3 +59,25 @@ def test_what_looks_the_same_is_found_but_letters_of_other_case_are_others():
 
 def test_names_that_look_the_same_are_the_same():
     assert {plain(name) for name in ("Ana B", "ANA\u00a0b", "a\u200bna  b", "Ａna b")} == {"ana b"}
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("Jana", "J\u0430n\u0430"),  # Cyrillic
+        ("JANA", "\u0408\u0410\u039d\u0410"),  # Cyrillic and Greek capitals
+        ("Caf\u00e9", "cafe\u0301"),
+        ("admin", "adm\u0131n"),
+        ("owner", "\u043ewner\u200b"),
+        ("Petr Nov\u00e1k", "Petr\u202f Nov\u00e1k\u00ad"),
+    ],
+)
+def test_names_that_look_alike(one, other):
+    assert looks(one) == looks(other)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("Jana", "Jan"), ("Иван", "Олег"), ("Zoé", "Zoe"), ("Лев", "Лёв")]
+)
+def test_names_that_do_not_look_alike(one, other):
+    assert looks(one) != looks(other)

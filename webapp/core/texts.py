@@ -13,6 +13,13 @@ _UNSEEN = (*_CONTROLS, "Cf", "Zs")
 _NO_CHARACTERS = "\ufffe\uffff"
 """Other characters that XML cannot contain."""
 
+_LOOKS = str.maketrans(
+    "\u0430\u0432\u0435\u043a\u043c\u043d\u043e\u0440\u0441\u0442\u0443\u0445\u0456\u0458\u0455\u04bb\u0501\u051b\u051d"
+    "\u03b1\u03b2\u03b5\u03b6\u03b7\u03b9\u03ba\u03bc\u03bd\u03bf\u03c1\u03c4\u03c5\u03c7\u0131",
+    "abekmhopctyxijshdqwabezhikmnoptyxi",
+)
+"""Letters of other scripts and the Latin ones that they look like, after folding of case."""
+
 _DIRECTIONS = dict.fromkeys(map(ord, "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"))
 """Bidirectional controls, which can reverse the text after a name on a page or in a terminal."""
 
@@ -55,6 +62,14 @@ def visible(name: str) -> str:
 def plain(name: str) -> str:
     """Return a name for comparison, regardless of case, extra spaces and invisible characters."""
     return visible(name).casefold()
+
+
+def looks(name: str) -> str:
+    """Return a name for comparison by its looks: as from `plain`, with Latin letters for similar ones.
+
+    These are letters of Cyrillic and Greek, in small or capital form.
+    """
+    return plain(name).translate(_LOOKS)
 
 
 def folded(text: str) -> str:

@@ -8,7 +8,7 @@ from time import sleep
 import pytest
 from sqlalchemy import select, update
 
-from webapp.errors import NotFound, NotSignedIn, TooMany
+from webapp.errors import Conflict, NotFound, NotSignedIn, TooMany
 from webapp.settings import WebSettings
 from webapp.store.accounts import accounts
 from webapp.store.accounts import sign_in as signin
@@ -309,6 +309,28 @@ def test_the_session_of_a_deleted_account_is_not_that_of_the_next_one(library, s
         accounts.remove(session, session.get(Account, gone.id))
     assert new_account("Petra").id == gone.id, "the database gives the id again"
     assert not is_in(browser)
+
+
+def test_letters_of_another_script_make_no_other_name(client, library, jana):
+    for name in ("J\u0430na", "\u0408\u0410\u039d\u0410"):
+        assert client.post("/account/name", data={"name": name}).status_code == 409
+    with library.database.write() as session, pytest.raises(Conflict, match="already taken"):
+        accounts.create(session, "j\u0430na")
+    with library.database.write() as session:
+        accounts.create(session, "\u0418\u0432\u0430\u043d")  # a whole name in one script
+
+
+def test_both_normal_forms_of_a_name_sign_in(library, app):
+    with library.database.write() as session:
+        account = accounts.create(session, "Zoe\u0301")
+        account.password_hash = signin.password_hash(PASSWORD, minimum=10)
+    for name in ("Zo\u00e9", "Zoe\u0301", "ZOE\u0301"):
+        assert enter(app.test_client(), name=name).status_code == 303
+
+
+def test_a_browser_drops_its_cache_when_the_account_changes(stranger, link):
+    for address in (link, "/sign-out"):
+        assert stranger.post(address).headers["Clear-Site-Data"] == '"cache"'
 
 
 @pytest.mark.parametrize("written", ["Jana  Novotna", "jana\tNOVOTNA", " Jana   Novotna "])

@@ -175,8 +175,8 @@ def _named(session: Session, name: str) -> Account | None:
 
 def _free_name(session: Session, name: str, *, own: int | None = None) -> str:
     tidy = _checked_name(name)
-    other = _named(session, tidy)
-    if other is not None and other.id != own:
+    look = texts.looks(tidy)
+    if any(account.id != own and texts.looks(account.name) == look for account in list_accounts(session)):
         raise Conflict("this name is already taken", where=tidy, hint="choose another one")
     return tidy
 
