@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +16,7 @@ from webapp.extras import extra
 Sides = tuple[int | None, ...]
 """Shape of an array; None for sides that are not fixed."""
 
-_ONE_FILE = ("session.model_external_initializers_file_folder_path", os.devnull)
+_ONE_FILE = ("session.model_external_initializers_file_folder_path", "/dev/null")
 """Option of onnxruntime: weights in other files are looked for where there are none. By default it reads
 files in the current folder that the model names; they would not be part of the model's hash."""
 

@@ -170,8 +170,7 @@ def anything_to_do(session: Session, *, early: bool = False) -> bool:
     first = session.execute(left).first()
     if first is None or early or first[1] is None:
         return first is not None
-    at = moment(session)
-    return not at < first[1] <= at + _LONGEST_PAUSE
+    return not timedelta(0) < first[1] - moment(session) <= _LONGEST_PAUSE
 
 
 def lease(
@@ -338,10 +337,8 @@ def _next_waiting(at: datetime | None) -> Select[Job]:
     at_work = select(other.id).where(other.map_id == Job.map_id, other.state == "running").exists()
     since = func.coalesce(Job.started_at, Job.created_at)  # one that was put off waits since its last start
     found = select(Job).where(Job.state == "queued", ~at_work).order_by(since, Job.id).limit(1)
-    if at is None:
-        return found
-    is_due = or_(Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
-    return found.where(or_(Job.not_before.is_(None), is_due))
+    due = () if at is None else (Job.not_before <= at, Job.not_before > at + _LONGEST_PAUSE)
+    return found.where(or_(Job.not_before.is_(None), *due)) if due else found
 
 
 def _has_turn(session: Session, waiting: Job) -> bool:
