@@ -22,6 +22,7 @@ from babel.messages.pofile import read_po, write_po
 
 from webapp import errors
 from webapp.core.hypotheses.verdict import SENTENCES
+from webapp.core.mapmodel.model import FACTS
 
 ROOT = Path(__file__).resolve().parents[1]
 TRANSLATIONS = ROOT / "webapp" / "web" / "translations"
@@ -67,7 +68,7 @@ def gathered(domain: str) -> Catalog:
         for file, _line, message, _comments, context in found:
             catalog.add(message, locations=[(f"{folder}/{file}", 1)], context=context)
     if pages:
-        for text, place in sorted({*_of_errors(), *_of_jobs(), *_of_answers()}):
+        for text, place in sorted({*_of_errors(), *_of_jobs(), *_of_answers(), *_of_facts()}):
             catalog.add(text, locations=[(place, 1)])
     return catalog
 
@@ -143,6 +144,13 @@ def _of_answers() -> Iterator[tuple[str, str]]:
     """Give the sentences that answers are said in."""
     for text in SENTENCES.values():
         yield text, "webapp/core/hypotheses/verdict.py"
+
+
+def _of_facts() -> Iterator[tuple[str, str]]:
+    """Give the labels of the facts of photos."""
+    for fact in FACTS.values():
+        if fact.label:
+            yield fact.label, "webapp/core/mapmodel/model.py"
 
 
 def _path(domain: str, language: str) -> Path:

@@ -87,7 +87,7 @@ test("along the way each photo looks to the next, the last one on, and those of 
 test("filters keep photos by their notes, their tags and how their positions are known", () => {
   const photos = [
     photo(1, { camera: "Canon EOS 5D", note: "by the #Gate", x_px: 5, y_px: 5, radius_px: 3 }),
-    photo(2, { note: "oak", x_px: 5, y_px: 5, radius_px: null }),
+    photo(2, { note: "oak", sky: "clear", x_px: 5, y_px: 5, radius_px: null }),
     photo(3, { note: null }),
   ];
   const order = new PhotoOrder(new MapStore({ photos, placements: [], satellite: null }));
@@ -100,6 +100,7 @@ test("filters keep photos by their notes, their tags and how their positions are
   assert.deepEqual(shown({ note: "yes" }), [1, 2]);
   assert.deepEqual(shown({ note: "no" }), [3]);
   assert.deepEqual(shown({ note: "#gate" }), [1]);
+  assert.deepEqual([shown({ sky: "=clear" }), shown({ sky: "=grey" }), shown({ text: "clear" }), shown({ text: "" })], [[2], [], [2], [1, 2, 3]]);
   assert.deepEqual(shown({ accuracy: "suggested" }), [1]);
   assert.deepEqual(shown({ accuracy: "exact" }), [2]);
   assert.deepEqual(shown({ camera: "Canon EOS 5D" }), [1]);

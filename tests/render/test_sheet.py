@@ -25,7 +25,10 @@ TURNED = Georeference("EPSG:32633", (0.0, -0.5, 500_000, -0.5, 0.0, 5_500_000, 0
 
 MAP = Map(
     SatelliteImage("plan.png", 800, 500),
-    tuple(Experience(n, f"photos/IMG_{n:04}.jpg", MapPixel(100.0 + 60 * n, 200), 45.0 * n) for n in range(5)),
+    tuple(
+        Experience(n, f"photos/IMG_{n:04}.jpg", MapPixel(100.0 + 60 * n, 200), heading_deg=45.0 * n)
+        for n in range(5)
+    ),
     TURNED,
     control_points=(GroundControlPoint("Gate", MapPixel(300, 400)), GroundControlPoint("Lost")),
 )

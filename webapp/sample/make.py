@@ -254,7 +254,15 @@ def _make_map(studio: _Studio, world: World, *, rng: np.random.Generator) -> Non
         )
         studio.shoot(name, stage, view=view, rng=rng, tags=tags)
         experiences.append(
-            Experience(number, name, position, view.heading_deg, FOV_DEG, ACCURACY_M, taken_at.isoformat())
+            Experience(
+                number,
+                name,
+                position,
+                heading_deg=view.heading_deg,
+                fov_deg=FOV_DEG,
+                gps_accuracy_m=ACCURACY_M,
+                taken_at=taken_at.isoformat(),
+            )
         )
     satellite = SatelliteImage("satellite.png", picture.width, picture.height)
     map_ = Map(satellite, tuple(experiences), georeference, next_id=len(experiences))

@@ -3,6 +3,7 @@
 import { t, tn } from "../shared/i18n.js";
 import { clamped, wholeTurn } from "../shared/map/coords.js";
 import { toast } from "../shared/toast.js";
+import { WRITTEN } from "../shared/written-facts.js";
 import { stepName } from "./undo-redo.js";
 
 /** The actions of the page. */
@@ -111,9 +112,10 @@ export class Commands {
     this.say(tn("The time of {n} photo is corrected.", "The times of {n} photos are corrected.", times.size));
   }
 
-  /** Write a note on a photo. @param {number} id @param {string} note */
-  note(id, note) {
-    if ((this.store.photos.get(id)?.note ?? "") !== note) this._edit("note", [{ id, note }]);
+  /** Write a text of a photo. @param {number} id @param {string} name of the text, one of `WRITTEN` @param {string} words */
+  write(id, name, words) {
+    const { kind } = WRITTEN.find((fact) => fact.name === name);
+    if ((this.store.photos.get(id)?.[name] ?? "") !== words) this._edit(kind, [{ id, [name]: words }]);
   }
 
   /** Write the notes of several photos. @param {Map<number, string>} notes by id */

@@ -3,6 +3,7 @@
 import { byId } from "../shared/dom.js";
 import { labelled, t, tn } from "../shared/i18n.js";
 import { toast } from "../shared/toast.js";
+import { WRITTEN } from "../shared/written-facts.js";
 
 /** Names of edits for the buttons. */
 const KINDS = {
@@ -56,7 +57,10 @@ export function connectUndoRedo(commands) {
 
 /** Name of an edit. @param {{kind: string, count: ?number}} step */
 export function stepName({ kind, count }) {
-  return (KINDS[kind] || (() => t("the last change")))(count ?? 1);
+  const n = count ?? 1;
+  const fact = WRITTEN.find((one) => one.kind === kind)?.label;
+  if (KINDS[kind]) return KINDS[kind](n);
+  return fact ? tn("“{fact}” of {n} photo", "“{fact}” of {n} photos", n, { fact }) : t("the last change");
 }
 
 function label(button, word, step, keys) {

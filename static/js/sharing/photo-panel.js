@@ -6,6 +6,7 @@ import { clockText } from "../shared/format.js";
 import { t } from "../shared/i18n.js";
 import { latLonText } from "../shared/map/coords.js";
 import { creditLine } from "../shared/photo-credit.js";
+import { WRITTEN } from "../shared/written-facts.js";
 
 /** Follows the current photo of the store. */
 export class PhotoPanel {
@@ -49,7 +50,7 @@ export class PhotoPanel {
       latLon && [t("Coordinates"), latLonText(latLon)],
       photo.heading_deg !== null && [t("Heading"), headingText(photo.heading_deg)],
       photo.taken_at && [t("Taken"), clockText(photo.taken_at)],
-      photo.note && [t("Note"), h("span", { class: "note-text" }, photo.note)],
+      ...WRITTEN.map(({ name, label }) => photo[name] && [label, h("span", { class: "note-text" }, photo[name])]),
       photo.source && [t("From"), creditLine(photo.source)],
       photo.original && [t("File"), h("a", { href: photo.original, download: true }, t("original"))],
     ].filter(Boolean);

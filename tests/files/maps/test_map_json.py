@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage
+from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, SatelliteImage, UnplacedPhoto
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import MapJsonError
-from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
+from webapp.files.maps.map_json import MapJson, format_map_json, parse_map_json
 
 GOOD: dict[str, Any] = {
     "format": "experience-map",
@@ -76,7 +76,7 @@ def test_everything_is_read() -> None:
     assert read.experiences[1].panorama is None
     assert read.experiences[1].heading_deg is None and read.experiences[1].position is None
     assert read.title == "Park"
-    assert read.unplaced == {2: MapJsonPhoto("c.jpg", heading_deg=3.0)}
+    assert read.unplaced == {2: UnplacedPhoto(2, "c.jpg", heading_deg=3.0)}
 
 
 def test_only_format_and_version_are_needed() -> None:

@@ -18,7 +18,8 @@ from webapp.tasks.landmarks.accept import accept_in_folder, correct_in_folder
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
 
 PLACED = Experience(0, "0.jpg", MapPixel(5.0, 5.0))
-TRAY = tuple(UnplacedPhoto(id, f"{id}.jpg", heading_deg=90.0) for id in (1, 2))
+FACTS = {"gps_accuracy_m": 4.0, "note": "Left of the gate."}
+TRAY = tuple(UnplacedPhoto(id, f"{id}.jpg", heading_deg=90.0, **FACTS) for id in (1, 2))
 BEFORE = Map(SatelliteImage("s.png", 90, 90), (PLACED,), next_id=3, unplaced=TRAY)
 SUGGESTED = [SuggestedPlace(1, "1.jpg", MapPixel(50.5, 60.0), 7.0, 45.0, (0,))]
 
@@ -68,7 +69,7 @@ def test_accepting_takes_no_more_writes_than_those(tmp_path):
 
 def assert_accepted(cfg):
     found = read_map(cfg)
-    placed = Experience(1, "1.jpg", MapPixel(50.5, 60.0), heading_deg=45.0, radius_px=7.0)
+    placed = Experience(1, "1.jpg", MapPixel(50.5, 60.0), heading_deg=45.0, radius_px=7.0, **FACTS)
     assert found.experiences == (PLACED, placed)
     assert found.unplaced == TRAY[1:]
 

@@ -3,57 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import Any
 
 from webapp.core.blur import BlurBox
 from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
-from webapp.core.mapmodel.notes import MapNote
+from webapp.core.mapmodel.facts import Edited, Fact, FixedForm, NumberForm, TextForm, fact
+from webapp.core.mapmodel.notes import NOTE_TEXT, MapNote
 from webapp.core.mapmodel.panorama import LevelView, Panorama
 
 
 @dataclass(frozen=True, slots=True)
 class SatelliteImage:
-    """The image whose pixels positions refer to.
-
-    Attributes
-    ----------
-    path : str
-        Relative to the map's folder, with forward slashes.
-    width, height : int
-        Pixels.
-    """
+    """The image whose pixels positions refer to."""
 
     path: str
+    """Relative to the map's folder, with forward slashes."""
     width: int
     height: int
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoSource:
-    """Origin and licence of a photo from a service.
-
-    Attributes
-    ----------
-    service : str
-        Display name of the service.
-    id : str
-        Of the photo there; for a view cut out of a panorama, followed by `#` and its turn.
-    licence : str
-        Its short name, such as `CC BY-SA 4.0`.
-    author : str or None
-        Author to credit.
-    url : str or None
-        Page or record of the photo.
-    """
+    """Origin and licence of a photo from a service."""
 
     service: str
     id: str
+    """Of the photo there; for a view cut out of a panorama, followed by `#` and its turn."""
     licence: str
+    """Its short name, such as `CC BY-SA 4.0`."""
     author: str | None = None
     url: str | None = None
+    """Page or record of the photo."""
 
     @property
     def credit(self) -> str:
@@ -63,78 +47,93 @@ class PhotoSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Experience:
-    """A photo and the position where it was taken.
-
-    Attributes
-    ----------
-    id : int
-        Unique in the map, and never reused for another photo; 0 is valid.
-    photo : str
-        Relative to the map's folder, with forward slashes.
-    heading_deg : float or None
-        Viewing direction, degrees clockwise from north.
-    fov_deg : float or None
-        Horizontal field of view of the upright photo.
-    gps_accuracy_m : float or None
-        68 % radius of its GPS position.
-    taken_at : str or None
-        ISO 8601.
-    name : str or None
-        Of the original file; None if `photo` ends with it.
-    blurred : tuple of BlurBox
-        Parts that are blurred wherever the photo is shown.
-    source : PhotoSource or None
-        For a photo from a service.
-    panorama : Panorama or None
-        For a photo that shows the whole sphere.
-    view : LevelView or None
-        For a view by which `level_views` has replaced a panorama.
-    by_gps : bool
-        Whether its position is that of its GPS, with that accuracy; else a person has placed it.
-    radius_px : float or None
-        68 % radius of a position that was suggested and accepted; None for one that was placed by hand or by
-        GPS.
-    note : str or None
-        Text that people have written about it.
-    floor : int
-        Id of its floor.
-    """
+class MapPhoto:
+    """A photo of a map, and its facts; `docs/design.md` says what else a further fact needs."""
 
     id: int
+    """Unique in the map, and never reused for another photo; 0 is valid."""
     photo: str
-    position: MapPixel
-    heading_deg: float | None = None
-    fov_deg: float | None = None
-    gps_accuracy_m: float | None = None
-    taken_at: str | None = None
-    name: str | None = None
-    blurred: tuple[BlurBox, ...] = ()
-    source: PhotoSource | None = None
-    panorama: Panorama | None = None
+    """Relative to the map's folder, with forward slashes."""
+    _: KW_ONLY
+    heading_deg: float | None = fact(
+        FixedForm.HEADING,
+        description="Clockwise from north.",
+        visitors="always",
+        edited=Edited("turn", "Clockwise from north."),
+    )
+    """Viewing direction; that of a panorama is that of its middle."""
+    fov_deg: float | None = fact(
+        NumberForm("above 0 and at most 360", lambda v: 0 < v <= 360),
+        description="Horizontal field of view of the upright photo.",
+        visitors="originals",
+    )
+    gps_accuracy_m: float | None = fact(NumberForm("0 or more", lambda v: v >= 0))
+    """68 % radius of its GPS position."""
+    taken_at: str | None = fact(
+        FixedForm.TIME,
+        visitors="originals",
+        edited=Edited("retime", "Local time, where the camera's clock was wrong.", "2026-05-31T14:05:00"),
+    )
+    name: str | None = fact(TextForm(), description="Name of the original file.", visitors="originals")
+    """None if `photo` ends with it; records always have it."""
+    blurred: tuple[BlurBox, ...] = fact(
+        FixedForm.BOXES, default=(), description="What is blurred in pictures of it."
+    )
+    """Parts that are blurred wherever the photo is shown."""
+    source: PhotoSource | None = fact(
+        FixedForm.SOURCE, description="Of a photo from a street-level service.", visitors="always"
+    )
+    panorama: Panorama | None = fact(
+        FixedForm.SPHERE,
+        description="Of a panorama: `heading_deg` is where its middle looks, `fov_deg` is 360.",
+        edited=Edited("panorama", "It shows the whole sphere, and is twice as wide as high; null: not."),
+    )
+    note: str | None = fact(
+        NOTE_TEXT,
+        label="Note",
+        description="What people have written on it.",
+        visitors="notes",
+        edited=Edited("note", "What people write on it; null or empty: nothing."),
+    )
     view: LevelView | None = None
-    by_gps: bool = False
-    radius_px: float | None = None
-    note: str | None = None
-    floor: int = BASE_FLOOR
+    """For a view by which `level_views` has replaced a panorama."""
+
+
+FACTS: Mapping[str, Fact] = {
+    part.name: part.metadata["fact"] for part in fields(MapPhoto) if "fact" in part.metadata
+}
+"""By name, in the order of files."""
+
+EDITED: Mapping[str, Edited] = {name: fact.edited for name, fact in FACTS.items() if fact.edited}
+"""The facts that people edit."""
+
+WRITTEN: Mapping[str, TextForm] = {
+    name: form for name in EDITED if isinstance(form := FACTS[name].form, TextForm)
+}
+"""The texts among them."""
+
+
+def facts_of(photo: MapPhoto) -> dict[str, Any]:
+    """Return the facts of a photo by name, to give them to another one."""
+    return {name: getattr(photo, name) for name in FACTS}
 
 
 @dataclass(frozen=True, slots=True)
-class UnplacedPhoto:
-    """A photo in the tray: of the map, but without a position. Fields as those of `Experience`."""
+class UnplacedPhoto(MapPhoto):
+    """A photo in the tray: of the map, but without a position."""
 
-    id: int
-    photo: str
-    heading_deg: float | None = None
-    fov_deg: float | None = None
-    gps_accuracy_m: float | None = None
-    taken_at: str | None = None
-    name: str | None = None
-    blurred: tuple[BlurBox, ...] = ()
-    source: PhotoSource | None = None
-    panorama: Panorama | None = None
-    view: LevelView | None = None
-    note: str | None = None
+
+@dataclass(frozen=True, slots=True)
+class Experience(MapPhoto):
+    """A photo and the position where it was taken."""
+
+    position: MapPixel
+    _: KW_ONLY
+    by_gps: bool = False
+    """Whether its position is that of its GPS, with that accuracy; else a person has placed it."""
+    radius_px: float | None = None
+    """68 % radius of a position that was suggested and accepted; None for one placed by hand or by GPS."""
+    floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,37 +144,35 @@ class Placement:
     positions: Mapping[int, MapPixel]
 
 
-@dataclass(frozen=True, slots=True)
-class Map:
-    """A satellite image and its experiences; immutable.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapLists:
+    """What a map has in lists, besides photos and placements; see `webapp.files.maps.lists`."""
 
-    Attributes
-    ----------
-    experiences : tuple of Experience
-        In the order of the file.
-    placements : tuple of Placement
-        In addition to the positions of the experiences themselves.
-    next_id : int
-        The id for the next photo; larger than every id ever used.
-    revision : int
-        Number of edits.
-    unplaced : tuple of UnplacedPhoto
-        Photos in the tray, by id.
-    floors : tuple of Floor
-        By id; empty if the map has only one image.
-    """
+    control_points: tuple[GroundControlPoint, ...] = ()
+    """By name."""
+    notes: tuple[MapNote, ...] = ()
+    """By id."""
+    floors: tuple[Floor, ...] = ()
+    """By id; empty if the map has only one image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Map(MapLists):
+    """A satellite image and its experiences; immutable."""
 
     satellite: SatelliteImage
     experiences: tuple[Experience, ...]
+    """In the order of the file."""
     georeference: Georeference | None = None
-    placements: tuple[Placement, ...] = field(default=())
+    placements: tuple[Placement, ...] = ()
+    """In addition to the positions of the experiences themselves."""
     next_id: int = 0
+    """The id for the next photo; larger than every id ever used."""
     revision: int = 0
+    """Number of edits."""
     title: str | None = None
     unplaced: tuple[UnplacedPhoto, ...] = ()
-    control_points: tuple[GroundControlPoint, ...] = ()
-    notes: tuple[MapNote, ...] = ()
-    floors: tuple[Floor, ...] = ()
+    """Photos in the tray, by id."""
 
     def floor_named(self, id: int) -> Floor | None:
         """Find a floor by its id; None if the map does not have it."""

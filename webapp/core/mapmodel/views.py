@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import TypeVar
 
 from webapp.core.blur import BlurBox, boxes_key
-from webapp.core.mapmodel.model import Experience, UnplacedPhoto
+from webapp.core.mapmodel.model import MapPhoto
 from webapp.core.mapmodel.panorama import LevelView, Panorama, view_id
 
-OnePhoto = TypeVar("OnePhoto", bound=Experience | UnplacedPhoto)
+OnePhoto = TypeVar("OnePhoto", bound=MapPhoto)
 
 
 def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
@@ -19,14 +19,14 @@ def level_views(photos: Iterable[OnePhoto]) -> tuple[OnePhoto, ...]:
     return tuple(one for photo in photos for one in _views(photo))
 
 
-def picture_name(photo: Experience | UnplacedPhoto) -> str:
+def picture_name(photo: MapPhoto) -> str:
     """Return the name of a photo's file, with a key of the used part: a view, or all but blurred boxes."""
     if photo.view is not None:
         return f"{photo.photo}#{photo.view.key}"
     return photo.photo if not photo.blurred else f"{photo.photo}#{boxes_key(photo.blurred)}"
 
 
-def content_of(photo: Experience | UnplacedPhoto, sha256: str) -> str:
+def content_of(photo: MapPhoto, sha256: str) -> str:
     """Return a hash that identifies the used pixels of a photo whose file has that SHA-256."""
     return content_of_part(sha256, view=photo.view, blurred=photo.blurred)
 

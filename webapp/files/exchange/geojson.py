@@ -10,7 +10,7 @@ from typing import Any
 
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import LatLon, MapPixel
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import WRITTEN, Experience, Map
 from webapp.core.mapmodel.notes import MapNote
 
 _DIGITS = 9
@@ -80,7 +80,7 @@ def photo_properties(e: Experience) -> dict[str, object]:
         "radius_px": e.radius_px,
         "taken_at": e.taken_at,
         "credit": None if e.source is None else e.source.credit,
-        "note": e.note,
+        **{name: getattr(e, name) for name in WRITTEN},
     }
 
 

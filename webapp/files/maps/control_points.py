@@ -14,12 +14,7 @@ _FACTS = ("x_px", "y_px", "accuracy_m", "height_m", "photos")
 
 
 def parse_control_points(field: JsonField) -> tuple[GroundControlPoint, ...]:
-    """Read a list of control points, sorted by name.
-
-    Raises
-    ------
-    MapJsonError
-    """
+    """Read a list of control points, sorted by name."""
     found: dict[str, GroundControlPoint] = {}
     for item in field.items():
         fields = item.record(required=("name",), optional=_FACTS)

@@ -20,12 +20,7 @@ from webapp.files.json_fields import JsonField, by_id, finite
 
 
 def parse_floors(field: JsonField) -> tuple[Floor, ...]:
-    """Read a list of floors, sorted by id.
-
-    Raises
-    ------
-    MapJsonError
-    """
+    """Read a list of floors, sorted by id."""
     found = by_id(field, parse=_floor)
     floors = tuple(found[id] for id in sorted(found))
     problem = floors_problem(floors)
@@ -42,12 +37,7 @@ def check_floors_of(
     Parameters
     ----------
     what : str
-        `photo` or `note`.
-
-    Raises
-    ------
-    MapJsonError
-    """
+        `photo` or `note`."""
     known = {BASE_FLOOR, *(floor.id for floor in floors)}
     for id, floor in floor_of.items():
         if floor not in known:

@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from webapp.core.geo.types import MapPixel, inside, whole_pixel
-from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
 from webapp.core.mapmodel.paths import name_problem
 from webapp.errors import MapError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
+from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
 from webapp.files.object_storage.storage import hash_of, local
 
@@ -27,47 +28,20 @@ def placement_path(cfg_path: Path, name: str) -> Path:
 
 
 class MapFolder:
-    """Finds the files that a map names, only below its folder; each folder is resolved once.
-
-    Parameters
-    ----------
-    cfg_path : Path
-        The `.cfg`; photos are relative to its folder.
-    """
+    """Finds the files that a `.cfg` names, only below its folder; each folder is resolved once."""
 
     def __init__(self, cfg_path: Path) -> None:
         self._cfg_path = cfg_path
         self._stays: dict[Path, bool] = {}
 
     def path(self, name: str) -> Path:
-        """Return the path of a photo or the satellite image, which need not exist; an object is fetched.
-
-        Parameters
-        ----------
-        name : str
-            As in the `.cfg`.
-
-        Raises
-        ------
-        MapError
-            Raised by `place`.
-        StorageError
-            The file is an object, and the storage or the disk of the cache failed.
-        """
+        """Return the path of a photo or the satellite image, which need not exist; an object is fetched."""
         return local(self.place(name))
 
     def place(self, name: str) -> Path:
         """Return the path of a photo or the satellite image in the map's folder; it need not exist.
 
-        Parameters
-        ----------
-        name : str
-            As in the `.cfg`.
-
-        Raises
-        ------
-        MapError
-            The name, or a symbolic link in its path, leads out of the folder.
+        MapError if the name, or a symbolic link in its path, leads out of the folder.
         """
         problem = name_problem(name)
         if problem:
@@ -97,28 +71,12 @@ def photo_path(cfg_path: Path, name: str) -> Path:
 
 
 def photo_hash(cfg_path: Path, name: str) -> str:
-    """Return the SHA-256 of a photo of a map, without fetching it if it is an object.
-
-    Raises
-    ------
-    MapError
-        Raised by `MapFolder.place`.
-    OSError
-        The file is missing, or cannot be read.
-    """
+    """Return the SHA-256 of a photo of a map, without fetching it if it is an object."""
     return hash_of(MapFolder(cfg_path).place(name))
 
 
 def read_map_json(cfg_path: Path) -> MapJson:
-    """Read the JSON next to a `.cfg`; if there is none, return an empty `MapJson`.
-
-    Raises
-    ------
-    MapJsonError
-        The JSON violates its schema.
-    MapError
-        The file cannot be read.
-    """
+    """Read the JSON next to a `.cfg`; if there is none, return an empty `MapJson`."""
     path = json_path(cfg_path)
     return parse_map_json(read_bytes(path), where=str(path)) if path.exists() else MapJson()
 
@@ -153,9 +111,7 @@ def read_map(cfg_path: Path) -> Map:
         revision=extras.revision,
         title=extras.title,
         unplaced=unplaced,
-        control_points=extras.control_points,
-        notes=extras.notes,
-        floors=extras.floors,
+        **{name: getattr(extras, name) for name in LISTS},
     )
 
 
@@ -225,18 +181,10 @@ def _completed(e: Experience, known: MapJsonPhoto | None, map_: Map) -> Experien
     return replace(
         e,
         position=position,
-        heading_deg=known.heading_deg,
-        fov_deg=known.fov_deg,
-        gps_accuracy_m=known.gps_accuracy_m,
-        taken_at=known.taken_at,
-        name=known.name,
-        blurred=known.blurred,
-        source=known.source,
-        panorama=known.panorama,
         by_gps=known.by_gps and is_as_known,
         radius_px=known.radius_px if is_as_known else None,
-        note=known.note,
         floor=known.floor,
+        **facts_of(known),
     )
 
 
@@ -244,21 +192,7 @@ def _unplaced(base: Map, extras: MapJson) -> tuple[UnplacedPhoto, ...]:
     """List the photos in the tray, except ids and photos that are in the `.cfg`."""
     ids, photos = {e.id for e in base.experiences}, {e.photo for e in base.experiences}
     return tuple(
-        UnplacedPhoto(
-            id,
-            known.photo,
-            known.heading_deg,
-            known.fov_deg,
-            known.gps_accuracy_m,
-            known.taken_at,
-            known.name,
-            known.blurred,
-            known.source,
-            known.panorama,
-            note=known.note,
-        )
-        for id, known in sorted(extras.unplaced.items())
-        if id not in ids and known.photo not in photos
+        known for id, known in sorted(extras.unplaced.items()) if id not in ids and known.photo not in photos
     )
 
 

@@ -4,111 +4,51 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from dataclasses import fields as dataclass_fields
-from datetime import datetime
 
-from webapp.core.blur import MOST_BOXES, BlurBox
-from webapp.core.geo.floors import BASE_FLOOR, Floor
+from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.control_points import GroundControlPoint
-from webapp.core.mapmodel.model import Experience, Map, PhotoSource, Placement, UnplacedPhoto
-from webapp.core.mapmodel.notes import MapNote
-from webapp.core.mapmodel.panorama import Panorama
+from webapp.core.mapmodel.model import FACTS, Experience, Map, MapLists, MapPhoto, Placement, UnplacedPhoto
 from webapp.errors import GeoreferenceError, MapError, MapJsonError
 from webapp.files.json_fields import JsonField, by_id, finite, parse_json
-from webapp.files.maps.control_points import control_point_fields, parse_control_points
-from webapp.files.maps.floors import check_floors_of, floors_fields, parse_floors
-from webapp.files.maps.notes import notes_fields, parse_notes, parse_text
-from webapp.files.maps.sources import parse_source, source_fields
+from webapp.files.maps.facts import fact_fields, parse_facts
+from webapp.files.maps.floors import check_floors_of
+from webapp.files.maps.lists import LISTS
 
 FORMAT = "experience-map"
 VERSION = 1
 
-_FACTS = (
-    "heading_deg",
-    "fov_deg",
-    "gps_accuracy_m",
-    "taken_at",
-    "name",
-    "blurred",
-    "source",
-    "panorama",
-    "note",
-)
-
 
 @dataclass(frozen=True, slots=True)
-class MapJsonPhoto:
-    """The data of one photo in `map.json`; None is unknown, or for the position, the `.cfg`'s."""
+class MapJsonPhoto(MapPhoto):
+    """The data of a placed photo in `map.json`; without a position, it has that of the `.cfg`."""
 
-    photo: str
+    _: KW_ONLY
     position: MapPixel | None = None
-    heading_deg: float | None = None
-    fov_deg: float | None = None
-    gps_accuracy_m: float | None = None
-    taken_at: str | None = None
-    name: str | None = None
-    blurred: tuple[BlurBox, ...] = ()
-    source: PhotoSource | None = None
-    panorama: Panorama | None = None
     by_gps: bool = False
     radius_px: float | None = None
-    note: str | None = None
     floor: int = BASE_FLOOR
 
 
 @dataclass(frozen=True, slots=True)
-class MapJson:
-    """The content of `map.json`.
-
-    Attributes
-    ----------
-    placements : mapping of str to mapping of int to MapPixel
-        Of each further placement by name, its sub-pixel positions by id.
-    experiences : mapping of int to MapJsonPhoto
-        By id.
-    title : str or None
-        Title of the map.
-    unplaced : mapping of int to MapJsonPhoto
-        Photos in the tray, by id; none has a position.
-    control_points : tuple of GroundControlPoint
-        Sorted by name.
-    notes : tuple of MapNote
-        Sorted by id.
-    floors : tuple of Floor
-        Sorted by id.
-    """
+class MapJson(MapLists):
+    """The content of `map.json`; photos by id."""
 
     revision: int = 0
     next_id: int = 0
     georeference: Georeference | None = None
     placements: Mapping[str, Mapping[int, MapPixel]] = field(default_factory=dict)
+    """Of each further placement by name, its sub-pixel positions by id."""
     experiences: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
     title: str | None = None
-    unplaced: Mapping[int, MapJsonPhoto] = field(default_factory=dict)
-    control_points: tuple[GroundControlPoint, ...] = ()
-    notes: tuple[MapNote, ...] = ()
-    floors: tuple[Floor, ...] = ()
+    unplaced: Mapping[int, UnplacedPhoto] = field(default_factory=dict)
 
 
 def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
-    """Parse `map.json` strictly: missing required fields and unknown fields are errors.
-
-    Parameters
-    ----------
-    data : bytes
-        UTF-8.
-    where : str
-        Name of the file, for errors.
-
-    Raises
-    ------
-    MapJsonError
-        With the JSON path of the field, or line and column of a syntax error.
-    """
+    """Parse `map.json` strictly: missing required fields and unknown fields are errors."""
     top = parse_json(data, where=where).record(
         required=("format", "version"),
         optional=tuple(part.name for part in dataclass_fields(MapJson)),
@@ -125,11 +65,12 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         if name in placements:
             raise item.error(f"repeats the placement {name!r}")
         placements[name] = positions
-    experiences, floors = by_id(top["experiences"], parse=_photo), parse_floors(top["floors"])
-    notes = parse_notes(top["notes"])
+    experiences = by_id(top["experiences"], parse=_photo)
+    lists = {name: form.parse(top[name]) for name, form in LISTS.items()}
     of_photos = {id: photo.floor for id, photo in experiences.items()}
-    check_floors_of(top["experiences"], of_photos, what="photo", floors=floors)
-    check_floors_of(top["notes"], {note.id: note.floor for note in notes}, what="note", floors=floors)
+    of_notes = {note.id: note.floor for note in lists["notes"]}
+    check_floors_of(top["experiences"], of_photos, what="photo", floors=lists["floors"])
+    check_floors_of(top["notes"], of_notes, what="note", floors=lists["floors"])
     return MapJson(
         revision=top["revision"].integer(default=0, largest=MAX_NUMBER),
         next_id=top["next_id"].integer(default=0, largest=MAX_NUMBER + 1),
@@ -138,29 +79,15 @@ def parse_map_json(data: bytes, *, where: str = "map.json") -> MapJson:
         experiences=experiences,
         title=None if top["title"].missing else top["title"].text(),
         unplaced=by_id(top["unplaced"], parse=_unplaced),
-        control_points=parse_control_points(top["control_points"]),
-        notes=notes,
-        floors=floors,
+        **lists,
     )
 
 
 def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> bytes:
     """Write the data of a map that a `.cfg` cannot hold; the same map always gives the same bytes.
 
-    Parameters
-    ----------
-    by_gps_anywhere : collection of int
-        Ids of photos to mark as placed by GPS wherever the `.cfg` has them.
-
-    Returns
-    -------
-    bytes
-        UTF-8, indented, one final LF.
-
-    Raises
-    ------
-    MapJsonError
-        A value that the reader would refuse.
+    Photos with the ids `by_gps_anywhere` count as placed by GPS wherever the `.cfg` has them. Values that the
+    reader would refuse raise MapJsonError.
     """
     photos = [
         record
@@ -177,9 +104,7 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
         "placements": [_placement_fields(placement) for placement in map_.placements],
         "experiences": photos,
         **({"unplaced": [_photo_fields(photo) for photo in map_.unplaced]} if map_.unplaced else {}),
-        **({"control_points": control_point_fields(map_.control_points)} if map_.control_points else {}),
-        **({"notes": notes_fields(map_.notes)} if map_.notes else {}),
-        **({"floors": floors_fields(map_.floors)} if map_.floors else {}),
+        **{name: form.fields(there) for name, form in LISTS.items() if (there := getattr(map_, name))},
     }
     text = json.dumps(content, indent=1, ensure_ascii=False)
     data = f"{text}\n".encode("utf-8", "surrogatepass")
@@ -188,20 +113,7 @@ def format_map_json(map_: Map, *, by_gps_anywhere: Collection[int] = ()) -> byte
 
 
 def parse_georeference(value: object, *, where: str = "georeference") -> Georeference | None:
-    """Parse a georeference in the form of `map.json`.
-
-    Parameters
-    ----------
-    value : object
-        Parsed JSON; None means no georeference.
-    where : str
-        Origin of the value, for errors.
-
-    Raises
-    ------
-    MapJsonError
-        With the JSON path of the field.
-    """
+    """Parse a georeference in the form of `map.json`; None stays None."""
     return _georeference(JsonField(value, where, "$"))
 
 
@@ -215,13 +127,7 @@ def georeference_fields(georeference: Georeference | None) -> dict[str, object] 
 
 
 def check_placement_name(name: str) -> str:
-    """Check and return a placement's name, which also names its file.
-
-    Raises
-    ------
-    MapError
-        The name does not consist of 1 to 60 letters, digits, `_` and `-`.
-    """
+    """Check and return a placement's name, and that of its file: 1 to 60 letters, digits, `_` and `-`."""
     plain = name.replace("-", "").replace("_", "")
     if not (plain.isalnum() and len(name) <= 60):
         raise MapError(
@@ -251,96 +157,31 @@ def _placed(item: JsonField) -> tuple[int, MapPixel]:
 
 def _photo(item: JsonField) -> tuple[int, MapJsonPhoto]:
     fields = item.record(
-        required=("id", "photo"), optional=("x_px", "y_px", "by_gps", "radius_px", "floor", *_FACTS)
+        required=("id", "photo"), optional=("x_px", "y_px", "by_gps", "radius_px", "floor", *FACTS)
     )
     x, y = fields["x_px"], fields["y_px"]
     if x.missing != y.missing:
         raise item.error("has only one of x_px and y_px", hint="give both or none")
-    position = None if x.missing else MapPixel(x.pixels(), y.pixels())
-    facts, stated, radius = _facts(fields, position), fields["by_gps"], fields["radius_px"]
+    facts, stated, radius = parse_facts(fields), fields["by_gps"], fields["radius_px"]
     radius_px = None if radius.missing else radius.number("0 or more", valid=lambda v: finite(v) and v >= 0)
     # files of version 0.7 lack by_gps
-    guessed = facts.gps_accuracy_m is not None and radius_px is None
-    by_gps = guessed if stated.missing else stated.boolean()
-    floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
-    known = replace(facts, by_gps=by_gps, radius_px=radius_px, floor=floor)
-    return fields["id"].integer(largest=MAX_NUMBER), known
-
-
-def _unplaced(item: JsonField) -> tuple[int, MapJsonPhoto]:
-    fields = item.record(required=("id", "photo"), optional=_FACTS)
-    return fields["id"].integer(largest=MAX_NUMBER), _facts(fields, None)
-
-
-def _facts(fields: Mapping[str, JsonField], position: MapPixel | None) -> MapJsonPhoto:
-    heading, fov, accuracy, taken_at, name, blurred, source, panorama, note = (
-        fields[name] for name in _FACTS
+    guessed = "gps_accuracy_m" in facts and radius_px is None
+    photo = MapJsonPhoto(
+        fields["id"].integer(largest=MAX_NUMBER),
+        fields["photo"].text(),
+        position=None if x.missing else MapPixel(x.pixels(), y.pixels()),
+        by_gps=guessed if stated.missing else stated.boolean(),
+        radius_px=radius_px,
+        floor=fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER),
+        **facts,
     )
-    if not taken_at.missing:
-        _check_time(taken_at)
-    return MapJsonPhoto(
-        photo=fields["photo"].text(),
-        position=position,
-        heading_deg=None if heading.missing else heading.number("from 0 to 360", valid=_is_heading),
-        fov_deg=None if fov.missing else fov.number("above 0 and at most 360", valid=lambda v: 0 < v <= 360),
-        gps_accuracy_m=None if accuracy.missing else accuracy.number("0 or more", valid=lambda v: v >= 0),
-        taken_at=None if taken_at.missing else taken_at.text(),
-        name=None if name.missing else name.text(),
-        blurred=_boxes(blurred),
-        source=None if source.missing else parse_source(source),
-        panorama=None if panorama.missing else _panorama(panorama),
-        note=parse_text(note),
-    )
+    return photo.id, photo
 
 
-def _boxes(field: JsonField) -> tuple[BlurBox, ...]:
-    """Read the blurred boxes of a photo."""
-    boxes = tuple(_box(box) for box in field.items())
-    if len(boxes) > MOST_BOXES:
-        raise field.error(f"has {len(boxes)} boxes, more than {MOST_BOXES}", hint="draw larger boxes")
-    return boxes
-
-
-def _box(item: JsonField) -> BlurBox:
-    """Read a box that lies inside the photo."""
-    fields = item.record(required=BlurBox._fields)
-    box = BlurBox(*(fields[side].number("a finite number", valid=finite) for side in BlurBox._fields))
-    if not box.inside:
-        raise item.error("is not a box inside the photo")
-    return box
-
-
-def _panorama(item: JsonField) -> Panorama:
-    fields = item.record(required=(), optional=("masked",))
-    return Panorama(tuple(_box(box) for box in fields["masked"].items()))
-
-
-def panorama_fields(panorama: Panorama | None) -> dict[str, list[dict[str, float]]] | None:
-    """Return the data of a panorama in the form of `map.json`; None stays None."""
-    return None if panorama is None else {"masked": [box._asdict() for box in panorama.masked]}
-
-
-def parse_panorama(value: object, *, where: str = "panorama") -> Panorama | None:
-    """Parse the data of a panorama in the form of `map.json`; None stays None.
-
-    Raises
-    ------
-    MapJsonError
-    """
-    return None if value is None else _panorama(JsonField(value, where, "$"))
-
-
-def _is_heading(value: float) -> bool:
-    return 0 <= value <= 360
-
-
-def _check_time(taken_at: JsonField) -> None:
-    try:
-        datetime.fromisoformat(taken_at.text())
-    except ValueError as error:
-        raise taken_at.error(
-            "is not a time in ISO 8601", hint="write it like 2026-04-30T14:05:00+02:00"
-        ) from error
+def _unplaced(item: JsonField) -> tuple[int, UnplacedPhoto]:
+    fields = item.record(required=("id", "photo"), optional=tuple(FACTS))
+    id, photo = fields["id"].integer(largest=MAX_NUMBER), fields["photo"].text()
+    return id, UnplacedPhoto(id, photo, **parse_facts(fields))
 
 
 def _georeference(field: JsonField) -> Georeference | None:
@@ -365,18 +206,7 @@ def _position_fields(position: MapPixel) -> dict[str, object]:
 
 
 def _photo_fields(photo: Experience | UnplacedPhoto, *, by_gps_anywhere: bool = False) -> dict[str, object]:
-    known = {
-        "heading_deg": photo.heading_deg,
-        "fov_deg": photo.fov_deg,
-        "gps_accuracy_m": photo.gps_accuracy_m,
-        "taken_at": photo.taken_at,
-        "name": photo.name,
-        "blurred": [box._asdict() for box in photo.blurred] or None,
-        "source": source_fields(photo.source),
-        "panorama": panorama_fields(photo.panorama),
-        "note": photo.note,
-    }
-    present = {name: value for name, value in known.items() if value is not None}
+    present = {name: value for name, value in fact_fields(photo).items() if value is not None}
     if not isinstance(photo, Experience):
         return {"id": photo.id, "photo": photo.photo, **present}
     if by_gps_anywhere:

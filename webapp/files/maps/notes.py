@@ -8,34 +8,15 @@ from typing import Any
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.checks import MAX_NUMBER
-from webapp.core.mapmodel.notes import MapNote, text_problem, title_problem
+from webapp.core.mapmodel.notes import NOTE_TEXT, MapNote, title_problem
 from webapp.files.json_fields import JsonField, by_id
+from webapp.files.maps.facts import parse_text
 
 
 def parse_notes(field: JsonField) -> tuple[MapNote, ...]:
-    """Read a list of notes, sorted by id.
-
-    Raises
-    ------
-    MapJsonError
-    """
+    """Read a list of notes, sorted by id."""
     found = by_id(field, parse=_note)
     return tuple(found[id] for id in sorted(found))
-
-
-def parse_text(field: JsonField) -> str | None:
-    """Read the note of a photo; None if it has none.
-
-    Raises
-    ------
-    MapJsonError
-    """
-    if field.missing:
-        return None
-    problem = text_problem(field.text())
-    if problem:
-        raise field.error(problem)
-    return field.text() or None
 
 
 def note_fields(note: MapNote) -> dict[str, Any]:
@@ -66,7 +47,7 @@ def _note(item: JsonField) -> tuple[int, MapNote]:
     number = fields["id"].integer(largest=MAX_NUMBER)
     position = None if x.missing else MapPixel(x.pixels(), y.pixels())
     photos = [photo.integer(largest=MAX_NUMBER) for photo in fields["photos"].items()]
-    text = parse_text(fields["text"]) or ""
+    text = parse_text(fields["text"], NOTE_TEXT) or ""
     floor = fields["floor"].integer(default=BASE_FLOOR, largest=MAX_NUMBER)
     return number, MapNote(
         number, fields["title"].text(), position, text, tuple(dict.fromkeys(photos)), floor

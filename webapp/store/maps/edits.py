@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import Select, bindparam, func, or_, select, update
 from sqlalchemy.orm import Session
 
+from webapp.core.mapmodel.model import EDITED
 from webapp.errors import Conflict, NotFound
 from webapp.store.clock import now
 from webapp.store.maps import clashes, maps
@@ -21,20 +22,9 @@ from webapp.store.schema import Account, Edit, MapRecord, Photo, PlacedElsewhere
 
 Fields = dict[str, Any]
 
-PHOTO_FIELDS = frozenset(
-    {
-        "x_px",
-        "y_px",
-        "radius_px",
-        "heading_deg",
-        "taken_at",
-        "removed",
-        "panorama",
-        "fov_deg",
-        "note",
-        "floor",
-    }
-)
+PHOTO_FIELDS = frozenset({"x_px", "y_px", "radius_px", "floor", "removed", "fov_deg", *EDITED})
+"""The field of view changes with `panorama`."""
+
 POINTS_KIND = "control-points"
 """Kind of an edit of control points."""
 

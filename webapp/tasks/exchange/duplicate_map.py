@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, StorageError
 from webapp.files.listing import DERIVED
+from webapp.files.maps.lists import LISTS
 from webapp.files.object_storage.pointer import pointer_path
 from webapp.files.photos.preview import SIDES, preview_path
 from webapp.progress import Progress
@@ -31,9 +32,7 @@ _RECORD_FIELDS = (
     "satellite_width",
     "satellite_height",
     "georeference",
-    "control_points",
-    "notes",
-    "floors",
+    *LISTS,
 )
 _NOT_COPIED = frozenset({"exports", "intake", "health.json", "photo-plan.json", stored_evaluation.FILE})
 """Files and folders in `derived` that are valid for the original map only."""

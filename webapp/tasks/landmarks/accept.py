@@ -14,7 +14,7 @@ from sqlalchemy import select
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import Experience
+from webapp.core.mapmodel.model import Experience, facts_of
 from webapp.files.maps.folder import read_map, write_map
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
@@ -160,15 +160,9 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
             photo.id,
             photo.photo,
             places[photo.id].position,
-            heading_deg=places[photo.id].heading_deg,
-            fov_deg=photo.fov_deg,
-            taken_at=photo.taken_at,
-            name=photo.name,
-            blurred=photo.blurred,
-            source=photo.source,
-            panorama=photo.panorama,
             radius_px=places[photo.id].radius_px,
             floor=_floor_of(places[photo.id], floors),
+            **{**facts_of(photo), "heading_deg": places[photo.id].heading_deg},
         )
         for photo in the_map.unplaced
         if photo.id in places

@@ -13,8 +13,7 @@ from webapp.core.geo.types import LatLon
 from webapp.core.mapmodel.model import PhotoSource
 from webapp.core.mapmodel.panorama import Panorama
 from webapp.errors import NotFound
-from webapp.files.maps.map_json import panorama_fields
-from webapp.files.maps.sources import source_fields
+from webapp.files.maps.facts import panorama_fields, source_fields
 from webapp.files.object_storage import storage
 from webapp.files.part_file import sha256_of, show_file_as
 from webapp.files.photos import preview

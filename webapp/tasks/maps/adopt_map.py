@@ -6,7 +6,7 @@ import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -16,12 +16,9 @@ from webapp.core.mapmodel.notes import MOST_NOTES
 from webapp.errors import Conflict, MapError, PhotoError, UsageError
 from webapp.files.decode import check_decodes
 from webapp.files.listing import normal_name
-from webapp.files.maps.control_points import control_point_fields
-from webapp.files.maps.floors import floors_fields
 from webapp.files.maps.folder import MapFolder, read_map
-from webapp.files.maps.map_json import georeference_fields, panorama_fields
-from webapp.files.maps.notes import notes_fields
-from webapp.files.maps.sources import source_fields
+from webapp.files.maps.lists import LISTS
+from webapp.files.maps.map_json import georeference_fields
 from webapp.files.photos.exif_gps import Gps
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file
 from webapp.progress import Progress
@@ -32,6 +29,7 @@ from webapp.store.maps.changing import INDEX_JOB
 from webapp.store.operate import jobs
 from webapp.store.schema import MapRecord, Member, Photo, PlacedElsewhere
 from webapp.tasks.maps.export import file_sha256
+from webapp.tasks.maps.library_map import fact_columns
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, PYRAMID_JOB
 
 _LARGEST_NEXT_ID = 2_000_000_000
@@ -40,25 +38,16 @@ _SLUG = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,79}")
 
 @dataclass(frozen=True, slots=True)
 class FolderContents:
-    """Contents of a map folder, ready to be registered.
-
-    Attributes
-    ----------
-    cfg_sha256 : str or None
-        Hash of the `map.cfg` that was read.
-    photos : tuple of Photo
-        Records with their ids, not yet assigned to a map.
-    problems : tuple of str
-        A message for each missing or unreadable photo, whose record has no size and no EXIF.
-    tray : tuple of Photo
-        Records of photos without a position, with unique ids.
-    """
+    """Contents of a map folder, ready to be registered; records are not yet assigned to a map."""
 
     map: Map
     cfg_sha256: str | None
+    """Of the `map.cfg` that was read."""
     photos: tuple[Photo, ...]
     problems: tuple[str, ...]
+    """A message for each missing or unreadable photo, whose record has no size and no EXIF."""
     tray: tuple[Photo, ...] = ()
+    """Photos without a position."""
 
 
 def adopt_map(
@@ -179,9 +168,8 @@ def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     record.satellite_path = map_.satellite.path
     record.satellite_width, record.satellite_height = map_.satellite.width, map_.satellite.height
     record.georeference = georeference_fields(map_.georeference)
-    record.control_points = control_point_fields(map_.control_points) or None
-    record.notes = notes_fields(map_.notes) or None
-    record.floors = floors_fields(map_.floors) or None
+    for name, form in LISTS.items():
+        setattr(record, name, form.fields(getattr(map_, name)) or None)
     photos = (*contents.photos, *contents.tray)
     _keep_gps(contents.photos, map_)
     for row in photos:
@@ -219,25 +207,9 @@ def salted(sha256: str, id: int) -> str:
 def tray_row(path: Path, *, known: UnplacedPhoto | None = None, limits: PhotoLimits) -> Photo:
     """Make the record of a photo without a position, not yet assigned to a map, without id and path.
 
-    Parameters
-    ----------
-    known : UnplacedPhoto, optional
-        Its values in `map.json`, which take precedence over EXIF.
-
-    Raises
-    ------
-    PhotoError
-        It is not a photo.
+    Its facts in `map.json`, `known`, take precedence over EXIF.
     """
-    row = Photo(name=path.name)
-    if known is not None:
-        row.name = known.name or path.name
-        row.taken_at, row.fov_deg = known.taken_at, known.fov_deg
-        row.gps_accuracy_m, row.heading_deg = known.gps_accuracy_m, known.heading_deg
-        row.blurred = [box._asdict() for box in known.blurred] or None
-        row.source = source_fields(known.source)
-        row.panorama = panorama_fields(known.panorama)
-        row.note = known.note
+    row = Photo(**fact_columns(known or UnplacedPhoto(0, path.name)))
     _read_photo(path, limits=limits).complete(row)
     return row
 
@@ -338,24 +310,16 @@ class PhotoFiles:
         """
         row = Photo(
             id=e.id,
-            name=e.name or PurePosixPath(e.photo).name,
             path=e.photo,
             sha256=hashlib.sha256(f"no photo {e.id}".encode()).hexdigest(),
             size_bytes=0,
             width=0,
             height=0,
-            taken_at=e.taken_at,
-            fov_deg=e.fov_deg,
-            gps_accuracy_m=e.gps_accuracy_m,
             x_px=e.position.x,
             y_px=e.position.y,
             radius_px=e.radius_px,
-            heading_deg=e.heading_deg,
-            blurred=[box._asdict() for box in e.blurred] or None,
-            source=source_fields(e.source),
-            panorama=panorama_fields(e.panorama),
-            note=e.note,
             floor=e.floor,
+            **fact_columns(e),
         )
         file = self._file(e.photo)
         if isinstance(file, str):

@@ -9,9 +9,10 @@ from datetime import datetime
 from typing import Any, Literal
 
 from webapp.core.geo.floors import BASE_FLOOR
-from webapp.core.mapmodel.notes import text_problem
+from webapp.core.mapmodel.facts import FixedForm, NumberForm, TextForm
+from webapp.core.mapmodel.model import EDITED, FACTS
 from webapp.errors import UsageError
-from webapp.files.maps.map_json import panorama_fields, parse_panorama
+from webapp.files.maps.facts import panorama_fields, parse_panorama
 from webapp.files.photos.panorama import is_whole_sphere
 from webapp.store.library import Library
 from webapp.store.maps import edits, maps
@@ -19,7 +20,11 @@ from webapp.store.maps.edits import UndoResult
 from webapp.store.schema import MapRecord, Photo
 from webapp.tasks.maps import placements
 
-KINDS = ("place", "move", "turn", "unplace", "retime", "panorama", "note", "floor", "remove")
+KINDS = tuple(
+    dict.fromkeys(
+        ("place", "move", "turn", "unplace", *(fact.kind for fact in EDITED.values()), "floor", "remove")
+    )
+)
 """Kinds of edits."""
 
 
@@ -32,8 +37,8 @@ class RequestedEdit:
     kind : str
         One of `KINDS`.
     changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `heading_deg`, `taken_at`, `panorama`, `note`, `floor` or `removed` by
-        photo. x and y must be given together; None for both moves the photo back to the tray.
+        New values of `x_px`, `y_px`, `floor`, `removed` or a fact of `EDITED` by photo. x and y must be given
+        together; None for both moves the photo back to the tray.
     placement : str or None
         Placement whose positions change; None for the main one.
     seen : int or None
@@ -95,12 +100,9 @@ def _targets(
     known = dict(fields)
     if ("x_px" in known) != ("y_px" in known):
         raise UsageError("x_px and y_px go together", where=f"photo/{id}", hint="give both")
-    if known.get("heading_deg") is not None:
-        known["heading_deg"] = _heading(known["heading_deg"], id)
-    if known.get("taken_at") is not None:
-        known["taken_at"] = _time(known["taken_at"], id)
-    if known.get("note") is not None:
-        known["note"] = _note(known["note"], id)
+    for name in EDITED:
+        if known.get(name) is not None:
+            known[name] = _tidy(name, known[name], id)
     if "x_px" not in known:
         return {f"photo/{id}": known} if known else {}
     at = {axis: known.pop(axis) for axis in ("x_px", "y_px")}
@@ -141,6 +143,27 @@ def _with_floor(
     return fields
 
 
+def _tidy(name: str, value: Any, id: int) -> Any:
+    """Check the new value of a fact, and return it as it is stored."""
+    match FACTS[name].form:
+        case FixedForm.HEADING:
+            return _heading(value, id)
+        case FixedForm.TIME:
+            return _time(value, id)
+        case NumberForm(valid_ones, is_valid):
+            if not (math.isfinite(value) and is_valid(value)):
+                raise UsageError(f"{name} is not {valid_ones}", where=f"photo/{id}")
+            return float(value)
+        case TextForm() as form:
+            tidy = value.strip()
+            problem = form.problem(tidy)
+            if problem:
+                raise UsageError(f"the {name} {problem}", where=f"photo/{id}")
+            return tidy or None
+        case _:
+            return value
+
+
 def _heading(value: float, id: int) -> float:
     if not math.isfinite(value):
         raise UsageError(
@@ -156,14 +179,6 @@ def _time(text: str, id: int) -> str:
         raise UsageError(
             "taken_at is not a time", where=f"photo/{id}", hint="write it as 2026-05-31T14:05:00"
         ) from error
-
-
-def _note(text: str, id: int) -> str | None:
-    tidy = text.strip()
-    problem = text_problem(tidy)
-    if problem:
-        raise UsageError(f"the note {problem}", where=f"photo/{id}")
-    return tidy or None
 
 
 def _check_inside(record: MapRecord, at: Mapping[str, float | None], *, id: int) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import inside
-from webapp.core.mapmodel.notes import MOST_NOTES, MapNote, text_problem, title_problem
+from webapp.core.mapmodel.notes import MOST_NOTES, NOTE_TEXT, MapNote, title_problem
 from webapp.errors import NotFound, UsageError
 from webapp.files.maps.notes import note_fields
 from webapp.store.library import Library
@@ -116,7 +116,7 @@ def _write(change: MapChange, note: MapNote, *, account_id: int, seen: int | Non
 
 
 def _check(record: MapRecord, note: MapNote) -> None:
-    for what, problem in (("title", title_problem(note.title)), ("text", text_problem(note.text))):
+    for what, problem in (("title", title_problem(note.title)), ("text", NOTE_TEXT.problem(note.text))):
         if problem:
             raise UsageError(f"the {what} of a note {problem}", where=what)
     width, height = record.satellite_width, record.satellite_height

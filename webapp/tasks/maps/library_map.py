@@ -1,4 +1,4 @@
-"""Builds the map model from the records of the library."""
+"""Converts between the records of the library and the map model."""
 
 from __future__ import annotations
 
@@ -11,25 +11,24 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from webapp.core.blur import BlurBox
 from webapp.core.geo.floors import Floor
 from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.control_points import GroundControlPoint
 from webapp.core.mapmodel.model import (
+    FACTS,
     Experience,
     Map,
-    PhotoSource,
+    MapPhoto,
     Placement,
     SatelliteImage,
     UnplacedPhoto,
 )
 from webapp.core.mapmodel.notes import MapNote
 from webapp.files.json_fields import JsonField
-from webapp.files.maps.control_points import parse_control_points
-from webapp.files.maps.floors import parse_floors
-from webapp.files.maps.map_json import parse_georeference, parse_panorama
-from webapp.files.maps.notes import parse_notes
+from webapp.files.maps.facts import fact_fields, from_json
+from webapp.files.maps.lists import LISTS
+from webapp.files.maps.map_json import parse_georeference
 from webapp.store.maps import maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 
@@ -38,13 +37,7 @@ _SAME_PX = 1.0
 
 
 def as_map(session: Session, record: MapRecord) -> Map | None:
-    """Build the map model from the records.
-
-    Returns
-    -------
-    Map or None
-        Its experiences are the placed photos; None if there is no satellite image yet.
-    """
+    """Build the map model from the records; None if there is no satellite image yet."""
     if record.satellite_path is None or not record.satellite_width or not record.satellite_height:
         return None
     photos = [p for p in maps.photos(session, record) if not p.removed]
@@ -59,9 +52,7 @@ def as_map(session: Session, record: MapRecord) -> Map | None:
         revision=record.revision,
         title=record.name,
         unplaced=tuple(UnplacedPhoto(p.id, p.path, **_facts(p)) for p in photos if p.x_px is None),
-        control_points=control_points(record),
-        notes=notes(record),
-        floors=floors(record),
+        **{name: _listed(record, name) for name in LISTS},
     )
 
 
@@ -72,17 +63,21 @@ def georeference(record: MapRecord) -> Georeference | None:
 
 def control_points(record: MapRecord) -> tuple[GroundControlPoint, ...]:
     """Read the control points of a map."""
-    return parse_control_points(JsonField(record.control_points, "$.control_points", record.slug))
+    return _listed(record, "control_points")
 
 
 def notes(record: MapRecord) -> tuple[MapNote, ...]:
     """Read the notes of a map."""
-    return parse_notes(JsonField(record.notes, "$.notes", record.slug))
+    return _listed(record, "notes")
 
 
 def floors(record: MapRecord) -> tuple[Floor, ...]:
     """Read the floors of a map."""
-    return parse_floors(JsonField(record.floors, "$.floors", record.slug))
+    return _listed(record, "floors")
+
+
+def _listed(record: MapRecord, name: str) -> tuple[Any, ...]:
+    return LISTS[name].parse(JsonField(getattr(record, name), f"$.{name}", record.slug))
 
 
 def placed_by_gps(photos: Iterable[Photo], georeference: Georeference | None) -> set[int]:
@@ -115,18 +110,15 @@ def _experience(photo: Photo, *, by_gps: bool) -> Experience | None:
 
 
 def _facts(photo: Photo) -> dict[str, Any]:
-    """Return the fields of a photo in the map model, except its position."""
-    return {
-        "heading_deg": photo.heading_deg,
-        "fov_deg": photo.fov_deg,
-        "gps_accuracy_m": photo.gps_accuracy_m,
-        "taken_at": photo.taken_at,
-        "name": photo.name if photo.name != PurePosixPath(photo.path).name else None,
-        "blurred": tuple(BlurBox(**box) for box in photo.blurred or ()),
-        "source": None if photo.source is None else PhotoSource(**photo.source),
-        "panorama": parse_panorama(photo.panorama, where=photo.path),
-        "note": photo.note,
+    facts = {
+        name: from_json(fact.form, getattr(photo, name), where=photo.path) for name, fact in FACTS.items()
     }
+    return {**facts, "name": photo.name if photo.name != PurePosixPath(photo.path).name else None}
+
+
+def fact_columns(photo: MapPhoto) -> dict[str, Any]:
+    """Return the values of the columns with the facts of a photo."""
+    return {**fact_fields(photo), "name": photo.name or PurePosixPath(photo.photo).name}
 
 
 def _placements(session: Session, record: MapRecord, *, ids: set[int]) -> tuple[Placement, ...]:

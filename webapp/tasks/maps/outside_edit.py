@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel, whole_pixel
-from webapp.core.mapmodel.model import Experience, Map
+from webapp.core.mapmodel.model import WRITTEN, Experience, Map, MapPhoto
 from webapp.errors import Conflict, MapError, NotFound, UsageError
 from webapp.files.maps.folder import read_map
 from webapp.files.maps.map_json import georeference_fields
@@ -26,6 +26,9 @@ from webapp.tasks.maps.export import changed_outside, file_sha256
 from webapp.tasks.relative_paths import relative_text, show_relative_to
 
 Change = Mapping[str, Any] | None
+
+_TAKEN_OVER = ("heading_deg", *WRITTEN)
+"""Facts of photos that are taken over from the files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,8 +316,9 @@ class _Planner:
         self.plan.notes += [fields["title"] for fields in notes.values()]
         for id, photo in in_tray.items():
             row = self._rows[id]
-            if photo.note not in (None, row.note) and not self._ours_is_newer(row):
-                self.plan.changes[f"photo/{id}"] = {"note": photo.note}
+            differs = _other_facts(photo, row, WRITTEN)
+            if differs and not self._ours_is_newer(row):
+                self.plan.changes[f"photo/{id}"] = differs
                 self.plan.notes.append(row.name)
 
     def _matched(
@@ -352,7 +356,7 @@ class _Planner:
             self.plan.kept.append(_named(row))
             return
         self.plan.changes[f"photo/{row.id}"] = differs
-        if "note" in differs:
+        if WRITTEN.keys() & differs:
             self.plan.notes.append(row.name)
         if row.removed or row.x_px is None:
             self.plan.added.append(_named(row))
@@ -379,9 +383,10 @@ class _Planner:
         if same is not None or row.sha256 in self._new_contents:
             row.sha256 = salted(row.sha256, row.id)
         self._new_contents.add(row.sha256)
-        place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", "heading_deg", "note")}
+        place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", *_TAKEN_OVER)}
         wanted = {**place, "removed": False, **({"floor": e.floor} if e.floor != BASE_FLOOR else {})}
-        row.x_px = row.y_px = row.radius_px = row.heading_deg = row.note = None
+        for name in place:
+            setattr(row, name, None)
         row.floor = BASE_FLOOR
         row.removed = True
         self.plan.new.append(row)
@@ -400,8 +405,9 @@ def _differences(e: Experience, row: Photo) -> dict[str, Any]:
     at = None if row.x_px is None or row.y_px is None else MapPixel(row.x_px, row.y_px)
     if at is None or whole_pixel(at) != whole_pixel(e.position):
         differs |= {"x_px": e.position.x, "y_px": e.position.y, "radius_px": e.radius_px}
-    if e.heading_deg is not None and e.heading_deg != row.heading_deg:
-        differs["heading_deg"] = e.heading_deg
-    if e.note is not None and e.note != row.note:
-        differs["note"] = e.note
-    return differs
+    return differs | _other_facts(e, row, _TAKEN_OVER)
+
+
+def _other_facts(photo: MapPhoto, row: Photo, names: Iterable[str]) -> dict[str, Any]:
+    there = {name: getattr(photo, name) for name in names}
+    return {name: value for name, value in there.items() if value not in (None, getattr(row, name))}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 from webapp.core.geo.floors import BASE_FLOOR, FloorImage
-from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto
+from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
 from webapp.errors import UsageError
 from webapp.files.atomic import write_bytes
 from webapp.files.maps.folder import read_map, write_map
@@ -76,7 +76,7 @@ def _without(placement: Placement, ids: set[int]) -> Placement:
 
 
 def _in_tray(e: Experience) -> UnplacedPhoto:
-    return UnplacedPhoto(**{part.name: getattr(e, part.name) for part in fields(UnplacedPhoto)})
+    return UnplacedPhoto(e.id, e.photo, **facts_of(e))
 
 
 def _laid(file: Path, the_map: Map, *, settings: Settings) -> FloorImage:

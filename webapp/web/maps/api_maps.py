@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from apiflask import APIBlueprint, Schema
-from apiflask.fields import Float, Integer, List, Nested, String
-from apiflask.validators import Length, OneOf
+from apiflask.fields import Integer, List, Nested, String
+from apiflask.validators import OneOf
 
-from webapp.core.mapmodel.notes import MOST_TEXT
+from webapp.core.mapmodel.model import EDITED
 from webapp.errors import Conflict
 from webapp.store.list_parts import ListPart
 from webapp.store.maps import maps
@@ -19,7 +19,7 @@ from webapp.web.context import account, if_match, library, map_role, open_map, r
 from webapp.web.fields import LATER, Boolean, BoundedList, RecordNumber
 from webapp.web.lists import ListPartQuery, split, wanted_part
 from webapp.web.maps import state
-from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PanoramaOut
+from webapp.web.maps.schemas import EditAnswer, MapChanges, MapState, PhotoChange
 from webapp.web.openapi import json_answer
 
 blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps")
@@ -27,7 +27,7 @@ blueprint = APIBlueprint("maps", __name__, url_prefix="/api/v1/maps", tag="Maps"
 _MOST = 10_000
 """Maximum number of photos in one edit."""
 
-_KIND_OF = {"x_px": "move", "taken_at": "retime", "panorama": "panorama", "note": "note", "floor": "floor"}
+_KIND_OF = {"x_px": "move", **{name: fact.kind for name, fact in EDITED.items()}, "floor": "floor"}
 
 _EDITED = json_answer("What the edit changed.", EditAnswer)
 
@@ -62,36 +62,6 @@ class MapList(Schema):
 
     maps = List(Nested(MapSummary))
     next = String(allow_none=True, metadata={"description": "`after` for those that follow; null: none do."})
-
-
-class PhotoChange(Schema):
-    """New values for one photo; x and y are given together, null moves it to the tray."""
-
-    x_px = Float(allow_none=True)
-    y_px = Float(allow_none=True)
-    heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
-    taken_at = String(
-        allow_none=True,
-        validate=Length(max=40),
-        metadata={
-            "description": "Local time, where the camera's clock was wrong.",
-            "example": "2026-05-31T14:05:00",
-        },
-    )
-
-    panorama = Nested(
-        PanoramaOut,
-        allow_none=True,
-        metadata={"description": "It shows the whole sphere, and is twice as wide as high; null: not."},
-    )
-
-    note = String(
-        allow_none=True,
-        validate=Length(max=MOST_TEXT),
-        metadata={"description": "What people write on it; null or empty: nothing."},
-    )
-
-    floor = RecordNumber(metadata={"description": "Id of the floor that it is on."})
 
 
 class NumberedChange(PhotoChange):
@@ -230,7 +200,8 @@ def remove_many(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 @blueprint.doc(responses=_EDITED)
 def edit_one(slug: str, id: int, data: dict[str, Any]) -> dict[str, Any]:
     """Change one photo (place, move, turn, ...); `If-Match` is the revision that the caller knows."""
-    kind = next((kind for field, kind in _KIND_OF.items() if field in data), "turn")
+    kinds = [kind for field, kind in _KIND_OF.items() if field in data]
+    kind = next((kind for kind in kinds if kind != "turn"), "turn")  # often given along with another change
     return _edited(slug, RequestedEdit(kind, {id: data}, seen=if_match()))
 
 

@@ -10,7 +10,7 @@ from apiflask.validators import Length
 
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.notes import MOST_TEXT, MOST_TITLE, MapNote
+from webapp.core.mapmodel.notes import MOST_TITLE, NOTE_TEXT, MapNote
 from webapp.tasks.maps import edit_notes
 from webapp.web.context import account, if_match, library, map_role, open_map
 from webapp.web.fields import BoundedList, RecordNumber
@@ -27,7 +27,7 @@ class NoteIn(Schema):
     """Content and position of a note."""
 
     title = String(required=True, validate=Length(1, MOST_TITLE))
-    text = String(load_default="", validate=Length(max=MOST_TEXT))
+    text = String(load_default="", validate=Length(max=NOTE_TEXT.most))
     x_px = Float(required=True)
     y_px = Float(required=True)
     photos = BoundedList(

@@ -111,7 +111,14 @@ def editor(slug: str) -> str:
     """Show the editor, with the map's state embedded in the page; it is read-only for viewers."""
     with reading_map(slug) as (session, record):
         state = map_state.of_page(session, record, account=account())
-    return render_template("maps/editor.html", map=record, tab="edit", state=state, services=offered_layers())
+    return render_template(
+        "maps/editor.html",
+        map=record,
+        tab="edit",
+        state=state,
+        written=map_state.written_facts(),
+        services=offered_layers(),
+    )
 
 
 @blueprint.get("/maps/<slug>/settings")

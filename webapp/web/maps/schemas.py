@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from apiflask import Schema
-from apiflask.fields import Boolean, Dict, Float, Integer, List, Nested, String
-from apiflask.validators import Range
+from typing import Any, ClassVar
 
+from apiflask import Schema
+from apiflask.fields import Boolean, Dict, Field, Float, Integer, List, Nested, String
+from apiflask.validators import Length, Range
+
+from webapp.core.mapmodel.facts import Edited, FixedForm, NumberForm, TextForm
+from webapp.core.mapmodel.model import EDITED, FACTS, WRITTEN
 from webapp.files.photos.panorama import MOST_MASKED
 from webapp.web.fields import BoundedList, RecordNumber
 
 _ROLES = ("owner", "editor", "viewer")
+_MOST_TIME = 40
+"""Characters of a time."""
 
 
 class GpsOut(Schema):
@@ -54,11 +60,42 @@ class PanoramaOut(Schema):
     )
 
 
+def _fact_field(name: str, *, most: int | None = None, **metadata: str | None) -> Field[Any]:
+    """Make the field of a fact of a photo; a text has at most so many characters."""
+    about = {key: text for key, text in metadata.items() if text}
+    match FACTS[name].form:
+        case NumberForm() | FixedForm.HEADING:
+            return Float(allow_none=True, metadata=about)
+        case TextForm() | FixedForm.TIME:
+            length = None if most is None else Length(max=most)
+            return String(allow_none=name != "name", validate=length, metadata=about)
+        case FixedForm.BOXES:
+            return List(Nested(BoxOut), metadata=about)
+        case FixedForm.SOURCE:
+            return Nested(SourceOut, allow_none=True, metadata=about)
+        case FixedForm.SPHERE:
+            return Nested(PanoramaOut, allow_none=True, metadata=about)
+
+
+def _new_value(name: str, edited: Edited) -> Field[Any]:
+    """Make the field of a new value of a fact; null removes it."""
+    most = WRITTEN[name].most if name in WRITTEN else _MOST_TIME
+    return _fact_field(name, most=most, description=edited.description, example=edited.example)
+
+
 class PhotoOut(Schema):
     """A photo of a map; a removed one has only `id`, `removed` and `revision`."""
 
+    class Meta:
+        """Adds the facts of a photo."""
+
+        include: ClassVar = {
+            name: _fact_field(name, description=fact.description)
+            for name, fact in FACTS.items()
+            if name != "gps_accuracy_m"  # it is in `gps`
+        }
+
     id = Integer()
-    name = String(metadata={"description": "Name of the original file."})
     x_px = Float(allow_none=True, metadata={"description": "null: in the tray, without a place."})
     y_px = Float(allow_none=True)
     radius_px = Float(
@@ -69,11 +106,6 @@ class PhotoOut(Schema):
         },
     )
     floor = Integer(metadata={"description": "Id of its floor; 0 is that of the map's own image."})
-    heading_deg = Float(allow_none=True, metadata={"description": "Clockwise from north."})
-    fov_deg = Float(
-        allow_none=True, metadata={"description": "Horizontal field of view of the upright photo."}
-    )
-    taken_at = String(allow_none=True)
     camera = String(
         allow_none=True,
         metadata={"description": "Maker and model by EXIF; null: not said, or added by an older version."},
@@ -85,19 +117,22 @@ class PhotoOut(Schema):
         allow_none=True, metadata={"description": "Why there is no GPS position, for people."}
     )
     revision = Integer(metadata={"description": "Of the map, when the photo last changed."})
-    blurred = List(Nested(BoxOut), metadata={"description": "What is blurred in pictures of it."})
-    source = Nested(
-        SourceOut, allow_none=True, metadata={"description": "Of a photo from a street-level service."}
-    )
-    panorama = Nested(
-        PanoramaOut,
-        allow_none=True,
-        metadata={"description": "Of a panorama: `heading_deg` is where its middle looks, `fov_deg` is 360."},
-    )
-    note = String(allow_none=True, metadata={"description": "What people have written on it."})
     preview = String(metadata={"description": "Address of a picture of at most 1600 x 1600 pixels."})
     thumb = String(metadata={"description": "Address of a picture of at most 256 x 256 pixels."})
     removed = Boolean()
+
+
+class PhotoChange(Schema):
+    """New values for one photo; x and y are given together, null moves it to the tray."""
+
+    class Meta:
+        """Adds the facts that people edit."""
+
+        include: ClassVar = {name: _new_value(name, edited) for name, edited in EDITED.items()}
+
+    x_px = Float(allow_none=True)
+    y_px = Float(allow_none=True)
+    floor = RecordNumber(metadata={"description": "Id of the floor that it is on."})
 
 
 class PageQuery(Schema):

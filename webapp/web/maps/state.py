@@ -7,13 +7,14 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from flask_babel import gettext as _
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from webapp.core.geo.floors import BASE_FLOOR, Floor
 from webapp.core.geo.georeference import Georeference, latlon_grid
 from webapp.core.geo.types import MapPixel
-from webapp.core.mapmodel.model import PhotoSource
+from webapp.core.mapmodel.model import EDITED, FACTS, WRITTEN, PhotoSource
 from webapp.files.photos.preview import Kind, blur_key
 from webapp.files.satellite.pyramid import max_zoom
 from webapp.store.maps import edits, maps
@@ -217,26 +218,19 @@ def _photos(record: MapRecord, photos: list[Photo]) -> list[dict[str, Any]]:
 def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> dict[str, Any]:
     return {
         "id": photo.id,
-        "name": photo.name,
+        **facts_json(photo),
         "x_px": photo.x_px,
         "y_px": photo.y_px,
         "radius_px": photo.radius_px,
         "floor": photo.floor,
-        "heading_deg": photo.heading_deg,
-        "fov_deg": photo.fov_deg,
-        "taken_at": photo.taken_at,
         "camera": photo.camera,
         "width": photo.width,
         "height": photo.height,
         "gps": gps,
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
-        "blurred": photo.blurred or [],
-        "source": source_of_photo(photo),
-        "panorama": photo.panorama,
-        "note": photo.note,
-        "preview": picture_address(record, photo, kind="preview"),
-        "thumb": picture_address(record, photo, kind="thumb"),
+        "preview": picture_address(record, photo, "preview"),
+        "thumb": picture_address(record, photo, "thumb"),
     }
 
 
@@ -244,6 +238,26 @@ def picture_address(record: MapRecord, photo: Photo, *, kind: Kind) -> str:
     """Return the URL of a preview of a photo for members, which changes with what is blurred in it."""
     look = f"?look={blur_key(boxes_of(photo))}" if photo.blurred else ""
     return f"/api/v1/maps/{record.slug}/photos/{photo.id}/{kind}{look}"
+
+
+def facts_json(photo: Photo) -> dict[str, Any]:
+    """Return the facts of a photo; the accuracy of its GPS is in `gps`."""
+    facts = {name: getattr(photo, name) for name in FACTS if name != "gps_accuracy_m"}
+    return {**facts, "blurred": photo.blurred or [], "source": source_of_photo(photo)}
+
+
+def written_facts() -> list[dict[str, Any]]:
+    """Return the texts of photos that people edit, for pages, which have a field and a filter for each."""
+    return [
+        {
+            "name": name,
+            "kind": EDITED[name].kind,
+            "label": _(FACTS[name].label),
+            "most": form.most,
+            "lines": form.lines,
+        }
+        for name, form in WRITTEN.items()
+    ]
 
 
 def notes_json(record: MapRecord) -> list[dict[str, Any]]:

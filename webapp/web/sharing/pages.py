@@ -12,6 +12,7 @@ from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
 from webapp.web.localize.answers import answer_colours
+from webapp.web.maps.state import written_facts
 from webapp.web.satellite.layers import offered_layers
 from webapp.web.sharing import shared_state
 from webapp.web.state import parts
@@ -71,6 +72,7 @@ def _page(token: str, *, framed: bool) -> _Page:
         "sharing/shared_map.html",
         opened=opened,
         state=state,
+        written=written_facts(),
         services=offered_layers(to_visitors=True) if state["georeference"] else (),
         in_3d=opened.share.landmarks and has_landmarks(library().cfg(opened.map.slug)),
         colours=answer_colours(),

@@ -8,6 +8,7 @@ from typing import Any
 from flask import Response, url_for
 from sqlalchemy.orm import Session
 
+from webapp.core.mapmodel.model import FACTS
 from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.maps import maps
@@ -50,8 +51,9 @@ def of_page(session: Session, opened: OpenedShare, *, token: str) -> dict[str, A
     shown = {photo.id for photo in first}
     others = (dot for dot in maps.dots(session, opened.map, placed=True) if dot.id not in shown)
     dots = state.columns(others)
-    if not opened.share.originals:
-        dots["fov_deg"] = [None] * len(dots["id"])
+    for name in FACTS.keys() & dots.keys():
+        if not _allows(opened, name):
+            dots[name] = [None] * len(dots["id"])
     return {
         **_about(session, opened, token),
         "token": token,
@@ -184,26 +186,32 @@ def _photos(
     return [_photo(opened, photo, token, file=photo.sha256 not in blurred) for photo in photos]
 
 
+def _allows(opened: OpenedShare, name: str) -> bool:
+    """Return whether a share includes a fact of its photos."""
+    visitors = FACTS[name].visitors
+    return visitors == "always" or (visitors is not None and getattr(opened.share, visitors))
+
+
 def _photo(opened: OpenedShare, photo: Photo, token: str, *, file: bool) -> dict[str, Any]:
     """Return a photo; `file`: whether its original file is for visitors."""
-    exif, shown = opened.share.originals, _shows(opened, photo.id)
+    shown = _shows(opened, photo.id)
+    file = file and shown and opened.share.originals
     address = f"/api/v1/shared/{token}/photos/{photo.id}"
     return {
         "id": photo.id,
         "x_px": photo.x_px,
         "y_px": photo.y_px,
         "floor": photo.floor,
-        "heading_deg": photo.heading_deg,
         "width": photo.width,
         "height": photo.height,
-        "name": photo.name if exif else None,
-        "fov_deg": photo.fov_deg if exif else None,
-        "taken_at": photo.taken_at if exif else None,
-        "source": state.source_of_photo(photo),
-        "note": photo.note if opened.share.notes else None,
+        **{
+            name: value if _allows(opened, name) else None
+            for name, value in state.facts_json(photo).items()
+            if FACTS[name].visitors is not None
+        },
         "thumb": f"{address}/thumb" if shown else None,
         "preview": f"{address}/preview" if shown else None,
-        "original": f"{address}/original" if shown and exif and file else None,
+        "original": f"{address}/original" if file else None,
     }
 
 

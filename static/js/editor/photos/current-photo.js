@@ -8,6 +8,7 @@ import { creditLine } from "../../shared/photo-credit.js";
 import { PanoramaView } from "../../shared/panorama-view.js";
 import { PhotoZoom } from "../../shared/photo-zoom.js";
 import { ProgressiveImage } from "../../shared/progressive-image.js";
+import { WRITTEN } from "../../shared/written-facts.js";
 import { blurPhotos } from "./blur-photos.js";
 import { isWholeSphere, panoramaDialog } from "./panorama-dialog.js";
 import { openViewer } from "./photo-viewer.js";
@@ -28,7 +29,8 @@ export class CurrentPhoto {
     this.picture = new ProgressiveImage(byId("current-frame"), this.image);
     this.zoom = new PhotoZoom(byId("current-frame"), this.image);
     this.around = new PanoramaView(this.image);
-    this.note = byId("current-note", HTMLTextAreaElement);
+    /** @type {Map<string, HTMLInputElement|HTMLTextAreaElement>} fields of the written texts, by name */
+    this.written = new Map(WRITTEN.map(({ name }) => [name, /** @type {*} */ (byId(`current-${name}`))]));
     this.heading = byId("current-heading", HTMLInputElement);
     /** @type {?number} id of the photo that the fields show */
     this.shown = null;
@@ -57,7 +59,7 @@ export class CurrentPhoto {
     on("selection-blur", () => blurPhotos(store, this.server, store.order.filter((id) => store.selection.has(id))));
     on("current-remove", () => commands.remove([store.currentId]));
     on("current-gps", () => commands.placeCurrent([store.current.gps.x_px, store.current.gps.y_px]));
-    this.note.addEventListener("change", () => commands.note(this.shown, this.note.value.trim()));
+    for (const [name, field] of this.written) field.addEventListener("change", () => commands.write(this.shown, name, field.value.trim()));
     this.heading.addEventListener("change", () => this._heading());
   }
 
@@ -75,7 +77,7 @@ export class CurrentPhoto {
 
   /** Commit the field being edited: a tap selects another photo before the field loses the focus. */
   _leave() {
-    [this.note, this.heading].find((field) => field === document.activeElement)?.blur();
+    [...this.written.values(), this.heading].find((field) => field === document.activeElement)?.blur();
   }
 
   _heading() {
@@ -109,7 +111,9 @@ export class CurrentPhoto {
     byId("current-facts").replaceChildren(...this._facts(photo, position));
     this._buttons(photo, position);
     this.shown = photo.id;
-    if (document.activeElement !== this.note) this.note.value = photo.note ?? "";
+    for (const [name, field] of this.written) {
+      if (document.activeElement !== field) field.value = photo[name] ?? "";
+    }
     if (document.activeElement !== this.heading) this.heading.value = this._headingText(photo.id);
   }
 
@@ -133,7 +137,8 @@ export class CurrentPhoto {
       if (floor) facts.push(...fact(t("Floor"), floor.name));
       facts.push(...fact(t("Placed at"), this.view.positionText(position) + within));
     }
-    if (photo.note && !this.store.canEdit) facts.push(...fact(t("Note"), photo.note));
+    const written = this.store.canEdit ? [] : WRITTEN.filter(({ name }) => photo[name]);
+    facts.push(...written.flatMap(({ name, label }) => fact(label, photo[name])));
     if (photo.source) facts.push(...fact(t("From"), creditLine(photo.source)));
     return facts;
   }
@@ -160,7 +165,7 @@ export class CurrentPhoto {
     byId("current-panorama").hidden = !store.canEdit || !isWholeSphere(photo);
     byId("current-remove").hidden = !store.canEdit;
     byId("current-turn").hidden = !store.canEdit;
-    byId("current-note-part").hidden = !store.canEdit;
+    for (const { name } of WRITTEN) byId(`current-${name}-part`).hidden = !store.canEdit;
   }
 
   /** A line with the next step. */

@@ -3,7 +3,8 @@
 import { byId, h } from "../../shared/dom.js";
 import { t } from "../../shared/i18n.js";
 import { debounce } from "../../shared/timing.js";
-import { countEach, countTags } from "./tags.js";
+import { WRITTEN } from "../../shared/written-facts.js";
+import { countEach, tagsOf } from "./tags.js";
 
 /** Debounce time: photos change in bursts, while they are uploaded or their details load. */
 const OFFER_MS = 200;
@@ -21,7 +22,7 @@ export function connectFilters(order, store) {
     heading: byId("filter-heading", HTMLSelectElement),
     accuracy: byId("filter-accuracy", HTMLSelectElement),
     camera: byId("filter-camera", HTMLSelectElement),
-    note: byId("filter-note", HTMLSelectElement),
+    ...Object.fromEntries(WRITTEN.map(({ name }) => [name, byId(`filter-${name}`, HTMLSelectElement)])),
     from: byId("filter-from", HTMLInputElement),
     to: byId("filter-to", HTMLInputElement),
   };
@@ -35,17 +36,21 @@ export function connectFilters(order, store) {
     const photos = [...store.photos.values()];
     loading = [...store.photos.keys()].some((id) => !store.isKnown(id));
     byId("filter-loading").hidden = !loading;
-    offerBesides("note", [...countTags(photos)].map(([tag, count]) => [`#${tag}`, count]));
-    offerBesides("camera", [...countEach(photos.map(({ camera }) => camera).filter(Boolean))]);
+    for (const { name, lines } of WRITTEN) {
+      const words = photos.map((photo) => photo[name]);
+      if (lines) offerBesides(name, countEach(words.flatMap(tagsOf)), "#");
+      else offerBesides(name, countEach(words.filter(Boolean)), "=", "");
+    }
+    offerBesides("camera", countEach(photos.map(({ camera }) => camera).filter(Boolean)));
   };
   menu.addEventListener("toggle", offer);
   store.on("photos", debounce(offer, OFFER_MS));
-  /** Offer the values found in the photos after the fixed options. */
-  function offerBesides(name, values) {
+  /** Offer the values found in the photos after the fixed options. @param {Map<string, number>} counts of each value */
+  function offerBesides(name, counts, mark = "", shownMark = mark) {
     const field = fields[name];
     const always = [...field.options].filter((option) => !option.dataset.found);
     const chosen = order.filters[name];
-    const found = values.map(([value, count]) => choice(value, `${value} (${count})`));
+    const found = [...counts].map(([value, count]) => choice(mark + value, `${shownMark}${value} (${count})`));
     const offered = [...always, ...found];
     const missing = !offered.some(({ value }) => value === chosen);
     if (missing && loading) offered.push(choice(chosen, chosen));

@@ -1,9 +1,10 @@
 /** Filters and order of the photos in the grid, also used for stepping through them by keys. */
 
+import { WRITTEN } from "../../shared/written-facts.js";
 import { tagsOf } from "./tags.js";
 
-/** Filters that pass every photo; `note` can be a tag with its #. */
-const EVERY = { gps: "any", heading: "any", accuracy: "any", camera: "any", note: "any", from: "", to: "", text: "" };
+/** Filters that pass every photo; that of a written text can be a tag with its #, or a whole text after =. */
+const EVERY = { gps: "any", heading: "any", accuracy: "any", camera: "any", ...Object.fromEntries(WRITTEN.map(({ name }) => [name, "any"])), from: "", to: "", text: "" };
 
 /** Filter value for photos with an unknown camera. */
 const UNKNOWN = "unknown";
@@ -69,14 +70,15 @@ export class PhotoOrder extends EventTarget {
 
   /** Whether a photo passes search and filters, placed or not. */
   passes(id) {
-    const { gps, heading, accuracy, camera, note, from, to, text } = this.filters;
+    const { gps, heading, accuracy, camera, from, to, text } = this.filters;
     const photo = this.store.photos.get(id);
-    if (text && !`${photo.name} ${photo.note ?? ""}`.toLowerCase().includes(text.toLowerCase())) return false;
-    if ([gps, camera, note].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // not loaded
+    const written = WRITTEN.map(({ name }) => ({ words: photo[name] ?? "", choice: this.filters[name] }));
+    if (text && ![photo.name, ...written.map(({ words }) => words)].join(" ").toLowerCase().includes(text.toLowerCase())) return false;
+    if ([gps, camera, ...written.map(({ choice }) => choice)].some((choice) => choice !== "any") && !this.store.isKnown(id)) return false; // not loaded
     if (gps !== "any" && Boolean(photo.gps) !== (gps === "yes")) return false;
     if (heading !== "any" && (this.store.heading(id) !== null) !== (heading === "yes")) return false;
     if (accuracy !== "any" && !(this.store.isPlaced(id) && Number.isFinite(photo.radius_px) === (accuracy === "suggested"))) return false;
-    if (note.startsWith("#") ? !tagsOf(photo.note).includes(note.slice(1)) : note !== "any" && Boolean(photo.note) !== (note === "yes")) return false;
+    if (!written.every(({ words, choice }) => fits(words, choice))) return false;
     if (camera === UNKNOWN ? photo.camera : camera !== "any" && photo.camera !== camera) return false;
     if (!from && !to) return true;
     const day = photo.taken_at?.slice(0, 10);
@@ -103,4 +105,11 @@ export class PhotoOrder extends EventTarget {
   _changed() {
     this.dispatchEvent(new Event("change"));
   }
+}
+
+/** Whether a written text passes its filter. @param {string} words @param {string} choice */
+function fits(words, choice) {
+  if (choice.startsWith("#")) return tagsOf(words).includes(choice.slice(1));
+  if (choice.startsWith("=")) return words === choice.slice(1);
+  return choice === "any" || Boolean(words) === (choice === "yes");
 }
