@@ -63,7 +63,7 @@ class CheckedText(apiflask.fields.String):
         return text
 
 
-class BoundedList(apiflask.fields.List):
+class BoundedList(apiflask.fields.List[Any]):
     """A list with a maximum length, which is checked before its items are converted.
 
     Parameters
@@ -71,7 +71,9 @@ class BoundedList(apiflask.fields.List):
     most, least : int
     """
 
-    def __init__(self, inner: apiflask.fields.Field, *, most: int, least: int | None = None, **options: Any):
+    def __init__(
+        self, inner: apiflask.fields.Field[Any], *, most: int, least: int | None = None, **options: Any
+    ):
         super().__init__(inner, validate=Length(least, most), **options)
         self.most = most
 
@@ -90,7 +92,12 @@ class BoundedDict(apiflask.fields.Dict):
     """
 
     def __init__(
-        self, *, keys: apiflask.fields.Field, values: apiflask.fields.Field, most: int, **options: Any
+        self,
+        *,
+        keys: apiflask.fields.Field[Any],
+        values: apiflask.fields.Field[Any],
+        most: int,
+        **options: Any,
     ) -> None:
         super().__init__(keys=keys, values=values, validate=Length(max=most), **options)
         self.key, self.value, self.most = keys, values, most
@@ -98,7 +105,7 @@ class BoundedDict(apiflask.fields.Dict):
     def _deserialize(self, value: Any, attr: str | None, data: Any, **options: Any) -> Any:
         if isinstance(value, dict):
             self._validate(value)
-        return super()._deserialize(value, attr, data, **options)
+        return super()._deserialize(value, attr, data, **options)  # type: ignore[no-untyped-call]
 
 
 class JsonValue(apiflask.fields.Raw):

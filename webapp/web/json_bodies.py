@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
-from typing import Any
+from typing import Any, cast
 
 from apiflask import Schema, fields
 from apiflask.schema_adapters.marshmallow import parser
@@ -131,11 +131,11 @@ def _of_schema(schema: Schema) -> Budget:
     return total
 
 
-def _of_field(field: fields.Field) -> Budget:
+def _of_field(field: fields.Field[Any]) -> Budget:
     own = Budget(_BYTES_PER_VALUE, 1)
     match field:
         case fields.Nested():
-            return _of_schema(field.schema)
+            return _of_schema(cast(Schema, field.schema))
         case BoundedList():
             return own + _of_field(field.inner) * field.most
         case BoundedDict():
