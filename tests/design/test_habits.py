@@ -44,7 +44,7 @@ def test_the_forge_runs_what_is_run_here(project, targets):
     steps = [step for job in workflow["jobs"].values() for step in job["steps"]]
     ran = [step["run"] for step in steps if "run" in step]
     assert all(line.removeprefix("make ") in targets for line in ran), ran
-    assert {"make test", "make coverage", "make docs"} == set(ran)
+    assert {"make test", "make test-slow", "make coverage", "make docs"} == set(ran)
     assert all(re.fullmatch(r"actions/[a-z-]+@v\d+", step["uses"]) for step in steps if "uses" in step)
     assert workflow["jobs"]["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"]
     assert workflow["permissions"] == {"contents": "read"}
@@ -102,7 +102,7 @@ def test_the_composition_keeps_the_library_and_listens_here_only(project):
 
 
 def test_each_part_of_the_suite_is_run_once(project):
-    """The folders named by `make test` cover all of tests/ without duplicates."""
+    """The folders named by `make test` and `make test-slow` cover all of tests/ without duplicates."""
     text = (project / "Makefile").read_text("utf-8")
     named = re.search(r"^QUICK\s*:= (.+)$", text, re.M)[1].split()
     pages = re.search(r"^PAGES\s*:= (.+)$", text, re.M)[1].split()
@@ -112,15 +112,18 @@ def test_each_part_of_the_suite_is_run_once(project):
     def recipe_of(target):
         return re.search(rf"^{target}:.*\n((?:\t.*\n)+)", text, re.M)[1]
 
-    recipe = recipe_of("test")
-    assert recipe.count("-j 2 cluster ros-test\n") == 1
-    assert recipe.count("-j 3 $(VENV)/.tested browser ros-install\n") == 1
+    recipe, slow = recipe_of("test"), recipe_of("test-slow")
+    assert slow.count("-j 2 cluster ros-test\n") == 1
+    assert slow.count("-j 3 $(VENV)/.tested browser ros-install\n") == 1
+    assert recipe.count("-j 2 $(VENV)/.tested browser\n") == 1
+    assert slow.count("-m slow $(filter-out tests/cluster, $(wildcard tests/*/))") == 1
+    assert recipe.count('-m "not slow"') == recipe.count("$(PYTEST)")
     assert recipe_of("ros-install").count("ros/install.py") == 1
     assert recipe_of("browser").count("tests/browser/ensure_browser.py") == 1
-    recipe += recipe_of("cluster") + recipe_of("ros-test")
-    for part in ("$(LINT)", "$(QUICK)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser", "$(CLUSTER)"):
+    for part in ("$(LINT)", "$(QUICK)", "$(SERVER)", "$(REST)", "$(wildcard $(PAGES))", "tests/browser"):
         assert recipe.count(part) == 1, part
-    assert recipe.count("ros/run_tests.py") == 1
+    assert slow.count("$(RECORDS)") == recipe_of("cluster").count("$(CLUSTER)") == 1
+    assert recipe_of("ros-test").count("ros/run_tests.py") == 1
 
 
 def test_a_test_that_fails_is_named_at_once(project, tmp_path):

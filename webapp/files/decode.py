@@ -151,14 +151,11 @@ def _eight_bits(values: NDArray[np.generic], *, sixteen: bool) -> Pixels:
     """Scale (h, w) values to 8 bits, a few rows at a time, to save memory."""
     strips = [values[top : top + _ROWS] for top in range(0, len(values), _ROWS)]
     if sixteen and values.max(initial=0) < 65536 and values.min(initial=0) >= 0:
-        used = _small_range(strips)
-        if used is None:
+        black, white = _small_range(strips) or (0, 0)
+        if white == 0:
             return np.concatenate([(strip.astype(np.uint32) >> 8).astype(np.uint8) for strip in strips])
-        low, high = used
-        factor = 255.0 / (high - low)
-        return np.concatenate(
-            [((strip.clip(low, high) - low) * factor).astype(np.uint8) for strip in strips]  # type: ignore[arg-type]
-        )
+        scaled = (strip.astype(np.int64).clip(black, white) - black for strip in strips)
+        return np.concatenate([(strip * 255 // (white - black)).astype(np.uint8) for strip in scaled])
     low = min(0.0, *(float(_finite(strip).min(initial=0.0)) for strip in strips))
     high = max(0.0, *(float(_finite(strip).max(initial=0.0)) for strip in strips))
     factor = 255.0 / (high - low or 1.0)

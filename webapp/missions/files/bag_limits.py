@@ -187,8 +187,8 @@ def _check_arrays(types: Typesdict, *, where: str) -> None:
         for name, (node, about) in fields:
             if node != _ARRAY:
                 continue
-            (inner, element), length = about
-            unrolled = inner != _BASE or element[0] in _TEXTS
+            element, length = about[0], about[1]
+            unrolled = element[0] != _BASE or element[1][0] in _TEXTS
             if unrolled and int(length) > MAX_ARRAY:
                 raise TrackError(
                     f"the message definition has an array of {length} elements, and the limit is {MAX_ARRAY}",

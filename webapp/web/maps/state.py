@@ -229,8 +229,8 @@ def _photo(record: MapRecord, photo: Photo, *, gps: dict[str, Any] | None) -> di
         "gps": gps,
         "gps_problem": photo.gps_problem,
         "revision": photo.revision,
-        "preview": picture_address(record, photo, "preview"),
-        "thumb": picture_address(record, photo, "thumb"),
+        "preview": picture_address(record, photo, kind="preview"),
+        "thumb": picture_address(record, photo, kind="thumb"),
     }
 
 
