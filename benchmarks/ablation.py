@@ -24,8 +24,9 @@ from webapp.files.localize import queries_csv
 from webapp.files.localize.queries_csv import Query
 from webapp.progress import Progress
 from webapp.tasks.localize import orient_map
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 WITHIN_PX = (10.0, 20.0, 50.0, 100.0)
 
@@ -48,17 +49,18 @@ def main() -> None:
     queries = queries_csv.select(queries_csv.read(arguments.queries), arguments.limit)
     print(f"{'':40s}", *(f"<={w:.0f} px" for w in WITHIN_PX), "median px", sep="  ")
     for name, tuning in variants:
-        print(_row(name, errors(tuned(localizer, tuning, map_fov=arguments.map_fov), queries)), flush=True)
+        print(_row(name, errors(tuned(localizer, tuning), queries)), flush=True)
 
 
-def tuned(localizer: LocalizationPipeline, tuning: Tuning, *, map_fov: float | None) -> LocalizationPipeline:
+def tuned(localizer: LocalizationPipeline, tuning: Tuning) -> LocalizationPipeline:
     """Return a localizer with another tuning; re-estimate the map's extrinsics if their fields change."""
     opened = localizer.opened
     indexed = replace(opened.indexed, tuning=tuning)
     if tuning.extrinsics != opened.indexed.tuning.extrinsics:
-        pairs = orient_map.stored_pairs(opened, map_fov_deg=map_fov)
+        pairs = orient_map.stored_pairs(opened)
         indexed = replace(indexed, extrinsics=orient_map.estimate(indexed, pairs))
-    return replace(localizer, opened=replace(opened, indexed=indexed))
+    look = replace(localizer.looks[0], opened=replace(opened, indexed=indexed))
+    return replace(localizer, looks=(look,))
 
 
 def errors(localizer: LocalizationPipeline, queries: list[Query]) -> list[float]:

@@ -31,7 +31,7 @@ from typing import Any
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.build_map import build_map
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.threads import cores
 
 _TIMES = re.compile(rb'"\w*seconds\w*": ?[0-9.]+|"second_look_s": ?[0-9.]+')

@@ -32,8 +32,9 @@ from webapp.core.localize.verified import find_places, locate
 from webapp.files.localize import queries_csv
 from webapp.progress import Progress
 from webapp.tasks.localize import calibrate
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.trials import Trial
 
 _AWAY = 0.2
@@ -103,7 +104,7 @@ def _measure(cfg: Path, features: str, arguments: argparse.Namespace, *, within:
     pipeline = open_pipeline(cfg, options, settings=load_settings(), progress=progress)
     queries = queries_csv.select(queries_csv.read(cfg.with_name("queries.csv")), arguments.limit)
     away = photos_in(arguments.foreign) if arguments.foreign else []
-    trials = calibrate.run_trials(pipeline.opened, map_fov_deg=None, progress=progress)
+    trials = calibrate.run_trials(pipeline.opened, progress=progress)
     return Measured(
         f"{cfg.parent.name} {features}",
         pipeline,
@@ -119,7 +120,8 @@ def _case(pipeline: LocalizationPipeline, path: Path, truth: Sequence[float] | N
     photo, *_ = pipeline._read(path)  # internal steps, since answers have no evidence vectors
     found = find_places(indexed, pipeline._extract(photo), fov_deg=photo.fov.degrees)
     radius = indexed.place_radius_px
-    stored = pipeline.calibration.calibration if pipeline.calibration else DEFAULT
+    known = pipeline.looks[0].calibration
+    stored = DEFAULT if known is None else known.calibration
     at = [locate(p, calibration=stored, place_radius_px=radius).position for p in found.places]
     right = [truth is not None and math.dist(a, truth) <= radius for a in at]
     return Case(found.evidence, np.array(right, np.bool_), _AWAY if truth is None else 1.0)

@@ -35,8 +35,9 @@ from webapp.core.hypotheses.sequence import Belief, filter_step, smooth
 from webapp.files.localize.queries_csv import Query, read
 from webapp.progress import Progress
 from webapp.tasks.localize import spot as localize_spot
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.sequence import motion
 from webapp.tasks.localize.spot import Hints
 
@@ -140,7 +141,12 @@ def _look(
 ) -> list[Answer]:
     print(name, file=sys.stderr, flush=True)
     pairs = zip(queries, hints, strict=True)
-    return [replace(localize_spot.observe(localizer, q.path, hints=h), evidence=()) for q, h in pairs]
+    answers = []
+    for query, hint in pairs:
+        include = localize_spot.photos_in(localizer, hint.near)
+        answer = localizer.observe(query.path, top=localize_spot.ALL, include=include)
+        answers.append(replace(answer, evidence=()))
+    return answers
 
 
 def _foreign(localizer: LocalizationPipeline, photos: Sequence[Path]) -> dict[str, dict[str, float]]:

@@ -33,8 +33,9 @@ from webapp.progress import Progress
 from webapp.settings import let_threads_sleep
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.reconstruct import reconstruct
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 LIMITS = (0.5, 1.0, 2.0, 5.0, 10.0)
 """Error limits for the shares that are printed, in units."""

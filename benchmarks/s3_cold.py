@@ -47,8 +47,8 @@ from webapp.files.object_storage.marker import MARKER
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.build_map import build_map
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 _OPTIONS = OpenOptions(method="verified", features="sift")
 _EDGE = 0.04

@@ -38,11 +38,15 @@ from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import queries_csv
 from webapp.files.localize.arrays import FileRows, OpenFile
 from webapp.files.localize.models import network
+from webapp.files.maps.folder import read_map
 from webapp.files.photos.photo import read_gray
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import open_map, orient_map
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize import orient_map
+from webapp.tasks.localize.make_plan import make_plan
+from webapp.tasks.localize.open_index import open_index
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.threads import in_threads
 
 _CHUNK = 1000
@@ -102,7 +106,9 @@ def main() -> None:
     options = OpenOptions(
         method="verified", features=arguments.features, map_fov_deg=arguments.fov, build=False
     )
-    opened = open_map.open_index(arguments.map, options, settings=settings, progress=Progress())
+    look = make_plan(arguments.map, options, settings=settings, newest=True).looks[0]
+    the_map = read_map(arguments.map)
+    opened = open_index(arguments.map, look, the_map=the_map, settings=settings, progress=Progress())
     opened = orient_map.with_orientations(opened, orient_map.newest(opened))
     queries = _queries(arguments, opened, settings)
     sizes = sorted(map(int, arguments.sizes.split(",")))

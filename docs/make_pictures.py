@@ -15,8 +15,8 @@ from webapp.progress import Progress
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.sample import make
 from webapp.settings import Settings
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 QUERY = "queries/query_02.jpg"
 WIDTH_PX = 1000

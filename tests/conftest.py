@@ -29,7 +29,7 @@ from webapp.sample import make as make_sample
 from webapp.settings import Settings
 from webapp.store.library import INNER, SERVER, Library, open_library
 from webapp.tasks.localize.build_map import build_map
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 
 if TYPE_CHECKING:
     from tests.postgresql_server import PostgresqlServer

@@ -26,8 +26,9 @@ from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import Settings
 from webapp.tasks.evaluation.evaluate import evaluate_queries
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.sequence import SequenceFilter
 from webapp.tasks.maps import from_photos
 from webapp.tasks.maps.from_photos import PlaceOptions, PlaceReport

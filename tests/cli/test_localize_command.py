@@ -15,7 +15,7 @@ from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 
 ANSWER = {
     "query", "method", "features", "fov_deg", "fov_source", "hypotheses", "other_probability",

@@ -11,7 +11,7 @@ from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits, Settings
 from webapp.tasks.localize import build_map, sequence
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 
 START = datetime(2024, 5, 1, 12, 0, 0)
 

@@ -27,8 +27,8 @@ from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.threads import cores
 
 pytestmark = pytest.mark.skipif(

@@ -28,13 +28,28 @@ def loaded_by(names, project):
 
 
 def test_importing_the_localizer_loads_no_web(modules, project):
-    tasks = [f"{localize_tasks.__name__}.{name}" for name in ("open_map", "pipeline")]
+    tasks = [f"{localize_tasks.__name__}.{name}" for name in ("open_pipeline", "pipeline")]
     tasks.append("webapp.tasks.evaluation.evaluate")
     names = [m.name for m in modules if m.name.startswith(localize.__name__)] + tasks
     loaded = loaded_by(names, project)
     assert {"webapp", "cv2", "numpy"} <= loaded
     extras = {package for packages in EXTRAS.values() for package in packages}
     assert loaded & (WEB | extras) == set()
+
+
+COUNT = """
+import sys
+import webapp.tasks.localize.pipeline
+own = [module for name, module in sys.modules.items() if name.partition(".")[0] == "webapp"]
+print(sum(not hasattr(module, "__path__") for module in own))
+"""
+
+
+def test_the_pipeline_takes_few_modules(project):
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT], cwd=project, capture_output=True, text=True, check=True
+    )
+    assert 10 < int(done.stdout) <= 100
 
 
 COMMAND = """

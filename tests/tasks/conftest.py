@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.opening import open_first_look as open_map
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.localize import build_map, extract_photo
-from webapp.tasks.localize.build_index import BuildReport
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_map import open_index as open_map
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.open_map import BuildReport
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.plan import OpenOptions
 
 Build = Callable[..., BuildReport]
 
@@ -77,7 +77,7 @@ def found(quick: Settings) -> Callable[..., list[tuple[int, float]]]:
     def run(cfg: Path, photo: Path, **options: object) -> list[tuple[int, float]]:
         asked = OpenOptions(method="vote", jobs=1, **options)
         opened = open_map(cfg, asked, settings=quick, progress=Progress())
-        answer = LocalizationPipeline(opened, quick).localize(photo, top=9)
+        answer = LocalizationPipeline(opened.method, (Look(opened),)).localize(photo, top=9)
         return [(h.experiences[0], h.probability) for h in answer.hypotheses]
 
     return run

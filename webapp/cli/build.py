@@ -16,7 +16,8 @@ from webapp.cli.options import MAP_FILE, chosen_settings, index_options, map_opt
 from webapp.cli.progressbar import terminal_progress
 from webapp.settings import keep_freed_memory
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.build_index import BuildReport, count_reasons
+from webapp.tasks.localize.build_index import count_reasons
+from webapp.tasks.localize.open_map import BuildReport
 
 
 @click.command()

@@ -30,7 +30,7 @@ from webapp.settings import PhotoLimits, keep_freed_memory
 from webapp.tasks.evaluation import evaluate as task
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions, Evaluation
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 
 
@@ -130,8 +130,8 @@ def evaluate(
         pipeline = open_pipeline(
             map_file, open_options(chosen), settings=settings, progress=progress, fov_deg=chosen["fov"]
         )
-        for opened in pipeline.all_opened:
-            report_failed(opened.built)
+        for look in pipeline.looks:
+            report_failed(look.opened.built)
         progress.note("queries")
         localize = pipeline.localize
         if smooth and queries is not None:

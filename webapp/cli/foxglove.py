@@ -27,7 +27,8 @@ from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.render.colours import probability_colour
 from webapp.render.foxglove import FoxglovePoint, FoxgloveSink
 from webapp.settings import keep_freed_memory
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 
 _LOOK_S = 1.0
 """Polling interval of folders."""

@@ -34,7 +34,8 @@ from webapp.errors import MapError, PhotoError, StorageError, UsageError
 from webapp.files.localize.models import second_look_features
 from webapp.render.answer_pictures import map_picture, match_picture
 from webapp.settings import keep_freed_memory
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline
 from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 from webapp.tasks.localize.sequence import by_time as by_time_of_capture
 
@@ -182,8 +183,8 @@ def localize(
             localize_photo = smoothed.localize
         elif sequence:
             localize_photo = SequenceFilter(pipeline, speed_px=speed, steps=steps).localize
-    for opened in pipeline.all_opened:
-        report_failed(opened.built)
+    for look in pipeline.looks:
+        report_failed(look.opened.built)
     output = _Output(
         pipeline, map_file, matches=matches, picture=picture, several=len(photos) > 1, sequence=sequence
     )

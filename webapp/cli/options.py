@@ -16,7 +16,7 @@ from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS,
 from webapp.core.hypotheses.places import MAP_KINDS
 from webapp.errors import UsageError
 from webapp.settings import Settings
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from webapp.core.features.table import choose
 from webapp.core.geo.tilegrid import GeoBox
 from webapp.errors import NotFound
 from webapp.files.localize.blur_networks import blur_networks
@@ -33,10 +32,9 @@ from webapp.tasks.landmarks.reconstruct import reconstruct
 from webapp.tasks.landmarks.show_cloud import align_in_library
 from webapp.tasks.landmarks.surroundings import reconstruct_part
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.cascade import look_options
-from webapp.tasks.localize.map_cache import MethodChoice
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.make_plan import make_plan
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import MapPlan, OpenOptions
 from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
@@ -56,17 +54,13 @@ def build_map_index(context: Context) -> dict[str, Any]:
 
     The arguments `features` and `method` override the defaults of the library.
     """
-    usual = MethodChoice()
-    way = MethodChoice(
-        context.arguments.get("method", usual.method), context.arguments.get("features") or usual.features
-    )
-    method, features = way.resolved()
-    library, record = context.library, context.map()
+    library, record, asked = context.library, context.map(), context.arguments
+    options = OpenOptions(asked.get("method", "auto"), asked.get("features") or "auto")
+    plan = make_plan(library.cfg(record.slug), options, settings=context.settings)
     export.export_map(library, record.id)
     with library.database.read() as session:
         _, placed = maps.counts(session, record)
-    options = OpenOptions(method=method, features=features)
-    context.progress.plan(*_stages(options, placed, settings=context.settings))
+    context.progress.plan(*_stages(plan, placed, settings=context.settings))
     context.progress.note("describing photos")
     report = build_map.build_map(
         library.cfg(record.slug),
@@ -85,20 +79,20 @@ def build_map_index(context: Context) -> dict[str, Any]:
         "computed": report.index.extracted,
         "failed": failed[:_NAMED],
         "features": report.features,
-        "method": method,
+        "method": options.method,
         "seconds": round(sum(r.index.seconds + (r.calibration_seconds or 0.0) for r in looks), 3),
     }
 
 
-def _stages(options: OpenOptions, placed: int, *, settings: Settings) -> list[int]:
+def _stages(plan: MapPlan, placed: int, *, settings: Settings) -> list[int]:
     """List the steps of each stage of a build: extracting features, comparing photos, calibrating.
 
     Global descriptors, if installed, are an additional stage of the first look, shared by all looks.
     """
     whole = [] if usable_global_descriptor(settings.models) is None else [placed]
     trials = min(placed, MOST_PHOTOS)
-    by_network = [placed] if options.method == "thorough" else []
-    count = len(look_options(options, first=choose("verified"), settings=settings))
+    by_network = [placed] if plan.method == "thorough" else []
+    count = len(plan.looks)
     again = [trials] * count if count > 1 else []
     first = [placed, *whole, placed, *by_network, trials]
     further = [placed, *(0 for _ in whole), placed, *by_network, trials]

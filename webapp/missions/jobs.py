@@ -95,7 +95,6 @@ def _localize(context: Context) -> dict[str, Any]:
         context.library,
         int(context.arguments["mission"]),
         map_cache=MapCache(context.library, context.settings),
-        settings=context.settings,
         write=context.write,
         progress=context.progress,
     )

@@ -6,7 +6,7 @@ import pytest
 from webapp.errors import StorageError
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps import health
 
 

@@ -15,8 +15,8 @@ from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.adjust import adjust_submodels
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import reconstruct
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 pytestmark = pytest.mark.slow
 

@@ -22,8 +22,8 @@ from webapp.settings import LandmarkSettings, Settings
 from webapp.tasks.landmarks.accept import accept_in_folder
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 OPTIONS = OpenOptions(method="landmarks")
 

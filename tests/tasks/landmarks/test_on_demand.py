@@ -30,8 +30,8 @@ from webapp.tasks.landmarks.on_demand import photos_around
 from webapp.tasks.landmarks.place_rest import suggest_rest
 from webapp.tasks.landmarks.reconstruct import SURROUNDINGS, reconstruct
 from webapp.tasks.localize.index_location import landmarks_folder
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 pytestmark = pytest.mark.slow
 
@@ -242,7 +242,7 @@ def test_all_photos_together_replace_the_parts(bare, query):
     assert (landmarks_folder(bare) / CLOUD_FILE).exists()
     assert parts(bare) == []
     localizer = opened(bare)
-    assert localizer.around is None
+    assert localizer.looks[0].around is None
     assert np.hypot(*(localizer.localize(path, top=1).hypotheses[0].position - at)) < 0.2 * PIXELS_PER_METRE
 
 

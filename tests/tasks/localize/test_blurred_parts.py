@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests.opening import open_first_look
 from webapp.core.blur import BlurBox
 from webapp.core.features.table import FeatureChoice
 from webapp.files.localize.features import read_segment
@@ -12,7 +13,7 @@ from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize.extract_photo import PhotoJob, extract_photo
-from webapp.tasks.localize.open_map import OpenOptions, open_index
+from webapp.tasks.localize.plan import OpenOptions
 
 BOX = BlurBox(0.25, 0.3, 0.4, 0.5)
 
@@ -65,7 +66,7 @@ def test_a_photo_that_was_described_with_what_is_blurred_now_waits_for_the_index
 
     def opened(*, build):
         options = OpenOptions(method="vote", features="sift", jobs=1, build=build)
-        return open_index(cfg, options, settings=Settings(), progress=Progress())
+        return open_first_look(cfg, options, settings=Settings(), progress=Progress())
 
     assert opened(build=True).not_indexed == 0
     the_map = read_map(cfg)

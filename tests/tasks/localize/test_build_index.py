@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import pytest
 
+from tests.opening import open_first_look as open_map
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
 from webapp.tasks.localize import extract_photo
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.open_map import open_index as open_map
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.plan import OpenOptions
 
 
 def stamps(folder: Path) -> dict[str, tuple[int, int]]:
@@ -75,7 +75,11 @@ def test_a_moved_photo_costs_nothing(tmp_path, make_map, build, described, quick
     assert described == []
     assert stamps(folder) == before
     opened = open_map(cfg, OpenOptions(method="vote"), settings=quick, progress=Progress())
-    best = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1).hypotheses[0]
+    best = (
+        LocalizationPipeline(opened.method, (Look(opened),))
+        .localize(tmp_path / "photos" / "1.jpg", top=1)
+        .hypotheses[0]
+    )
     assert (best.position.x, best.position.y) == (7.0, 9.0)
 
 

@@ -283,7 +283,7 @@ from pathlib import Path
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.plan import OpenOptions
 resource.setrlimit(resource.RLIMIT_NOFILE, (40, 40))
 settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=20))
 asked = OpenOptions(method="vote", jobs=1)

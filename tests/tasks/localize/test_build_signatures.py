@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.opening import open_first_look
 from webapp.core.features.table import choose
 from webapp.errors import Cancelled, UsageError
 from webapp.files.localize.index_store import IndexFolder
 from webapp.progress import Progress
 from webapp.settings import RetrievalSettings, Settings
-from webapp.tasks.localize import build_map, coding, open_map, segments
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize import build_map, coding, segments
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.plan import OpenOptions
 
 
 @pytest.fixture
@@ -25,7 +27,7 @@ def opening(quick):
     def run(cfg: Path, *, memory_mb: float = 500.0, **options: object) -> OpenMap:
         asked = OpenOptions(features="sift", jobs=1, **options)
         settings = replace(quick, retrieval=RetrievalSettings(memory_mb))
-        return open_map.open_index(cfg, asked, settings=settings, progress=Progress())
+        return open_first_look(cfg, asked, settings=settings, progress=Progress())
 
     return run
 
@@ -35,7 +37,7 @@ def first_named(quick):
     """Return the id of the best photo."""
 
     def run(opened: OpenMap, photo: Path, settings: Settings = quick) -> int:
-        answer = LocalizationPipeline(opened, settings, fov_deg=60.0).localize(photo, top=1)
+        answer = LocalizationPipeline(opened.method, (Look(opened),), fov_deg=60.0).localize(photo, top=1)
         return answer.hypotheses[0].experiences[0]
 
     return run
@@ -121,16 +123,18 @@ from pathlib import Path
 from webapp.core.retrieval.engines import vlad
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.localize import open_map, segments
+from tests.opening import open_first_look
+from webapp.tasks.localize import segments
+from webapp.tasks.localize.plan import OpenOptions
 quick = vlad.signature
 def slow(*given):
     time.sleep(0.1)
     return quick(*given)
 vlad.signature = slow
 segments.PHOTOS_PER_SEGMENT = 3
-asked = open_map.OpenOptions(features="sift", matcher="vlad", jobs=1)
+asked = OpenOptions(features="sift", matcher="vlad", jobs=1)
 settings = Settings(extract=ExtractSettings(max_side_px=320, keypoints=120))
-open_map.open_index(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
+open_first_look(Path(sys.argv[1]), asked, settings=settings, progress=Progress())
 """
 
 
@@ -167,7 +171,7 @@ def test_a_build_that_was_killed_among_its_signatures_continues(
 def test_photos_described_by_a_network_are_found(tmp_path, make_map, quick, shared_models, first_named):
     asked = OpenOptions(features="xfeat", matcher="vlad", jobs=1)
     settings = replace(quick, models=shared_models)
-    opened = open_map.open_index(make_map(tmp_path, 6), asked, settings=settings, progress=Progress())
+    opened = open_first_look(make_map(tmp_path, 6), asked, settings=settings, progress=Progress())
     assert opened.manifest.engine == opened.choice.matcher == "vlad"
     assert [first_named(opened, tmp_path / "photos" / f"{i}.jpg", settings) for i in range(6)] == list(
         range(6)

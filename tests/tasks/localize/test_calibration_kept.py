@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import pytest
 
+from tests.opening import open_first_look
 from webapp.core.geo.types import MapPixel
 from webapp.core.hypotheses.calibration import DEFAULT
 from webapp.files.localize import calibration as calibrationfile
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.localize import calibrate, open_map, trials
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize import calibrate, trials
+from webapp.tasks.localize.plan import OpenOptions
 
 
 @pytest.fixture
@@ -29,10 +30,10 @@ def made(monkeypatch):
 
 
 def open_and_calibrate(cfg, **options):
-    opened = open_map.open_index(
+    opened = open_first_look(
         cfg, OpenOptions(features="orb", **options), settings=Settings(), progress=Progress()
     )
-    calibrate.calibrate_map(opened, map_fov_deg=options.get("map_fov_deg"), progress=Progress())
+    calibrate.calibrate_map(opened, progress=Progress())
 
 
 def move(cfg, *, by, photos):
@@ -81,20 +82,20 @@ def test_a_killed_calibration_continues_where_it_was(cfg, monkeypatch):
         return try_one(indexed, photo, *how, **more)
 
     monkeypatch.setattr(trials, "_try", counted)
-    opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    opened = open_first_look(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
     with pytest.raises(Killed):
-        calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+        calibrate.calibrate_map(opened, progress=Progress())
     monkeypatch.setattr(trials, "_try", lambda *a, **k: tried.append(a[1]) or try_one(*a, **k))
-    stored = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+    stored = calibrate.calibrate_map(opened, progress=Progress())
     assert sorted(tried) == list(range(12))
     whole = [*trials.try_photos(trials.TriedMap(opened.indexed), Progress()).values()]
     assert stored.calibration == calibrate.fit_trials(opened.indexed, whole)
 
 
 def test_a_newer_format_of_calibrations_takes_the_trials_that_there_are(cfg, monkeypatch):
-    opened = open_map.open_index(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
-    first = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+    opened = open_first_look(cfg, OpenOptions(features="orb"), settings=Settings(), progress=Progress())
+    first = calibrate.calibrate_map(opened, progress=Progress())
     monkeypatch.setattr(calibrationfile, "FORMAT", calibrationfile.FORMAT + 1)
     monkeypatch.setattr(trials, "_try", lambda *a, **k: pytest.fail("tried again"))
-    again = calibrate.calibrate_map(opened, map_fov_deg=None, progress=Progress())
+    again = calibrate.calibrate_map(opened, progress=Progress())
     assert again.calibration == first.calibration

@@ -15,8 +15,8 @@ from webapp.errors import Cancelled
 from webapp.progress import Progress
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize import build_map, describe_photos, trials
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 VERIFIED = OpenOptions(method="verified", jobs=1)
 
@@ -157,7 +157,7 @@ def test_both_looks_share_one_description(cfg, with_model, looked_at, monkeypatc
     assert report.second is not None and len(looked_at) == 6
     assert report.global_descriptor and report.second.global_descriptor
     pipeline = opened(cfg, both, method="auto")
-    one, other = (o.indexed.global_descriptors for o in pipeline.all_opened)
+    one, other = (look.opened.indexed.global_descriptors for look in pipeline.looks)
     assert one.vectors is other.vectors and one.network is other.network
     monkeypatch.setattr(looks, "CERTAIN", 1.1)
     assert pipeline.localize(cfg.parent / "photos" / "3.jpg", top=3).looks == ("sift", "aliked")
@@ -196,7 +196,7 @@ def test_without_the_model_answers_are_what_they_were_to_the_last_bit(cfg, with_
     opened(cfg, with_model)
     after = opened(cfg, none)
     assert answer(after, cfg) == before
-    assert after.calibration.calibration.slope[-1] == 0.0
+    assert after.looks[0].calibration.calibration.slope[-1] == 0.0
 
 
 def test_photos_that_play_queries_are_hidden_from_it_too(cfg, with_model, monkeypatch):
@@ -264,4 +264,4 @@ def test_a_map_whose_photos_share_no_details_is_answered_by_it(vague_map, with_m
     described = opened(vague_map, with_model, **options)
     assert rightly_placed(without, vague_map) <= PLACES // 3
     assert rightly_placed(described, vague_map) >= 2 * PLACES // 3
-    assert described.calibration.calibration.slope[-1] > 0.1
+    assert described.looks[0].calibration.calibration.slope[-1] > 0.1

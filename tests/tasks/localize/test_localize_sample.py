@@ -17,8 +17,8 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize.calibrate import fit_trials
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.spot import photo_headings
 from webapp.tasks.localize.trials import TriedMap, try_photos
 
@@ -192,11 +192,11 @@ def test_turned_matches_are_dropped_before_the_vote(localizer):
 
 def test_calibration_is_repeatable_and_from_the_maps_own_photos(localizer):
     indexed = localizer.opened.indexed
-    known = with_hidden_photos(localizer).sightings
+    known = with_hidden_photos(localizer).looks[0].sightings
     one, two = (
         fit_trials(indexed, [*try_photos(TriedMap(indexed, known), Progress()).values()]) for _ in range(2)
     )
-    assert one == two == localizer.calibration.calibration
+    assert one == two == localizer.looks[0].calibration.calibration
     assert 40 <= one.cases <= 60
     assert one.radius_scale >= 1.0
 

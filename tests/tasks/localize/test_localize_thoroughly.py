@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import pytest
 
+from tests.opening import open_first_look
 from webapp.core.retrieval import shortlist
 from webapp.errors import MissingPart
 from webapp.files.localize import models as files
 from webapp.progress import Progress
-from webapp.tasks.localize import build_map, open_map
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize import build_map
+from webapp.tasks.localize.open_index import with_positions
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 THOROUGH = OpenOptions(method="thorough", jobs=1)
 
@@ -37,8 +39,8 @@ def test_photos_are_matched_by_the_network_and_calibrated_for_it(
 
 def test_positions_that_change_keep_the_network(tmp_path, make_map, quick, shared_models):
     settings = replace(quick, models=shared_models)
-    opened = open_map.open_index(make_map(tmp_path, 3), THOROUGH, settings=settings, progress=Progress())
-    again = open_map.with_positions(opened, opened.map, options=THOROUGH)
+    opened = open_first_look(make_map(tmp_path, 3), THOROUGH, settings=settings, progress=Progress())
+    again = with_positions(opened, opened.map)
     assert again.indexed.pair_matcher is opened.indexed.pair_matcher is not None
 
 
@@ -48,7 +50,7 @@ def test_missing_weights_are_reported_before_anything_is_built(tmp_path, make_ma
     weights = files.installed("xfeat", shared_models)
     (models / weights.name).write_bytes((shared_models / weights.name).read_bytes())
     cfg = make_map(tmp_path, 2)
-    for run in (open_map.open_index, build_map.build_map):
+    for run in (open_first_look, build_map.build_map):
         with pytest.raises(MissingPart, match="lighterglue") as missing:
             run(cfg, THOROUGH, settings=replace(quick, models=models), progress=Progress())
         assert "expmap models fetch --from" in missing.value.hint

@@ -10,15 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.opening import open_first_look
 from tests.standin_models import brightest, glue
 from webapp.core.retrieval.engines.ivf import InvertedFile
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.errors import IndexDamaged, MapError, StorageError, UsageError
 from webapp.files.lock import writer_lock
 from webapp.progress import Progress
-from webapp.tasks.localize import index_location, open_map
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize import index_location, open_index
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.plan import OpenOptions
 
 
 class Notes(Progress):
@@ -38,7 +41,7 @@ def opening(quick):
     def run(cfg: Path, method: str = "vote", **options) -> tuple[OpenMap, list[str]]:
         result = Notes()
         asked = OpenOptions(method=method, jobs=1, **options)
-        return open_map.open_index(cfg, asked, settings=quick, progress=result), result.notes
+        return open_first_look(cfg, asked, settings=quick, progress=result), result.notes
 
     return run
 
@@ -141,7 +144,7 @@ def test_auto_takes_no_index_whose_model_is_not_here_any_more(tmp_path, make_map
 
     def chosen(method="vote", features="auto"):
         asked = OpenOptions(method=method, jobs=1, features=features)
-        return open_map.open_index(cfg, asked, settings=settings, progress=Progress()).choice.name
+        return open_first_look(cfg, asked, settings=settings, progress=Progress()).choice.name
 
     assert (chosen(), chosen(features="disk"), chosen()) == ("sift", "disk", "disk")
     (settings.models / "disk.onnx").unlink()
@@ -154,7 +157,7 @@ def test_auto_takes_no_index_for_thorough_whose_pair_matcher_is_not_here(tmp_pat
     settings.models.mkdir()
     (settings.models / "aliked.onnx").write_bytes(brightest("aliked"))
     asked = OpenOptions(method="vote", jobs=1, features="aliked")
-    open_map.open_index(cfg, asked, settings=settings, progress=Progress())
+    open_first_look(cfg, asked, settings=settings, progress=Progress())
 
     def chosen(method):
         bases = index_location.index_bases(cfg, None)
@@ -204,7 +207,9 @@ def test_building_takes_the_best_features_whatever_index_is_there(tmp_path, make
 def test_every_matcher_finds_a_photo_of_the_map_itself(tmp_path, make_map, opening, quick, options):
     cfg = make_map(tmp_path, 4)
     opened, _ = opening(cfg, **options)
-    answer = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "2.jpg", top=3)
+    answer = LocalizationPipeline(opened.method, (Look(opened),)).localize(
+        tmp_path / "photos" / "2.jpg", top=3
+    )
     assert answer.hypotheses[0].experiences == (2,)
     assert answer.hypotheses[0].probability > 0.9
     if options.get("matcher") != "flann":
@@ -255,18 +260,18 @@ def test_a_map_without_photos_or_texture_is_a_bad_map(tmp_path, make_map, openin
 def test_a_reader_during_a_build_takes_the_new_manifest(tmp_path, make_map, opening, build, monkeypatch):
     cfg = make_map(tmp_path, 9)
     opening(cfg)
-    load, calls = open_map._load, []
+    load, calls = open_index._load, []
 
-    def late(the_map, folder, *, manifest, choice, options):
+    def late(folder, manifest, **given):
         """Another process finishes a build between reading the manifest and the files it names."""
         calls.append(manifest)
         if len(calls) == 1:
             for _ in range(5):
                 drop_line(cfg, 1)
             build(cfg)
-        return load(the_map, folder, manifest=manifest, choice=choice, options=options)
+        return load(folder, manifest, **given)
 
-    monkeypatch.setattr(open_map, "_load", late)
+    monkeypatch.setattr(open_index, "_load", late)
     opened, _ = opening(cfg)
     assert len(calls) == 2
     assert calls[0].segments != calls[1].segments
@@ -280,7 +285,9 @@ def test_an_open_map_outlives_its_files(tmp_path, make_map, opening, quick):
     cfg = make_map(tmp_path, 4)
     opened, _ = opening(cfg)
     shutil.rmtree(tmp_path / "derived")
-    answer = LocalizationPipeline(opened, quick).localize(tmp_path / "photos" / "1.jpg", top=1)
+    answer = LocalizationPipeline(opened.method, (Look(opened),)).localize(
+        tmp_path / "photos" / "1.jpg", top=1
+    )
     assert answer.hypotheses[0].experiences == (1,)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.opening import open_first_look
 from webapp.core.geometry import so3
 from webapp.core.geometry.extrinsics import MIN_TRUST, empty_depths
 from webapp.core.localize.verified import find_places
@@ -19,18 +20,18 @@ from webapp.files.localize import orientations
 from webapp.files.localize.orientations import StoredOrientations
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings, Settings
-from webapp.tasks.localize import open_map, orient_map
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize import orient_map
+from webapp.tasks.localize.plan import OpenOptions
 
 SETTINGS = Settings(extract=ExtractSettings(max_side_px=640, keypoints=600))
 
 
 def opened(cfg):
-    return open_map.open_index(cfg, OpenOptions(jobs=1), settings=SETTINGS, progress=Progress())
+    return open_first_look(cfg, OpenOptions(jobs=1), settings=SETTINGS, progress=Progress())
 
 
 def oriented(cfg, progress=None):
-    return orient_map.estimate_orientations(opened(cfg), map_fov_deg=None, progress=progress or Progress())
+    return orient_map.estimate_orientations(opened(cfg), progress=progress or Progress())
 
 
 def with_index_of(found):
@@ -123,7 +124,7 @@ def test_a_hidden_photo_has_no_part_in_depths(cfg):
 
     hide = indexed.ids[hidden].tolist()
     assert known(hide=hide) == 0  # depths of the others partly come from it
-    seen = orient_map.sightings(found, map_fov_deg=None)
+    seen = orient_map.sightings(found)
     without, by_all = (known(hide=hide, depths=d) for d in (DepthsExcluding(seen, hidden), seen.fuse()))
     assert 0 < without < by_all
 
@@ -153,10 +154,10 @@ def test_files_of_an_older_program_are_made_again(cfg, monkeypatch):
 
 def test_what_is_stored_of_pairs_gives_the_depths_that_are_kept(cfg):
     found = oriented(cfg)
-    kept, again = found.indexed.extrinsics.depths, orient_map.sightings(found, map_fov_deg=None).fuse()
+    kept, again = found.indexed.extrinsics.depths, orient_map.sightings(found).fuse()
     assert (kept.row == again.row).all()
     np.testing.assert_allclose(kept.inverse_depth, again.inverse_depth, rtol=1e-5)
-    assert orient_map.sightings(opened(cfg), map_fov_deg=None) is None
+    assert orient_map.sightings(opened(cfg)) is None
 
 
 def test_what_is_known_is_not_computed_again(cfg):
@@ -273,7 +274,7 @@ def with_network(cfg, monkeypatch):
 
 
 def thoroughly(found, progress=None):
-    return orient_map.estimate_orientations(found, map_fov_deg=None, progress=progress or Progress())
+    return orient_map.estimate_orientations(found, progress=progress or Progress())
 
 
 def test_a_network_compares_the_photos_of_which_little_is_known(cfg, with_network):

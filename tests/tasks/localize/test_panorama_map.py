@@ -12,8 +12,7 @@ from webapp.core.blur import BlurBox
 from webapp.core.geometry.equirectangular import cut_view, view_size
 from webapp.core.mapmodel.panorama import Panorama, band, experience_of
 from webapp.files.maps.folder import read_map, write_map
-from webapp.files.photos.exif_write import CameraTags
-from webapp.files.photos.panorama import write_view
+from webapp.files.photos.exif_write import CameraTags, write_view
 from webapp.tasks.localize.spot import photo_headings
 
 

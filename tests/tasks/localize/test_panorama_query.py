@@ -13,8 +13,8 @@ from webapp.core.hypotheses.model import Answer, FieldOfView, Hypothesis, MatchS
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import read_facts
 from webapp.progress import Progress
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.query_photo import PanoramaView, read_query
 from webapp.tasks.localize.spot import Hints, combine, observe
 from webapp.tasks.maps.cut_panoramas import CutOptions, cut_panoramas

@@ -11,8 +11,9 @@ from webapp.core.hypotheses import looks
 from webapp.progress import Progress
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.localize import build_map, cascade, trials
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.pipeline import Look
+from webapp.tasks.localize.plan import OpenOptions
 
 AUTO = OpenOptions(jobs=1)
 
@@ -38,7 +39,7 @@ def ask(pipeline, cfg, number=3):
 
 def test_without_models_it_is_the_first_look(cfg, quick, tmp_path):
     pipeline = open_auto(cfg, replace(quick, models=tmp_path / "none"))
-    assert pipeline.second is None
+    assert len(pipeline.looks) == 1
     assert (pipeline.method, pipeline.features) == ("auto", "sift")
     assert ask(pipeline, cfg).looks == ("sift",)
 
@@ -57,22 +58,22 @@ def test_an_unsure_answer_gets_a_second_look_and_a_sure_one_does_not(cfg, with_m
 
 def test_the_network_matches_the_best_photos_only(cfg, with_models):
     pipeline = open_auto(cfg, with_models)
-    indexed = pipeline.second.opened.indexed
+    indexed = pipeline.looks[1].opened.indexed
     assert indexed.pair_matcher is not None
     assert indexed.rematched == indexed.tuning.retrieval.second_look_photos
     assert pipeline.opened.indexed.pair_matcher is None
 
 
 def test_whoever_names_features_gets_these_alone(cfg, with_models):
-    assert open_auto(cfg, with_models, features="orb").second is None
-    assert open_auto(cfg, with_models, method="verified").second is None
+    assert not open_auto(cfg, with_models, features="orb").looks[1:]
+    assert not open_auto(cfg, with_models, method="verified").looks[1:]
 
 
 def test_without_a_budget_there_is_one_look(cfg, with_models):
     none = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=0.0))
-    assert open_auto(cfg, none).second is None
+    assert not open_auto(cfg, none).looks[1:]
     little = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=1e-9))
-    assert open_auto(cfg, little).second is None
+    assert not open_auto(cfg, little).looks[1:]
 
 
 def test_a_busy_machine_during_the_calibration_does_not_cost_the_second_look(cfg, with_models, monkeypatch):
@@ -83,7 +84,7 @@ def test_a_busy_machine_during_the_calibration_does_not_cost_the_second_look(cfg
         return done if photo < 2 else replace(done, seconds=60.0)
 
     monkeypatch.setattr(trials, "_try", slowly)
-    assert open_auto(cfg, with_models).second is not None
+    assert open_auto(cfg, with_models).looks[1:]
 
 
 def test_both_are_built_and_calibrated_together_once(cfg, with_models, monkeypatch):
@@ -91,7 +92,7 @@ def test_both_are_built_and_calibrated_together_once(cfg, with_models, monkeypat
     assert (report.features, report.second.features) == ("sift", "aliked")
     monkeypatch.setattr(trials, "_try", lambda *a, **k: pytest.fail("it has been tried"))
     pipeline = open_auto(cfg, with_models)
-    assert pipeline.second is not None
+    assert len(pipeline.looks) == 2
     assert pipeline.both.cases == 6
 
 
@@ -100,7 +101,7 @@ def test_the_newest_index_is_the_first_look_unless_it_is_that_of_the_second(cfg,
     assert open_auto(cfg, with_models).features == "sift"
     build_map.build_map(cfg, replace(AUTO, features="orb"), settings=with_models, progress=Progress())
     pipeline = open_auto(cfg, with_models)
-    assert (pipeline.features, pipeline.second.features) == ("orb", "aliked")
+    assert [look.features for look in pipeline.looks] == ["orb", "aliked"]
 
 
 def test_photos_are_hidden_from_both_looks(cfg, with_models, monkeypatch):
@@ -122,14 +123,14 @@ def test_after_a_build_of_both_the_method_verified_takes_the_first(cfg, with_mod
 def test_an_index_of_the_second_looks_features_alone_is_taken(cfg, with_models):
     build_map.build_map(cfg, replace(AUTO, features="aliked"), settings=with_models, progress=Progress())
     pipeline = open_auto(cfg, with_models)
-    assert (pipeline.features, pipeline.second) == ("aliked", None)
+    assert [look.features for look in pipeline.looks] == ["aliked"]
 
 
 def test_features_put_together_by_hand_get_a_second_look_too(cfg, with_models):
     mixed = replace(AUTO, detector="sift", extractor="orb")
     build_map.build_map(cfg, mixed, settings=with_models, progress=Progress())
     pipeline = open_auto(cfg, with_models)
-    assert (pipeline.features, pipeline.second.features) == ("sift+orb", "aliked")
+    assert [look.features for look in pipeline.looks] == ["sift+orb", "aliked"]
 
 
 def test_each_set_of_options_has_a_calibration_of_its_own(cfg, with_models):
@@ -137,14 +138,14 @@ def test_each_set_of_options_has_a_calibration_of_its_own(cfg, with_models):
     names = set()
     for settings, options in ((with_models, {}), (few, {}), (with_models, {"map_kind": "schematic"})):
         pipeline = open_auto(cfg, settings, **options)
-        names.add(cascade.path(pipeline.opened, pipeline.second.opened).name)
+        names.add(cascade.path(pipeline.opened, pipeline.looks[1].opened).name)
     assert len(names) == 3
 
 
 def test_a_model_that_does_not_work_leaves_the_first_look(cfg, with_models):
     (with_models.models / "aliked.onnx").write_bytes(b"no network")
     pipeline = open_auto(cfg, with_models)
-    assert (pipeline.features, pipeline.second) == ("sift", None)
+    assert [look.features for look in pipeline.looks] == ["sift"]
 
 
 @pytest.mark.parametrize("quarters", [1, 2, 3])
@@ -154,14 +155,14 @@ def test_a_photo_on_its_side_is_turned_upright_for_the_second_look(
     """The first look detects the orientation; matches refer to the photo as received."""
     monkeypatch.setattr(looks, "CERTAIN", 1.1)
     pipeline = open_auto(cfg, with_models)
-    looked_at, looking = [], LocalizationPipeline._look
+    looked_at, looking = [], Look.localize
 
     def look(self, photo, **options):
         answer = looking(self, photo, **options)
         looked_at.append((photo, answer))
         return answer
 
-    monkeypatch.setattr(LocalizationPipeline, "_look", look)
+    monkeypatch.setattr(Look, "localize", look)
     own = cfg.parent / "photos" / "3.jpg"
     on_its_side = tmp_path / "on-its-side.png"
     with Image.open(own) as photo:

@@ -11,7 +11,7 @@ import pytest
 from webapp.core.hypotheses.jsonform import AnswerSource
 from webapp.settings import Settings
 from webapp.tasks.localize import spot, upload
-from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 
@@ -24,6 +24,9 @@ class Localizer:
     features: str = "any"
     map = SimpleNamespace(georeference=None)
 
+    def observe(self, photo, **options):
+        """Replaced by `Looks.look`."""
+
     def answer_source(self, *, sequence):
         return AnswerSource(self.method, "sift", None, map_revision=0, sequence=sequence)
 
@@ -35,7 +38,7 @@ class Looks:
         self.busy, self.most, self.changed = {}, {}, threading.Condition()
         self.go = {method: threading.Event() for method in ("verified", "thorough")}
 
-    def look(self, localizer, _photo, *, hints):
+    def look(self, localizer, _photo, **_options):
         method = localizer.method
         with self.changed:
             self.busy[method] = self.busy.get(method, 0) + 1
@@ -54,7 +57,7 @@ class Looks:
 @pytest.fixture
 def looks(monkeypatch):
     made = Looks()
-    monkeypatch.setattr(spot, "observe", made.look)
+    monkeypatch.setattr(Localizer, "observe", lambda *given, **named: made.look(*given, **named))
     monkeypatch.setattr(spot, "combine", lambda *_, **__: (SimpleNamespace(evidence=()), 0))
     monkeypatch.setattr(upload, "read_facts", lambda *_, **__: None)
     monkeypatch.setattr(upload, "answer_to_json", lambda *_, **__: {})
@@ -71,10 +74,11 @@ def threads():
 
 def asked(method):
     maps = SimpleNamespace(
-        get=lambda _id, choice: SimpleNamespace(pipeline=Localizer(choice.method), revision=1)
+        get=lambda _id, options: SimpleNamespace(pipeline=Localizer(options.method), revision=1),
+        settings=Settings(),
     )
-    request = LocalizeRequest((UploadedPhoto(Path("a.jpg"), "a.jpg"),), MethodChoice(method))
-    return upload.localize_uploads(maps, 1, request=request, settings=Settings())
+    request = LocalizeRequest((UploadedPhoto(Path("a.jpg"), "a.jpg"),), OpenOptions(method))
+    return upload.localize_uploads(maps, 1, request=request)
 
 
 def test_quick_questions_do_not_wait_for_thorough_ones(threads, looks):

@@ -8,8 +8,8 @@ from sqlalchemy import func, select
 from webapp.progress import Progress
 from webapp.store.schema import Job, Photo
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps.export import export_late_maps
 
 
@@ -99,10 +99,10 @@ def test_a_new_photo_is_reported_until_it_is_indexed(client, library, settings, 
 
 def test_an_open_map_is_used_again_until_something_changes(client, library, settings, sample):
     maps = MapCache(library, settings, most=2)
-    first = maps.get(sample, MethodChoice())
-    assert maps.get(sample, MethodChoice()).pipeline.opened is first.pipeline.opened
+    first = maps.get(sample, OpenOptions())
+    assert maps.get(sample, OpenOptions()).pipeline.opened is first.pipeline.opened
     client.patch("/api/v1/maps/sample/experiences/3", json={"x_px": 5, "y_px": 5})
-    moved = maps.get(sample, MethodChoice())
+    moved = maps.get(sample, OpenOptions())
     assert moved.revision == first.revision + 1
     assert moved.pipeline.opened.indexed.search is first.pipeline.opened.indexed.search
     assert moved.pipeline.map.experiences[3].position == (5, 5)
@@ -110,9 +110,9 @@ def test_an_open_map_is_used_again_until_something_changes(client, library, sett
 
 def test_the_maps_asked_longest_ago_are_closed(library, settings, sample):
     maps = MapCache(library, settings, most=1)
-    first = maps.get(sample, MethodChoice())
-    maps.get(sample, MethodChoice("vote"))
-    assert maps.get(sample, MethodChoice()) is not first
+    first = maps.get(sample, OpenOptions())
+    maps.get(sample, OpenOptions("vote"))
+    assert maps.get(sample, OpenOptions()).pipeline.opened is not first.pipeline.opened
 
 
 def test_probabilities_before_the_calibration_are_said_to_be_so(client, library, sample, ask, queries):

@@ -17,7 +17,7 @@ from webapp.store.accounts import accounts
 from webapp.store.schema import Job, MapRecord, QueryRecord
 from webapp.tasks.landmarks.on_demand import NOT_YET
 from webapp.tasks.localize import readiness, upload
-from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps import adopt_map
 from webapp.web.localize import api_localize
 
@@ -275,9 +275,8 @@ def test_the_first_thorough_answer_has_its_calibration_made_once(
     run = upload.localize_uploads
     monkeypatch.setattr(api_localize, "usable_features", lambda *_, method: ["xfeat"])
 
-    def uncalibrated(map_cache, map_id, *, request, settings):
-        usual = replace(request, choice=MethodChoice())
-        result = run(map_cache, map_id, request=usual, settings=settings)
+    def uncalibrated(cache, map_id, *, request):
+        result = run(cache, map_id, request=replace(request, options=OpenOptions()))
         return replace(result, opened=replace(result.opened, to_calibrate=True))
 
     monkeypatch.setattr(upload, "localize_uploads", uncalibrated)

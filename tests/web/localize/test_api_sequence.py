@@ -12,7 +12,8 @@ from webapp.core.geometry.extrinsics import MapExtrinsics, empty_depths
 from webapp.settings import Settings
 from webapp.store.accounts import accounts
 from webapp.tasks.localize import sequence_state, spot
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 
 
 def files(library):
@@ -60,7 +61,7 @@ def test_odd_names_are_refused(client, sample, ask, queries, library, id):
 
 
 def test_photos_without_a_heading_have_the_one_that_was_computed(library, sample):
-    localizer = MapCache(library, Settings()).get(sample, MethodChoice()).pipeline
+    localizer = MapCache(library, Settings()).get(sample, OpenOptions()).pipeline
     indexed, experiences = localizer.opened.indexed, localizer.map.experiences
     turned = np.radians(np.where(np.arange(len(experiences)) % 2, 90.0, 270.0))
     trust = np.where(np.arange(len(experiences)) < 4, 0.0, 9.0)

@@ -13,7 +13,8 @@ from webapp.store.maps import maps
 from webapp.tasks.find import find_map
 from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize import map_cache
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import UploadedPhoto
 
 
@@ -97,13 +98,13 @@ def test_who_asks_while_another_opens_the_map_does_not_wait_for_long(monkeypatch
 
     def open_slowly(*_, **__):
         with pytest.raises(BeingOpened, match="is being opened"), ThreadPoolExecutor() as another:
-            another.submit(cache.get, record().id, MethodChoice()).result()
+            another.submit(cache.get, record().id, OpenOptions()).result()
         asked.append(True)
         raise NotReady("it has no index")
 
     monkeypatch.setattr(cache, "_current", open_slowly)
     with pytest.raises(NotReady):
-        cache.get(record().id, MethodChoice())
+        cache.get(record().id, OpenOptions())
     assert asked
 
 

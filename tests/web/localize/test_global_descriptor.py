@@ -10,8 +10,8 @@ from webapp.progress import Progress
 from webapp.settings import ExtractSettings
 from webapp.store.schema import Job, MapRecord
 from webapp.tasks.localize import build_map, readiness
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps import adopt_map
 
@@ -49,24 +49,24 @@ def test_it_is_taken_when_it_is_there_and_left_out_when_it_is_gone(library, smal
     map_id, cfg = small
     build(cfg, server)
     maps = MapCache(library, server)
-    plain = maps.get(map_id, MethodChoice("verified"))
+    plain = maps.get(map_id, OpenOptions("verified"))
     assert (described(plain), plain.to_calibrate) == (False, False)
-    assert same_map(maps.get(map_id, MethodChoice("verified")), plain)
+    assert same_map(maps.get(map_id, OpenOptions("verified")), plain)
 
     model = server.models / "global.onnx"
     model.write_bytes(tiny_image())
-    waiting = maps.get(map_id, MethodChoice("verified"))
+    waiting = maps.get(map_id, OpenOptions("verified"))
     assert (described(waiting), waiting.to_calibrate, waiting.calibrated) == (False, True, True)
 
     build(cfg, server)
-    ready = maps.get(map_id, MethodChoice("verified"))
+    ready = maps.get(map_id, OpenOptions("verified"))
     assert (described(ready), ready.to_calibrate, ready.calibrated) == (True, False, True)
-    assert same_map(maps.get(map_id, MethodChoice("verified")), ready)
+    assert same_map(maps.get(map_id, OpenOptions("verified")), ready)
     photo = cfg.parent / "photos" / "3.jpg"
     assert ready.pipeline.localize(photo, top=1).hypotheses[0].experiences[0] == 3
 
     model.unlink()
-    again = maps.get(map_id, MethodChoice("verified"))
+    again = maps.get(map_id, OpenOptions("verified"))
     assert (described(again), again.to_calibrate) == (False, False)
     before, after = (p.pipeline.localize(photo, top=9).hypotheses for p in (plain, again))
     assert before == after
@@ -76,7 +76,7 @@ def test_a_model_that_cannot_be_used_leaves_nothing_to_do(library, small, server
     map_id, cfg = small
     build(cfg, server)
     (server.models / "global.onnx").write_bytes(b"no network")
-    opened = MapCache(library, server).get(map_id, MethodChoice("verified"))
+    opened = MapCache(library, server).get(map_id, OpenOptions("verified"))
     assert (described(opened), opened.to_calibrate) == (False, False)
 
 
@@ -86,7 +86,7 @@ def test_a_job_describes_the_map_once_for_each_model(library, small, server):
     (server.models / "global.onnx").write_bytes(tiny_image())
     maps = MapCache(library, server)
     photo = UploadedPhoto(cfg.parent / "photos" / "3.jpg", "3.jpg")
-    request = LocalizeRequest((photo,), choice=MethodChoice("verified", "sift"))
+    request = LocalizeRequest((photo,), options=OpenOptions("verified", "sift"))
 
     def ask():
         """Answer, and count the jobs that this queued."""
@@ -94,7 +94,7 @@ def test_a_job_describes_the_map_once_for_each_model(library, small, server):
             session.execute(update(Job).values(state="done", ended_at=func.now()))
             before = {job.id for job in session.scalars(select(Job))}
             record = session.get_one(MapRecord, map_id)
-        readiness.localize_or_build(library, record, cache=maps, request=request, settings=server)
+        readiness.localize_or_build(maps, record, request=request)
         with library.database.read() as session:
             return len({job.id for job in session.scalars(select(Job))} - before)
 

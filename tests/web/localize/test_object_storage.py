@@ -49,8 +49,7 @@ from webapp.store.schema import Job, MapRecord, Photo
 from webapp.tasks.exchange.duplicate_map import duplicate_map
 from webapp.tasks.landmarks.accept import library_of
 from webapp.tasks.localize.build_index import BuildRequest, update_index
-from webapp.tasks.localize.geometry import has_landmarks
-from webapp.tasks.localize.index_location import landmarks_folder
+from webapp.tasks.localize.index_location import has_landmarks, landmarks_folder
 from webapp.tasks.maps import adopt_map, findings, photo_files
 from webapp.tasks.maps.delete_map import delete_map
 from webapp.tasks.operate import maintain_objects, move_objects, open_storage

@@ -9,8 +9,8 @@ from webapp.core.hypotheses import looks
 from webapp.progress import Progress
 from webapp.settings import ExtractSettings
 from webapp.tasks.localize import build_map
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
-from webapp.tasks.localize.open_map import OpenOptions
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.maps import adopt_map
 
 AUTO = OpenOptions(jobs=1)
@@ -38,11 +38,11 @@ def test_one_look_answers_until_the_other_is_built(library, small, with_models, 
     map_id, cfg = small
     build(cfg, with_models, replace(AUTO, method="verified", features="sift"))
     maps = MapCache(library, with_models)
-    waiting = maps.get(map_id, MethodChoice())
-    assert waiting.pipeline.second is None and waiting.to_calibrate
+    waiting = maps.get(map_id, OpenOptions())
+    assert len(waiting.pipeline.looks) == 1 and waiting.to_calibrate
     build(cfg, with_models)
-    ready = maps.get(map_id, MethodChoice())
-    assert ready.pipeline.second is not None
+    ready = maps.get(map_id, OpenOptions())
+    assert len(ready.pipeline.looks) == 2
     assert (ready.to_calibrate, ready.calibrated, ready.not_indexed) == (False, True, 0)
     monkeypatch.setattr(looks, "CERTAIN", 1.1)
     answer = ready.pipeline.localize(cfg.parent / "photos" / "3.jpg", top=3)
@@ -54,8 +54,8 @@ def test_where_there_is_no_time_for_it_nothing_is_left_to_do(library, small, wit
     map_id, cfg = small
     hasty = replace(with_models, retrieval=replace(with_models.retrieval, budget_s=1e-9))
     build(cfg, hasty)
-    opened = MapCache(library, hasty).get(map_id, MethodChoice())
-    assert opened.pipeline.second is None
+    opened = MapCache(library, hasty).get(map_id, OpenOptions())
+    assert len(opened.pipeline.looks) == 1
     assert not opened.to_calibrate
 
 
@@ -63,17 +63,14 @@ def test_a_broken_model_leaves_the_first_look(library, small, with_models):
     map_id, cfg = small
     build(cfg, with_models)
     (with_models.models / "aliked.onnx").write_bytes(b"no network")
-    opened = MapCache(library, with_models).get(map_id, MethodChoice())
-    assert opened.pipeline.second is None
+    opened = MapCache(library, with_models).get(map_id, OpenOptions())
+    assert len(opened.pipeline.looks) == 1
     assert opened.pipeline.localize(cfg.parent / "photos" / "3.jpg", top=3).looks == ("sift",)
 
 
 def test_a_method_that_is_asked_for_by_name_has_one_look(library, small, with_models):
     map_id, cfg = small
     build(cfg, with_models)
-    opened = MapCache(library, with_models).get(map_id, MethodChoice("verified"))
-    assert (opened.pipeline.second, opened.pipeline.method, opened.pipeline.features) == (
-        None,
-        "verified",
-        "sift",
-    )
+    opened = MapCache(library, with_models).get(map_id, OpenOptions("verified"))
+    assert (len(opened.pipeline.looks), opened.pipeline.method) == (1, "verified")
+    assert opened.pipeline.features == "sift"

@@ -1,19 +1,35 @@
-"""Writes EXIF: whole blocks, and positions and headings into copies of photos."""
+"""Writes EXIF: whole blocks, positions and headings into copies of photos, and new photos with their tags."""
 
 from __future__ import annotations
 
 import io
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
+import cv2
+import numpy as np
 import piexif
+from numpy.typing import NDArray
 
 from webapp.core.geo.types import LatLon
 from webapp.errors import PhotoError
+from webapp.files.atomic import storage_error, write_bytes
 from webapp.files.decode import DAMAGED, open_image
 from webapp.files.photos.exif import orientation, parse_block, read_exif
 from webapp.files.photos.geotags import Geotag
 from webapp.settings import PhotoLimits
+
+_QUALITY = 92
+
+_XMP = """http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x="adobe:ns:meta/">
+<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/"
+ GPano:ProjectionType="equirectangular" GPano:UsePanoramaViewer="True"{heading}
+ GPano:FullPanoWidthPixels="{width}" GPano:FullPanoHeightPixels="{height}"
+ GPano:CroppedAreaImageWidthPixels="{width}" GPano:CroppedAreaImageHeightPixels="{height}"
+ GPano:CroppedAreaLeftPixels="0" GPano:CroppedAreaTopPixels="0"/>
+</rdf:RDF></x:xmpmeta>"""
 
 WRITABLE = ("JPEG", "MPO", "WEBP")
 """Formats, as Pillow names them, whose EXIF can be replaced without touching the pixels."""
@@ -162,3 +178,38 @@ def _degrees(value: float) -> tuple[tuple[int, int], ...]:
     total = round(abs(value) * 3600 * scale)
     minutes, rest = divmod(total, 60 * scale)
     return (minutes // 60, 1), (minutes % 60, 1), (rest, scale)
+
+
+def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
+    """Write a panorama of the whole sphere as a JPEG, marked as such in its XMP.
+
+    Raises
+    ------
+    StorageError
+    """
+    height, width = pixels.shape[:2]
+    heading = "" if tags.heading_deg is None else f' GPano:PoseHeadingDegrees="{tags.heading_deg:.4f}"'
+    body = _XMP.format(width=width, height=height, heading=heading).encode()
+    segment = b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body
+    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    _write(path, data[:2] + segment + data[2:], tags)
+
+
+def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
+    """Write a view as a JPEG.
+
+    Raises
+    ------
+    StorageError
+    """
+    _write(path, cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes(), tags)
+
+
+def _write(path: Path, data: bytes, tags: CameraTags) -> None:
+    out = io.BytesIO()
+    piexif.insert(exif_bytes(tags), data, out)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, out.getvalue())
+    except OSError as error:
+        raise storage_error(error, where=str(path)) from error

@@ -1,39 +1,24 @@
-"""Panoramas: their XMP (Google's Photo Sphere), and the views that are cut out of them."""
+"""Panoramas: their XMP (Google's Photo Sphere), their masks, and the views that are cut out of them."""
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-import piexif
 from numpy.typing import NDArray
 
 from webapp.core.blur import BlurBox
 from webapp.core.geometry.equirectangular import ViewSize, sample, view_pixels, view_size
 from webapp.core.mapmodel.panorama import FOCAL_35MM, LevelView, boxes_of_mask
 from webapp.errors import PhotoError
-from webapp.files.atomic import storage_error, write_bytes
-from webapp.files.photos.exif_write import CameraTags, exif_bytes
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_file, read_gray, scaled_gray
 from webapp.settings import PhotoLimits
 
 _GPANO = re.compile(rb'GPano:(\w+)\s*(?:=\s*["\']|>)\s*([^"\'<]+)')
 _ASPECT, _TOLERANCE = 2.0, 0.01
-_QUALITY = 92
-
-_XMP = """http://ns.adobe.com/xap/1.0/\0<x:xmpmeta xmlns:x="adobe:ns:meta/">
-<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
-<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/"
- GPano:ProjectionType="equirectangular" GPano:UsePanoramaViewer="True"{heading}
- GPano:FullPanoWidthPixels="{width}" GPano:FullPanoHeightPixels="{height}"
- GPano:CroppedAreaImageWidthPixels="{width}" GPano:CroppedAreaImageHeightPixels="{height}"
- GPano:CroppedAreaLeftPixels="0" GPano:CroppedAreaTopPixels="0"/>
-</rdf:RDF></x:xmpmeta>"""
 
 MOST_MASKED = 300
 """Maximum number of boxes of a mask; those of a hundred panoramas are one edit."""
@@ -205,38 +190,3 @@ def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
             hint="draw what is masked as a few black areas with straight edges",
         )
     return boxes
-
-
-def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
-    """Write a panorama of the whole sphere as a JPEG, marked as such in its XMP.
-
-    Raises
-    ------
-    StorageError
-    """
-    height, width = pixels.shape[:2]
-    heading = "" if tags.heading_deg is None else f' GPano:PoseHeadingDegrees="{tags.heading_deg:.4f}"'
-    body = _XMP.format(width=width, height=height, heading=heading).encode()
-    segment = b"\xff\xe1" + (len(body) + 2).to_bytes(2, "big") + body
-    data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
-    _write(path, data[:2] + segment + data[2:], tags)
-
-
-def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
-    """Write a view as a JPEG.
-
-    Raises
-    ------
-    StorageError
-    """
-    _write(path, cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes(), tags)
-
-
-def _write(path: Path, data: bytes, tags: CameraTags) -> None:
-    out = io.BytesIO()
-    piexif.insert(exif_bytes(tags), data, out)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, out.getvalue())
-    except OSError as error:
-        raise storage_error(error, where=str(path)) from error

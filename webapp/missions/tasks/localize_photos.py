@@ -19,7 +19,6 @@ from webapp.missions.store import missions, tracks
 from webapp.missions.store.schema import Mission, MissionPhoto
 from webapp.missions.tasks import add_photo
 from webapp.progress import Progress
-from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.operate import jobs
 from webapp.store.schema import Job
@@ -146,7 +145,6 @@ def localize_waiting_photos(
     mission_id: int,
     *,
     map_cache: MapCache,
-    settings: Settings,
     write: Write,
     progress: Progress,
 ) -> dict[str, int]:
@@ -181,7 +179,7 @@ def localize_waiting_photos(
         progress.check()
         try:
             request = LocalizeRequest((UploadedPhoto(_file(library, photo), photo.name),))
-            result = upload.localize_uploads(map_cache, map_id, request=request, settings=settings)
+            result = upload.localize_uploads(map_cache, map_id, request=request)
         except InputError as error:
             outcome, fix = "failed", {"error": str(error)}
         else:

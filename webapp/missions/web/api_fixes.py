@@ -22,13 +22,14 @@ from webapp.missions.tasks import fuse as fuse_mission
 from webapp.missions.tasks.add_photo import PhotoMetadata
 from webapp.missions.web.context import mission_role, open_mission
 from webapp.store.schema import MapRecord
-from webapp.tasks.localize.map_cache import MethodChoice
+from webapp.tasks.localize import readiness
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps.library_map import georeference
+from webapp.web import metrics
 from webapp.web.body_limits import limit_photo
 from webapp.web.context import account, library, settings
 from webapp.web.localize.answers import Located
-from webapp.web.localize.api_localize import answer, received
+from webapp.web.localize.api_localize import map_cache, received
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint(
@@ -148,17 +149,17 @@ def fix(mission_id: int, given: dict[str, Any]) -> dict[str, Any]:
         )
     request = LocalizeRequest(
         (UploadedPhoto(add_photo.original(library(), photo), photo.name),),
-        MethodChoice(),
         fov_deg=given.get("fov"),
         near=near,
         heading_deg=given.get("heading_deg"),
     )
     try:
-        result = answer(record, request)
+        result = readiness.localize_or_build(map_cache(), record, request=request)
     except UsageError as error:
         if error.where == "hint_radius_px":
             error.where = "hint_radius_m"  # the field's name in this API
         raise
+    metrics.count_answer(result.form["seconds"])
     answer_json = localize_photos.fix_json(result, time_s=photo.time_s)
     with library().database.write() as session:
         localize_photos.keep(session, mission.id, sha256=photo.sha256, fix=answer_json)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from webapp.core.evaluation.types import QueryResult
-from webapp.core.features.table import Method
-from webapp.core.hypotheses.calibration import Calibration
 from webapp.errors import PhotoError
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.progress import Progress
@@ -18,7 +16,7 @@ from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.evaluation.types import Localize
 from webapp.tasks.localize import geometry, orient_map
 from webapp.tasks.localize.open_again import MapSource, RebuiltValue
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
 
 
 class QueryTrial(NamedTuple):
@@ -49,9 +47,14 @@ def measure_all(
     Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart
     """
     at = ExecutionTarget(pipeline.settings, pipeline.opened.writable)
-    if pipeline.around is not None or pipeline.opened.method == "vote":
+    first = pipeline.looks[0]
+    if first.around is not None or first.opened.method == "vote":
         at = at.on_this_machine()  # landmarks made on demand are reused for the following photos
-    again = RebuiltValue(partial(PipelineFiles.open, PipelineFiles.of(pipeline)), pipeline)
+    files = [
+        _LookFiles(MapSource.of(look.opened), look.calibration, look.sightings is not None)
+        for look in pipeline.looks
+    ]
+    again = RebuiltValue(partial(_open_again, replace(pipeline, looks=()), files), pipeline)
     absolute = [trial._replace(photo=trial.photo.absolute()) for trial in trials]
     return in_order(_measure, absolute, shared=(again, top), at=at, progress=progress)
 
@@ -61,65 +64,35 @@ def _measure(shared: tuple[RebuiltValue[LocalizationPipeline], int], trial: Quer
     return measure(pipeline.value().localize, trial, top=top)
 
 
-@dataclass(frozen=True, slots=True)
-class PipelineFiles:
-    """All that a Dask worker needs to open a pipeline again."""
+class _LookFiles(NamedTuple):
+    """All that a Dask worker needs to open a look again."""
 
     files: MapSource
     calibration: StoredCalibration | None
-    fov_deg: float | None
-    asked: Method | None
-    both: Calibration
     hides: bool
-    second: PipelineFiles | None
 
-    @classmethod
-    def of(cls, pipeline: LocalizationPipeline) -> PipelineFiles:
-        """Collect it from an open pipeline."""
-        return cls(
-            MapSource.of(pipeline.opened),
-            pipeline.calibration,
-            pipeline.fov_deg,
-            pipeline.asked,
-            pipeline.both,
-            pipeline.sightings is not None,
-            None if pipeline.second is None else cls.of(pipeline.second),
-        )
-
-    def open(self) -> LocalizationPipeline:
-        """Open the pipeline; raises the same errors as `MapSource.open`."""
+    def open(self) -> Look:
         opened = geometry.prepare_geometry(self.files.open(), progress=Progress())
-        pipeline = LocalizationPipeline(
-            opened,
-            self.files.settings,
-            self.calibration,
-            self.fov_deg,
-            asked=self.asked,
-            second=None if self.second is None else self.second.open(),
-            both=self.both,
-        )
-        return with_sightings(pipeline) if self.hides else pipeline
+        look = Look(opened, self.calibration)
+        return _with_sightings(look) if self.hides else look
+
+
+def _open_again(pipeline: LocalizationPipeline, files: Sequence[_LookFiles]) -> LocalizationPipeline:
+    """Open the looks of a pipeline that has none; raises the same errors as `MapSource.open`."""
+    return replace(pipeline, looks=tuple(look.open() for look in files))
 
 
 def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Prepare a pipeline and its second look for queries from its own map, which are hidden.
+    """Prepare a pipeline for queries from its own map, which are hidden: depths are computed without them.
 
     Raises
     ------
     StorageError
     """
-    second = None if pipeline.second is None else with_hidden_photos(pipeline.second)
-    return with_sightings(replace(pipeline, second=second))
+    return replace(pipeline, looks=tuple(map(_with_sightings, pipeline.looks)))
 
 
-def with_sightings(pipeline: LocalizationPipeline) -> LocalizationPipeline:
-    """Attach depth observations to one look, for depths without the hidden photos.
-
-    Raises
-    ------
-    StorageError
-    """
-    known = pipeline.calibration
-    if known is None:
-        return pipeline
-    return replace(pipeline, sightings=orient_map.sightings(pipeline.opened, map_fov_deg=known.map_fov_deg))
+def _with_sightings(look: Look) -> Look:
+    if look.calibration is None:
+        return look
+    return replace(look, sightings=orient_map.sightings(look.opened))

@@ -25,7 +25,8 @@ from webapp.settings import Settings
 from webapp.store.schema import MapRecord
 from webapp.tasks.find.rank_maps import MapRanking
 from webapp.tasks.localize import upload
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.upload import LocalizeRequest, UploadedPhoto
 
 BUDGET_S = 30.0
@@ -144,7 +145,7 @@ def find_map(
         ranked = search.ranking.rank(records, photo.path)
     searched = [*ranked.alike[:MOST_MAPS], *ranked.unknown]
     progress.size(len(searched))
-    request = LocalizeRequest((photo,), MethodChoice(), top=top)
+    request = LocalizeRequest((photo,), OpenOptions(), top=top)
     answers: list[tuple[MapRecord, dict[str, Any]]] = []
     skipped: list[SkippedMap] = []
     away: ExpMapError | None = None
@@ -156,9 +157,7 @@ def find_map(
             progress.advance(1)
             continue
         try:
-            found = upload.localize_uploads(
-                search.cache, record.id, request=request, settings=search.settings
-            )
+            found = upload.localize_uploads(search.cache, record.id, request=request)
             answers.append((record, found.form))
         except NotReady:
             skipped.append(SkippedMap(record.slug, record.name, _NO_INDEX))

@@ -17,36 +17,15 @@ from webapp.core.localize.verified import with_probabilities
 from webapp.core.mapmodel.model import Experience
 from webapp.core.mapmodel.panorama import experiences_of
 from webapp.errors import IndexDamaged, ProcessLost, StorageError
-from webapp.extras import is_installed
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.landmarks.surroundings import part_around, part_of, reconstruct_part
 from webapp.tasks.localize import orient_map
-from webapp.tasks.localize.geometry import align_landmarks, has_landmarks
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions
+from webapp.tasks.localize.geometry import align_landmarks
+from webapp.tasks.localize.open_map import OpenMap
 
 NOT_YET = "the landmarks around this place are not reconstructed yet: ask again in a minute"
 """Note of an answer that has no pose yet."""
-
-
-def options_for_retrieval(cfg: Path, options: OpenOptions, *, settings: Settings) -> OpenOptions:
-    """Return the options for retrieval: as given, or `verified` if landmarks are reconstructed on demand."""
-    if options.method != "landmarks" or has_landmarks(cfg) or not can_reconstruct(settings):
-        return options
-    choice = options.choice()
-    return replace(
-        options,
-        method="verified",
-        features="auto",
-        detector=choice.detector,
-        extractor=choice.extractor,
-        matcher=choice.matcher,
-    )
-
-
-def can_reconstruct(settings: Settings) -> bool:
-    """Return whether the surroundings of a place are reconstructed on demand."""
-    return settings.landmarks.around_s > 0.0 and is_installed("sfm")
 
 
 _ENOUGH = 100
@@ -153,7 +132,7 @@ def photos_around(opened: OpenMap, seeds: Sequence[int], *, count: int) -> list[
     ------
     StorageError
     """
-    pairs = orient_map.stored_pairs(opened, map_fov_deg=opened.options.map_fov_deg)
+    pairs = orient_map.stored_pairs(opened)
     ids = np.array([e.id for e in opened.map.experiences])
     position = np.array([e.position for e in opened.map.experiences])
     row = np.searchsorted(ids, experiences_of(opened.indexed.ids), sorter=(order := np.argsort(ids)))

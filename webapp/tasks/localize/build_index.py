@@ -23,42 +23,12 @@ from webapp.tasks.computing.in_order import ExecutionTarget, in_order
 from webapp.tasks.localize import extract_photo, segments
 from webapp.tasks.localize.coding import coding_of
 from webapp.tasks.localize.extract_photo import PhotoDone, PhotoJob, size_and_time
+from webapp.tasks.localize.open_map import BuildReport
 
 _IN_PROCESS = 4
 """Up to this many photos are processed in this process: starting workers would take longer."""
 
 _MOST_OF_ONE_SIZE = 100
-
-
-@dataclass(frozen=True, slots=True)
-class BuildReport:
-    """What a build did.
-
-    Attributes
-    ----------
-    folder : Path
-        Index folder.
-    photos : int
-        Photos in the map.
-    extracted, reused, removed : int
-        Photos extracted now, taken from the old index, and no longer in the map.
-    failed : tuple of (int, str, str)
-        Experience id, photo and reason.
-    descriptors : int
-        Descriptors in the index that belong to photos in the map.
-    bytes : int
-        Size on disk.
-    """
-
-    folder: Path
-    photos: int
-    extracted: int
-    reused: int
-    removed: int
-    failed: tuple[tuple[int, str, str], ...]
-    descriptors: int
-    seconds: float
-    bytes: int
 
 
 def count_reasons(failed: Iterable[tuple[str, str]]) -> str:

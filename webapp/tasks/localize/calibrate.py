@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geo.floors import BASE_FLOOR
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration, Case, fit, probabilities
+from webapp.core.localize.landmarks import find_by_landmarks
 from webapp.core.localize.places import LocatedPlace, PlaceCandidate, locate
 from webapp.core.retrieval.indexed import IndexedMap
 from webapp.files.localize import calibration as calibrationfile
@@ -49,13 +50,11 @@ are more than a share `_CONTRADICTED` of the trials, plus `_PER_ERROR` times the
 _COVERAGE = 0.68
 
 
-def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> StoredCalibration:
+def calibrate_map(opened: OpenMap, *, progress: Progress) -> StoredCalibration:
     """Return the stored calibration if it still fits the map, else compute and store a new one.
 
     Parameters
     ----------
-    map_fov_deg : float or None
-        Horizontal field of view of photos whose EXIF does not state theirs.
     progress : Progress
         One step per trial.
 
@@ -65,20 +64,20 @@ def calibrate_map(opened: OpenMap, *, map_fov_deg: float | None, progress: Progr
     """
     for there in paths(opened):
         known = calibrationfile.read(there)
-        if known is not None and still_fits(known, opened, map_fov_deg=map_fov_deg):
+        if known is not None and still_fits(known, opened):
             return known
     radius = opened.indexed.place_radius_px
     progress.note("calibrating the probabilities")
     started = time.perf_counter()
-    trials = run_trials(opened, map_fov_deg=map_fov_deg, progress=progress)
+    trials = run_trials(opened, progress=progress)
     calibration = fit_trials(opened.indexed, [*trials.values()])
     seconds = time.perf_counter() - started
-    stored = StoredCalibration(calibration, map_fov_deg, radius, photo_keys(opened), seconds)
+    stored = StoredCalibration(calibration, opened.plan.map_fov_deg, radius, photo_keys(opened), seconds)
     calibrationfile.write(paths(opened)[-1], stored)
     return stored
 
 
-def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> dict[int, Trial]:
+def run_trials(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
     """Run the trials of a map; those that an earlier run recorded are not repeated.
 
     Returns
@@ -90,11 +89,12 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
     ------
     Cancelled, StorageError
     """
-    key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {opened.indexed.place_radius_px} {map_fov_deg}"
+    radius, fov_deg = opened.indexed.place_radius_px, opened.plan.map_fov_deg
+    key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {radius} {fov_deg}"
     key += "" if opened.landmarks is None else f" {opened.landmarks.key}"
     with recorded_trials(paths(opened)[-1].with_suffix(".trials"), key) as (known, keep):
-        tried = _tried(opened, map_fov_deg)
-        again = RebuiltValue(partial(_open_again, MapSource.of(opened), map_fov_deg), tried)
+        tried = _tried(opened)
+        again = RebuiltValue(partial(_open_again, MapSource.of(opened)), tried)
         attempts = partial(
             in_order,
             _attempt,
@@ -105,15 +105,15 @@ def run_trials(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress
         return try_photos(tried, progress, attempts=attempts, known=known, keep=keep)
 
 
-def _tried(opened: OpenMap, map_fov_deg: float | None) -> TriedMap:
-    sightings = orient_map.sightings(opened, map_fov_deg=map_fov_deg)
-    find = None if opened.landmarks is None else partial(geometry.find_places, opened)
-    return TriedMap(opened.indexed, sightings, find)
+def _tried(opened: OpenMap) -> TriedMap:
+    if opened.landmarks is not None:
+        find = partial(find_by_landmarks, opened.indexed, aligned=opened.landmarks)
+        return TriedMap(opened.indexed, find=find)
+    return TriedMap(opened.indexed, orient_map.sightings(opened))
 
 
-def _open_again(files: MapSource, map_fov_deg: float | None) -> TriedMap:
-    opened = geometry.prepare_geometry(files.open(), progress=Progress())
-    return _tried(opened, map_fov_deg)
+def _open_again(files: MapSource) -> TriedMap:
+    return _tried(geometry.prepare_geometry(files.open(), progress=Progress()))
 
 
 def _attempt(tried: RebuiltValue[TriedMap], number: int) -> TrialRecord:
@@ -137,13 +137,7 @@ def paths_with(opened: OpenMap, network: GlobalDescriptor | None) -> tuple[Path,
     return opened.artifact_paths(f"calibration-{opened.method}-{opened.choice.matcher}{own}.json")
 
 
-def still_fits(
-    known: StoredCalibration,
-    opened: OpenMap,
-    *,
-    map_fov_deg: float | None,
-    place_radius_px: float | None = None,
-) -> bool:
+def still_fits(known: StoredCalibration, opened: OpenMap, *, place_radius_px: float | None = None) -> bool:
     """Check whether a calibration can still be used, as the map has changed little since.
 
     Parameters
@@ -151,7 +145,7 @@ def still_fits(
     place_radius_px : float, optional
         Place radius, if it is not the map's own.
     """
-    if known.map_fov_deg != map_fov_deg:
+    if known.map_fov_deg != opened.plan.map_fov_deg:
         return False
     changed = len(known.photos ^ photo_keys(opened)) > _CHANGED_SHARE * max(len(known.photos), 1)
     radius = place_radius_px or opened.indexed.place_radius_px

@@ -27,13 +27,13 @@ from webapp.files.object_storage.storage import settle
 from webapp.files.photos.panorama import cut_level_view
 from webapp.files.photos.photo import read_blurred, read_file
 from webapp.progress import Progress
-from webapp.settings import Settings
+from webapp.settings import PhotoLimits
 from webapp.tasks.localize.open_map import OpenMap
 
 _SAVED_EVERY_S = 20.0
 
 
-def describe_photos(opened: OpenMap, *, settings: Settings, progress: Progress) -> OpenMap:
+def describe_photos(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """Update the global descriptors of a map's photos and attach them to it.
 
     Without a usable model nothing is done; an unusable one is reported by `progress.note`.
@@ -48,9 +48,9 @@ def describe_photos(opened: OpenMap, *, settings: Settings, progress: Progress) 
     StorageError, Cancelled
     """
     try:
-        network = global_descriptor(settings.models)
+        network = global_descriptor(opened.settings.models)
         if network is not None:
-            _update(opened, network, settings=settings, progress=progress)
+            _update(opened, network, progress=progress)
             opened = with_stored_vectors(opened, network)
     except (InputError, MissingPart) as error:
         progress.note(f"without the global descriptor: {error}")
@@ -77,7 +77,7 @@ def paths(opened: OpenMap, network: GlobalDescriptor) -> tuple[Path, Path]:
     return opened.folder.folder.with_name(name), opened.writable.with_name(name)
 
 
-def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, progress: Progress) -> None:
+def _update(opened: OpenMap, network: GlobalDescriptor, *, progress: Progress) -> None:
     """Compute and store the vectors of new photos."""
     known = _known(opened, network)
     photos = zip(opened.contents, opened.pictures, strict=True)
@@ -91,7 +91,8 @@ def _update(opened: OpenMap, network: GlobalDescriptor, *, settings: Settings, p
         for content, experience in todo.items():
             progress.check()
             path = photo_path(opened.cfg, experience.photo)
-            vector = _describe(path, content, experience=experience, network=network, settings=settings)
+            limits = opened.settings.photo
+            vector = _describe(path, content, experience=experience, network=network, limits=limits)
             if vector is not None:
                 known[content] = vector.astype(np.float16)
             progress.advance()
@@ -110,14 +111,14 @@ def _describe(
     *,
     experience: Experience,
     network: GlobalDescriptor,
-    settings: Settings,
+    limits: PhotoLimits,
 ) -> NDArray[np.float32] | None:
     """Compute the vector of a photo; None if the file has changed since it was indexed or is unreadable."""
     try:
-        data = read_file(path, limits=settings.photo)
+        data = read_file(path, limits=limits)
         if content_of(experience, hashlib.sha256(data).hexdigest()) != content:
             return None
-        pixels, view = read_blurred(data, experience.blurred, limits=settings.photo), experience.view
+        pixels, view = read_blurred(data, experience.blurred, limits=limits), experience.view
         return network.describe(pixels if view is None else cut_level_view(pixels, view)[0])
     except PhotoError:
         return None

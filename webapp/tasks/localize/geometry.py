@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from webapp.core.features.types import Features
 from webapp.core.landmarks.cloud import AlignedCloud
-from webapp.core.localize import verified
-from webapp.core.localize.landmarks import find_by_landmarks
-from webapp.core.localize.verified import PlaceSearch
-from webapp.core.reconstruction.depths import DepthsExcluding
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud
 from webapp.files.landmarks.colmap import SUBMODELS_FILE, read_submodels
@@ -36,25 +30,7 @@ def prepare_geometry(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """
     if opened.method == "landmarks":
         return with_landmarks(opened, progress=progress)
-    fov = opened.options.map_fov_deg
-    return orient_map.estimate_orientations(opened, map_fov_deg=fov, progress=progress)
-
-
-def find_places(
-    opened: OpenMap,
-    query: Features,
-    *,
-    fov_deg: float,
-    hide: Collection[int] = (),
-    closer: Collection[int] = (),
-    depths: DepthsExcluding | None = None,
-) -> PlaceSearch:
-    """Find the places where a photo may have been taken, by landmarks or by method `verified`."""
-    if opened.landmarks is not None:
-        return find_by_landmarks(opened.indexed, query, fov_deg=fov_deg, aligned=opened.landmarks, hide=hide)
-    return verified.find_places(
-        opened.indexed, query, fov_deg=fov_deg, hide=hide, closer=closer, depths=depths
-    )
+    return orient_map.estimate_orientations(opened, progress=progress)
 
 
 def with_stored_geometry(opened: OpenMap) -> OpenMap:
@@ -68,11 +44,6 @@ def with_stored_geometry(opened: OpenMap) -> OpenMap:
     if opened.method == "landmarks":
         return with_landmarks(opened, progress=Progress())
     return orient_map.with_orientations(opened, orient_map.newest(opened))
-
-
-def has_landmarks(cfg: Path) -> bool:
-    """Return whether a map has a stored cloud of landmarks."""
-    return storage.is_there(landmarks_folder(cfg) / CLOUD_FILE)
 
 
 def paths(opened: OpenMap) -> list[Path]:

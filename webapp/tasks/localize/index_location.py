@@ -11,9 +11,11 @@ from platformdirs import user_cache_path
 
 from webapp.core.features.table import FeatureChoice, Method, choose
 from webapp.errors import IndexDamaged, UsageError
+from webapp.files.landmarks.cloud import CLOUD_FILE
 from webapp.files.listing import DERIVED
 from webapp.files.localize.index_store import IndexFolder, index_key
 from webapp.files.localize.models import is_usable, second_look_features
+from webapp.files.object_storage import storage
 from webapp.settings import ExtractSettings
 
 
@@ -44,6 +46,11 @@ def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
 def landmarks_folder(cfg: Path) -> Path:
     """Return the folder of a map's reconstruction."""
     return index_bases(cfg, None)[-1] / "landmarks"
+
+
+def has_landmarks(cfg: Path) -> bool:
+    """Return whether a map has a stored cloud of landmarks."""
+    return storage.is_there(landmarks_folder(cfg) / CLOUD_FILE)
 
 
 def newest_choice(

@@ -13,19 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
+from typing import NamedTuple
 
-from webapp.core.features.table import METHODS, Method, choose
-from webapp.core.mapmodel.model import Map
-from webapp.errors import (
-    BeingOpened,
-    IndexDamaged,
-    InputError,
-    MapError,
-    MissingPart,
-    NotFound,
-    NotReady,
-    UsageError,
-)
+from webapp.errors import BeingOpened, IndexDamaged, InputError, MapError, MissingPart, NotFound, NotReady
 from webapp.files.localize.calibration import StoredCalibration
 from webapp.files.localize.global_model import model_paths, usable_global_descriptor
 from webapp.files.object_storage.storage import facts_of
@@ -34,44 +24,18 @@ from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord
-from webapp.tasks.landmarks.on_demand import LandmarksAround, options_for_retrieval
-from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry, open_map, orient_map
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions
-from webapp.tasks.localize.pipeline import LocalizationPipeline, join_looks
+from webapp.tasks.landmarks.on_demand import LandmarksAround
+from webapp.tasks.localize import calibrate, cascade, describe_photos, geometry, orient_map
+from webapp.tasks.localize.make_plan import make_plan
+from webapp.tasks.localize.open_index import open_index, with_positions
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.open_pipeline import stored_look
+from webapp.tasks.localize.pipeline import LocalizationPipeline, Look
+from webapp.tasks.localize.plan import LookPlan, OpenOptions
 from webapp.tasks.maps.library_map import as_map
 
 MAX_OPEN = 12
 """Maximum number of open indexes, two for a map with a second look; the least recently used are evicted."""
-
-
-@dataclass(frozen=True, slots=True)
-class MethodChoice:
-    """Method and features to localize with.
-
-    Attributes
-    ----------
-    method : str
-        One of `METHODS`.
-    features : str
-        Features of the index to use; `auto` for those of the library's default index.
-    """
-
-    method: str = "auto"
-    features: str = "auto"
-
-    def resolved(self) -> tuple[Method, str]:
-        """Return compatible method and features; if both are `auto`, the features stay `auto`.
-
-        Raises
-        ------
-        UsageError
-        """
-        method = next((m for m in METHODS if m == self.method), None)
-        if method is None:
-            hint = f"known: {', '.join(METHODS)}"
-            raise UsageError(f"unknown method {self.method!r}", where="method", hint=hint)
-        features = choose(method, features=self.features).name
-        return method, "auto" if method == "auto" and self.features == "auto" else features
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,12 +67,21 @@ _OPEN_WAIT_S = 10.0
 _Files = tuple[tuple[int, int] | None, ...]
 
 
+class _OpenLook(NamedTuple):
+    """As `StoredLook`, and as `OpenedMap`."""
+
+    look: Look
+    to_calibrate: bool
+    revision: int
+    not_indexed: int
+
+
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """Cache entry of a map; the lock is held while it is opened."""
+    """Cache entry of a look on a map; the lock is held while it is opened."""
 
     lock: Lock = field(default_factory=Lock)
-    ready: OpenedMap | None = None
+    ready: _OpenLook | None = None
     opened_with: _Files = ()
     """Times and sizes of the files that the open map was read from, see `MapCache._files`."""
 
@@ -132,14 +105,14 @@ class MapCache:
         most: int = MAX_OPEN,
         on_look: Callable[[bool], None] = lambda _: None,
     ) -> None:
-        self._library = library
-        self._settings = settings
+        self.library = library
+        self.settings = settings
         self._most = most
         self._on_look = on_look
-        self._slots: OrderedDict[tuple[int, OpenOptions], _Slot] = OrderedDict()
+        self._slots: OrderedDict[tuple[int, LookPlan], _Slot] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, map_id: int, choice: MethodChoice) -> OpenedMap:
+    def get(self, map_id: int, options: OpenOptions) -> OpenedMap:
         """Return the current state of a map; concurrent requests open it only once.
 
         Raises
@@ -156,40 +129,41 @@ class MapCache:
             The map is gone.
         IndexDamaged
         """
-        method, features = choice.resolved()
-        asked = OpenOptions(method=method, features=features, build=False)
-        asked = options_for_retrieval(self._cfg(map_id), asked, settings=self._settings)
-        around = None if asked.method == method else LandmarksAround(self._settings, Progress(), build=False)
-        first, *further = cascade.look_options(asked, first=choose("verified"), settings=self._settings)
-        opened = self._get_look(map_id, first)
-        opened = replace(opened, pipeline=replace(opened.pipeline, asked=method, around=around))
-        if not further:
+        plan = make_plan(self._cfg(map_id), replace(options, build=False), settings=self.settings)
+        first = self._look(map_id, plan.looks[0])
+        look = first.look
+        if plan.landmarks_on_demand:
+            look = replace(look, around=LandmarksAround(self.settings, Progress(), build=False))
+        opened = OpenedMap(
+            LocalizationPipeline(plan.method, (look,)),
+            revision=first.revision,
+            not_indexed=first.not_indexed,
+            calibrated=look.calibration is not None or look.opened.method == "vote",
+            to_calibrate=first.to_calibrate,
+        )
+        if len(plan.looks) == 1:
             return opened
         try:
-            second = cascade.with_same_kind(further[0], opened.pipeline.opened)
-            return _with_second_look(opened, self._get_look(map_id, second))
+            further = self._look(map_id, plan.looks[1].with_kind_of(look.opened.indexed.kind))
         except (NotReady, IndexDamaged):
             return replace(opened, to_calibrate=True)  # answer with one look while the second is built
-        except BeingOpened:
-            return opened  # answer with one look until the second is open
-        except (MapError, MissingPart, InputError):
-            return opened  # `expmap build` reports the reason
+        except (BeingOpened, MapError, MissingPart, InputError):
+            return opened  # it is being opened; or `expmap build` reports the reason
+        return _with_second_look(opened, further, budget_s=plan.budget_s)
 
     def _cfg(self, map_id: int) -> Path:
-        with self._library.database.read() as session:
+        with self.library.database.read() as session:
             record = session.get(MapRecord, map_id)
             if record is None:
                 raise NotFound("the map was deleted")
-            return self._library.cfg(record.slug)
+            return self.library.cfg(record.slug)
 
-    def _get_look(self, map_id: int, options: OpenOptions) -> OpenedMap:
-        choice = options.choice()  # one cache key per index, however its features were requested
-        options = replace(options, features="auto", detector=choice.detector, extractor=choice.extractor)
-        slot = self._slot((map_id, options))
+    def _look(self, map_id: int, plan: LookPlan) -> _OpenLook:
+        slot = self._slot((map_id, plan))
         if not slot.lock.acquire(timeout=_OPEN_WAIT_S):  # opening a large map from S3 may take minutes
             raise BeingOpened("the map is being opened", wait_s=5, hint="try again in a moment")
         try:
-            slot.ready = self._current(slot, map_id, options)
+            slot.ready = self._current(slot, map_id, plan)
             return slot.ready
         except (MapError, NotReady, NotFound):
             slot.ready = None
@@ -197,7 +171,7 @@ class MapCache:
         finally:
             slot.lock.release()
 
-    def _slot(self, key: tuple[int, OpenOptions]) -> _Slot:
+    def _slot(self, key: tuple[int, LookPlan]) -> _Slot:
         with self._lock:
             slot = self._slots.setdefault(key, _Slot())
             self._slots.move_to_end(key)
@@ -205,14 +179,14 @@ class MapCache:
                 self._slots.popitem(last=False)
             return slot
 
-    def _current(self, slot: _Slot, map_id: int, options: OpenOptions) -> OpenedMap:
+    def _current(self, slot: _Slot, map_id: int, plan: LookPlan) -> _OpenLook:
         there = slot.ready
-        with self._library.database.read() as session:
+        with self.library.database.read() as session:
             record = session.get(MapRecord, map_id)
             if record is None:
                 raise NotFound("the map was deleted")
-            cfg, revision = self._library.cfg(record.slug), record.revision
-            same_index = there is not None and slot.opened_with == self._files(there.pipeline.opened)
+            cfg, revision = self.library.cfg(record.slug), record.revision
+            same_index = there is not None and slot.opened_with == self._files(there.look.opened)
             is_open = there is not None and same_index and there.revision == revision
             self._on_look(is_open)
             if there is not None and is_open:
@@ -220,83 +194,46 @@ class MapCache:
             the_map = as_map(session, record)
         if the_map is None:
             raise MapError("the map has no satellite image yet", hint="add one, and place photos on it")
-        opened = there.pipeline.opened if there is not None and same_index else None
         with show_file_as(cfg.parent.name, cfg):
-            return self._open(slot, cfg, the_map, options=options, opened=opened)
-
-    def _open(
-        self, slot: _Slot, cfg: Path, the_map: Map, *, options: OpenOptions, opened: OpenMap | None
-    ) -> OpenedMap:
-        if opened is None:
-            opened = open_map.open_index(
-                cfg, options, settings=self._settings, progress=Progress(), the_map=the_map
-            )
-        else:
-            opened = open_map.with_positions(opened, the_map, options=options)
-        # Record this before reading the calibration: a newer one, or a newer index, is noticed next time.
-        slot.opened_with = self._files(opened)
-        if opened.folder.read_manifest() != opened.manifest:
-            slot.opened_with = ()
-        verifies = opened.method != "vote"
-        if verifies:
-            opened = geometry.with_stored_geometry(opened)
-        opened, undescribed = self._described(opened) if verifies else (opened, False)
-        stored = calibrate.newest(opened) if verifies else None
-        return OpenedMap(
-            LocalizationPipeline(opened, self._settings, stored),
-            revision=the_map.revision,
-            not_indexed=opened.not_indexed,
-            calibrated=stored is not None or not verifies,
-            to_calibrate=undescribed
-            or (verifies and stored is None)
-            or (
-                stored is not None
-                and not calibrate.still_fits(stored, opened, map_fov_deg=options.map_fov_deg)
-            ),
-        )
-
-    def _described(self, opened: OpenMap) -> tuple[OpenMap, bool]:
-        """Attach global descriptors if the map is calibrated with them; return whether that is still due."""
-        network = usable_global_descriptor(self._settings.models)
-        if network is None:
-            return opened, False
-        described = describe_photos.with_stored_vectors(opened, network)
-        ready = described is not opened and calibrate.newest(described) is not None
-        return (described, False) if ready else (opened, True)
+            if there is not None and same_index:
+                opened = with_positions(there.look.opened, the_map)
+            else:
+                opened = open_index(cfg, plan, the_map=the_map, settings=self.settings, progress=Progress())
+            # Record this before reading the calibration: a newer one, or a newer index, is noticed next time.
+            slot.opened_with = self._files(opened)
+            if opened.folder.read_manifest() != opened.manifest:
+                slot.opened_with = ()
+            return _OpenLook(*stored_look(opened), the_map.revision, opened.not_indexed)
 
     def _files(self, opened: OpenMap) -> _Files:
         """Return size and time of the files that an open map depends on."""
         files = [opened.folder.manifest_path, *calibrate.paths_with(opened, None), *orient_map.paths(opened)]
-        files += [*geometry.paths(opened), *model_paths(self._settings.models)]
-        network = usable_global_descriptor(self._settings.models)
+        files += [*geometry.paths(opened), *model_paths(self.settings.models)]
+        network = usable_global_descriptor(self.settings.models)
         if network is not None:
             files += (*calibrate.paths_with(opened, network), *describe_photos.paths(opened, network))
         return tuple(facts_of(path) for path in files)
 
 
-def _with_second_look(first: OpenedMap, second: OpenedMap) -> OpenedMap:
+def _with_second_look(first: OpenedMap, second: _OpenLook, *, budget_s: float) -> OpenedMap:
     """Add the second look to a map, if it is within the time budget and both looks are calibrated."""
-    pipeline, further = first.pipeline, second.pipeline
-    opened = (pipeline.opened, further.opened)
-    not_indexed = max(first.not_indexed, second.not_indexed)
-    to_calibrate = first.to_calibrate or second.to_calibrate
-    if pipeline.calibration is None or further.calibration is None or not cascade.share_areas(*opened):
-        return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
-    path = cascade.path(*opened)
-    both = _stored_looks(path, facts_of(path))
-    if both is None or not cascade.is_within_budget(both, pipeline.settings):
-        to_calibrate = to_calibrate or both is None
-        return replace(first, to_calibrate=to_calibrate, not_indexed=not_indexed)
-    calibrations = cascade.agree_on_scale(pipeline.calibration.calibration, further.calibration.calibration)
+    pair = first.pipeline.looks[0], second.look
+    joined = cascade.join_looks(pair, budget_s=budget_s, calibrated=_stored_looks)
+    outdated = joined.both is not None and not cascade.still_fits(joined.both, pair)
     return replace(
         first,
-        pipeline=join_looks(pipeline, further, calibrations=calibrations, both=both.calibration),
-        to_calibrate=to_calibrate or not cascade.still_fits(both, opened),
-        not_indexed=not_indexed,
+        pipeline=replace(first.pipeline, looks=joined.looks, both=joined.calibration),
+        to_calibrate=first.to_calibrate or second.to_calibrate or joined.is_uncalibrated or outdated,
+        not_indexed=max(first.not_indexed, second.not_indexed),
     )
 
 
+def _stored_looks(pair: cascade.Pair) -> StoredCalibration | None:
+    path = cascade.path(*(look.opened for look in pair))
+    return _stored(path, facts_of(path))
+
+
 @lru_cache(maxsize=MAX_OPEN)
-def _stored_looks(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
+def _stored(path: Path, seen: tuple[int, int] | None) -> StoredCalibration | None:
     """Read the calibration of two looks; cached until the file changes."""
     return cascade.stored_looks(path) if seen is not None else None

@@ -14,7 +14,9 @@ from webapp.files.localize.global_model import global_descriptor
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.localize import describe_photos
-from webapp.tasks.localize.open_map import OpenMap, OpenOptions, open_index
+from webapp.tasks.localize.open_index import open_index
+from webapp.tasks.localize.open_map import OpenMap
+from webapp.tasks.localize.plan import LookPlan
 
 Value = TypeVar("Value")
 
@@ -53,15 +55,15 @@ class MapSource:
 
     Attributes
     ----------
-    options : OpenOptions
-        With the resolved features of the open map.
+    plan : LookPlan
+        With the features of the open map.
     map_hash : str
         Hash of the open map.
     """
 
     cfg: Path
     the_map: Map
-    options: OpenOptions
+    plan: LookPlan
     settings: Settings
     map_hash: str
     has_global_descriptors: bool
@@ -69,18 +71,10 @@ class MapSource:
     @classmethod
     def of(cls, opened: OpenMap) -> MapSource:
         """Collect them from an open map."""
-        choice = opened.choice
-        options = replace(
-            opened.options,
-            detector=choice.detector,
-            extractor=choice.extractor,
-            matcher=choice.matcher,
-            build=False,
-        )
         return cls(
             opened.cfg.absolute(),
             opened.map,
-            options,
+            replace(opened.plan, choice=opened.choice, keeps_matcher=True, build=False),
             replace(opened.settings, dask=None),
             opened.map_hash,
             opened.indexed.global_descriptors is not None,
@@ -96,7 +90,7 @@ class MapSource:
         MissingPart, InputError, StorageError, IndexDamaged
         """
         opened = open_index(
-            self.cfg, self.options, settings=self.settings, progress=Progress(), the_map=self.the_map
+            self.cfg, self.plan, the_map=self.the_map, settings=self.settings, progress=Progress()
         )
         network = global_descriptor(self.settings.models) if self.has_global_descriptors else None
         if network is not None:

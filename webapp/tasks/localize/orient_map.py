@@ -43,7 +43,7 @@ _WELL_KNOWN = 2.0
 """Trust (summed over pairs) from which on matching a photo with a network adds little."""
 
 
-def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progress: Progress) -> OpenMap:
+def estimate_orientations(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """Update the orientations of a map's photos and attach them to it.
 
     If the method matches with a network, all photos with little trust are compared again with it, which takes
@@ -55,8 +55,6 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
     ----------
     opened : OpenMap
         Opened for a method that verifies geometry.
-    map_fov_deg : float or None
-        Horizontal field of view of photos whose EXIF does not state theirs.
     progress : Progress
         One stage of comparisons, with a network a second one; one step per new photo.
 
@@ -66,8 +64,8 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
     InputError
         onnxruntime cannot run the network file that the user supplied.
     """
-    key = f"{opened.map_hash} {map_fov_deg}"
-    usual, again = _comparisons(opened, map_fov_deg)
+    key = f"{opened.map_hash} {opened.plan.map_fov_deg}"
+    usual, again = _comparisons(opened)
     everyone = range(len(opened.indexed.ids))
     files = _usual_paths(opened)
     stored = _up_to_date(
@@ -87,7 +85,7 @@ def estimate_orientations(opened: OpenMap, *, map_fov_deg: float | None, progres
     return with_orientations(opened, stored)
 
 
-def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservations | None:
+def sightings(opened: OpenMap) -> DepthObservations | None:
     """Triangulate depths from each stored pair of a map's photos; None for a map without orientations.
 
     Raises
@@ -97,7 +95,7 @@ def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservation
     known = opened.indexed.extrinsics
     if known is None:
         return None
-    pairs = stored_pairs(opened, map_fov_deg=map_fov_deg)
+    pairs = stored_pairs(opened)
     indexed = opened.indexed
     return triangulate_depths(
         pairs,
@@ -109,16 +107,14 @@ def sightings(opened: OpenMap, *, map_fov_deg: float | None) -> DepthObservation
     )
 
 
-def stored_pairs(opened: OpenMap, *, map_fov_deg: float | None) -> PhotoPairs:
+def stored_pairs(opened: OpenMap) -> PhotoPairs:
     """Read the stored pairs of a map's photos.
 
     Raises
     ------
     StorageError
     """
-    return best_of_each_pair(
-        concatenate([c.known().pairs for c in _comparisons(opened, map_fov_deg) if c is not None])
-    )
+    return best_of_each_pair(concatenate([c.known().pairs for c in _comparisons(opened) if c is not None]))
 
 
 def estimate(indexed: IndexedMap, pairs: PhotoPairs) -> MapExtrinsics:
@@ -139,13 +135,13 @@ def _partners(indexed: IndexedMap, pairs: PhotoPairs) -> NDArray[np.int64]:
     return strongest_partners(pairs, photos=len(indexed.ids), inliers=least)
 
 
-def _comparisons(opened: OpenMap, map_fov_deg: float | None) -> tuple[_Comparison, _Comparison | None]:
+def _comparisons(opened: OpenMap) -> tuple[_Comparison, _Comparison | None]:
     """Return the usual comparison of photos, and the one by the method's network, if it has one."""
-    usual = _Comparison(opened, opened.choice.matcher, None, map_fov_deg)
+    usual = _Comparison(opened, opened.choice.matcher, None)
     network = opened.indexed.pair_matcher
     if network is None or opened.method != "thorough":
         return usual, None
-    return usual, _Comparison(opened, _with_network(opened), network, map_fov_deg)
+    return usual, _Comparison(opened, _with_network(opened), network)
 
 
 def _up_to_date(
@@ -242,16 +238,16 @@ def _with_extrinsics(opened: OpenMap, extrinsics: MapExtrinsics) -> OpenMap:
 
 def _describe(opened: OpenMap, *, trust: NDArray[np.float64] | None, partner: NDArray[np.int64]) -> MapPlaces:
     """Determine the kind of map and its place radius, unless the user states them."""
-    size, options = opened.map.satellite, opened.options
+    size, plan = opened.map.satellite, opened.plan
     places = describe_places(
         opened.indexed.position,
         trust=trust,
         size=(size.width, size.height),
-        kind=options.map_kind,
+        kind=plan.map_kind,
         partner=partner,
         groups=PhotoGroups(experiences_of(opened.indexed.ids), opened.indexed.floor),
     )
-    return replace(places, radius_px=options.right_within_px or places.radius_px)
+    return replace(places, radius_px=plan.right_within_px or places.radius_px)
 
 
 class _Known(NamedTuple):
@@ -274,7 +270,6 @@ class _Comparison:
     opened: OpenMap
     name: str
     matcher: PairMatcher | None
-    map_fov_deg: float | None
 
     @property
     def weights(self) -> str:
@@ -283,7 +278,7 @@ class _Comparison:
 
     @property
     def _key(self) -> str:
-        return f"{self.name} {self.map_fov_deg} {self.weights}".strip()
+        return f"{self.name} {self.opened.plan.map_fov_deg} {self.weights}".strip()
 
     @property
     def _files(self) -> tuple[Path, Path]:

@@ -15,16 +15,12 @@ from numpy.typing import NDArray
 from webapp.core.features.global_descriptor import GlobalDescriptor
 from webapp.core.geometry.equirectangular import ViewSize, cut_view, panorama_pixels, panorama_size, view_size
 from webapp.core.hypotheses.model import Answer, Evidence, FieldOfView, Hypothesis
-from webapp.core.mapmodel.panorama import FOCAL_35MM, experience_of
+from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS, experience_of
 from webapp.core.retrieval.fields_of_view import guessed_fov_deg
 from webapp.files.photos.panorama import find_panorama
 from webapp.files.photos.photo import GrayPhoto, PhotoFacts, read_facts, read_gray, read_upright, scaled_gray
 from webapp.settings import Settings
 from webapp.tasks.localize.open_map import OpenMap
-from webapp.tasks.maps.cut_panoramas import CutOptions
-
-_CUT = CutOptions()
-"""A query panorama is cut like those of a map."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +178,10 @@ def _views(path: Path, *, settings: Settings, describe: GlobalDescriptor | None)
     started = time.perf_counter()
     pixels = read_upright(path, limits=settings.photo)
     height, width = pixels.shape[:2]
-    size = view_size(width, _CUT.focal_35mm)
+    size = view_size(width, FOCAL_35MM)
     fov = FieldOfView(size.camera.fov_deg, "exif")
-    for number in range(_CUT.views):
-        turn_deg = 360.0 * number / _CUT.views
+    for number in range(VIEWS):
+        turn_deg = 360.0 * number / VIEWS
         cut, _ = cut_view(pixels, size, turn_deg=turn_deg)
         gray = np.asarray(cv2.cvtColor(cut, cv2.COLOR_BGR2GRAY), np.uint8)
         vector = None if describe is None else describe.describe(cut)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.errors import UsageError
 from webapp.tasks.localize.pipeline import LocalizationPipeline
 
-_ALL = 100
+ALL = 100
 """Maximum number of hypotheses before the hints are applied; large enough to keep all places in practice."""
 
 
@@ -44,19 +43,6 @@ class Hints:
     heading_deg: float | None = None
 
 
-def observe(pipeline: LocalizationPipeline, photo: Path, *, hints: Hints) -> Answer:
-    """Localize one of the photos by its content alone.
-
-    Raises
-    ------
-    PhotoError
-        It cannot be used.
-    UsageError
-        No photo of the map is in the circle.
-    """
-    return pipeline.observe(photo, top=_ALL, include=_within(pipeline, hints.near))
-
-
 def combine(
     pipeline: LocalizationPipeline, answers: Sequence[Answer], *, hints: Hints, top: int
 ) -> tuple[Answer, int]:
@@ -65,7 +51,7 @@ def combine(
     Parameters
     ----------
     answers : sequence of Answer
-        From `observe`, one per photo; at least one.
+        From `LocalizationPipeline.observe` with `top=ALL`, one per photo; at least one.
     top : int
         Maximum number of hypotheses.
 
@@ -86,7 +72,7 @@ def combine_without_prior(
 ) -> tuple[Answer, int]:
     """Combine all but the path prior on positions; a sequence has a prior of its own."""
     paths = pipeline.opened.indexed.paths
-    answer = joint.combine(answers, paths=paths, top=_ALL)
+    answer = joint.combine(answers, paths=paths, top=ALL)
     if hints.near is not None:
         answer = apply_circle_prior(answer, hints.near, paths=paths)
     if hints.heading_deg is not None:
@@ -122,8 +108,8 @@ def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:
     return turned
 
 
-def _within(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:
-    """Return the ids of the map's photos in the circle, or within a place radius of it.
+def photos_in(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:
+    """Return the ids of the map's photos in a circle, or within a place radius of it.
 
     Raises
     ------

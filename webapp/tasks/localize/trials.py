@@ -244,11 +244,9 @@ def _try(
     if without.all():
         return None
     started = time.perf_counter()
+    depths = {} if sightings is None else {"depths": DepthsExcluding(sightings, without)}
     found = find(
-        features,
-        fov_deg=float(indexed.fov_deg[photo]),
-        hide=indexed.ids[without].tolist(),
-        depths=None if sightings is None else DepthsExcluding(sightings, without),
+        features, fov_deg=float(indexed.fov_deg[photo]), hide=indexed.ids[without].tolist(), **depths
     )
     x, y = indexed.position[photo].tolist()
     strong = bool(found.places) and found.places[0].photos[0].inliers >= _STRONG_INLIERS

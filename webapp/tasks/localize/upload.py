@@ -11,7 +11,7 @@ from typing import Any
 
 from webapp.core.hypotheses.circle_prior import CirclePrior
 from webapp.core.hypotheses.jsonform import answer_to_json
-from webapp.core.hypotheses.model import Answer, Evidence
+from webapp.core.hypotheses.model import Evidence
 from webapp.errors import NotFound, UsageError
 from webapp.files.part_file import move_in, sha256_of, show_file_as
 from webapp.files.photos.photo import read_facts
@@ -20,8 +20,8 @@ from webapp.store import queries
 from webapp.store.library import Library
 from webapp.store.schema import MapRecord, QueryRecord
 from webapp.tasks.localize import sequence_state, show_query, spot
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice, OpenedMap
-from webapp.tasks.localize.pipeline import LocalizationPipeline
+from webapp.tasks.localize.map_cache import MapCache, OpenedMap
+from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.spot import Hints
 from webapp.tasks.maps.add_photo import suffix_of, tidy_name
 from webapp.threads import permit
@@ -67,7 +67,7 @@ class LocalizeRequest:
     """
 
     photos: tuple[UploadedPhoto, ...]
-    choice: MethodChoice = field(default_factory=MethodChoice)
+    options: OpenOptions = field(default_factory=OpenOptions)
     top: int = 5
     fov_deg: float | None = None
     near: CirclePrior | None = None
@@ -96,9 +96,7 @@ class LocalizeResult:
     opened: OpenedMap
 
 
-def localize_uploads(
-    map_cache: MapCache, map_id: int, *, request: LocalizeRequest, settings: Settings
-) -> LocalizeResult:
+def localize_uploads(cache: MapCache, map_id: int, *, request: LocalizeRequest) -> LocalizeResult:
     """Localize photos of one spot on a map of the library.
 
     Raises
@@ -116,12 +114,16 @@ def localize_uploads(
         raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
     for photo in request.photos:
         with show_file_as(photo.name, photo.path):
-            read_facts(photo.path, limits=settings.photo)
-    ready = map_cache.get(map_id, request.choice)
+            read_facts(photo.path, limits=cache.settings.photo)
+    ready = cache.get(map_id, request.options)
     pipeline = replace(ready.pipeline, fov_deg=request.fov_deg)
     hints = Hints(request.near, request.heading_deg)
     with permit(_THOROUGH if pipeline.method == "thorough" else _QUICK):
-        answers = [_observe(pipeline, photo, hints) for photo in request.photos]
+        include = spot.photos_in(pipeline, request.near)
+        answers = []
+        for photo in request.photos:
+            with show_file_as(photo.name, photo.path):
+                answers.append(pipeline.observe(photo.path, top=spot.ALL, include=include))
     if request.sequence is None:
         answer, best = spot.combine(pipeline, answers, hints=hints, top=request.top)
     else:
@@ -189,11 +191,6 @@ def store_result(
         move_in(photo.path, queries.folder(library, map_id) / row.file)
     show_query.delete_files(library, old)
     return row.id
-
-
-def _observe(pipeline: LocalizationPipeline, photo: UploadedPhoto, hints: Hints) -> Answer:
-    with show_file_as(photo.name, photo.path):
-        return spot.observe(pipeline, photo.path, hints=hints)
 
 
 def _options(request: LocalizeRequest) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from webapp.core.mapmodel.panorama import FOCAL_35MM, VIEWS
 from webapp.errors import PhotoError, UsageError
 from webapp.files.listing import list_photos
 from webapp.files.photos.exif_gps import Gps
-from webapp.files.photos.exif_write import CameraTags
-from webapp.files.photos.panorama import GREY, PanoramaTags, read_panorama, write_view
+from webapp.files.photos.exif_write import CameraTags, write_view
+from webapp.files.photos.panorama import GREY, PanoramaTags, read_panorama
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
 from webapp.progress import Progress
 from webapp.settings import PhotoLimits

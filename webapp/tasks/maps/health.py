@@ -19,8 +19,8 @@ from webapp.settings import Settings
 from webapp.tasks.evaluation import evaluate
 from webapp.tasks.evaluation.measure import with_hidden_photos
 from webapp.tasks.evaluation.types import EvaluateOptions
-from webapp.tasks.localize.open_map import OpenOptions
-from webapp.tasks.localize.pipeline import open_pipeline
+from webapp.tasks.localize.open_pipeline import open_pipeline
+from webapp.tasks.localize.plan import OpenOptions
 
 LIMIT = 200
 """Maximum number of photos used, evenly spread over the map."""

@@ -22,8 +22,8 @@ from webapp.files.atomic import write_bytes
 from webapp.files.decode import DAMAGED
 from webapp.files.listing import list_photos
 from webapp.files.photos.exif_gps import Gps
-from webapp.files.photos.exif_write import CameraTags
-from webapp.files.photos.panorama import MOST_MASKED, write_panorama
+from webapp.files.photos.exif_write import CameraTags, write_panorama
+from webapp.files.photos.panorama import MOST_MASKED
 from webapp.files.photos.photo import PhotoFacts, read_facts, read_file, read_upright
 from webapp.files.photos.rig import MountedCamera, photos_by_instant
 from webapp.progress import Progress

@@ -28,8 +28,9 @@ from webapp.store import queries
 from webapp.store.schema import MapRecord
 from webapp.tasks.localize import readiness, sequence_state, show_query, upload
 from webapp.tasks.localize.adopt_query import link_or_copy
-from webapp.tasks.localize.map_cache import MapCache, MethodChoice
-from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, LocalizeResult, UploadedPhoto
+from webapp.tasks.localize.map_cache import MapCache
+from webapp.tasks.localize.plan import OpenOptions
+from webapp.tasks.localize.upload import MAX_PHOTOS, LocalizeRequest, UploadedPhoto
 from webapp.tasks.maps import examples
 from webapp.tasks.maps.add_photo import tidy_name
 from webapp.tasks.maps.library_map import georeference
@@ -160,13 +161,14 @@ def localize(slug: str, *, given: dict[str, Any], sent: dict[str, str | None]) -
         known = queries.keyed(session, record, key=key, account_id=account().id)
     if known is not None:
         return {"id": known.id, **known.answer}
-    choice = _choice(given["method"], given["features"])
+    options = _options(given["method"], given["features"])
     files = [file for file in given["file"] if isinstance(file, FileStorage)]  # an empty field is not a file
     with received(record, files, again=given.get("query")) as photos:
         localize_request = replace(
-            _request(photos, choice, given), key=key, sequence=_sequence(record, given)
+            _request(photos, options, given), key=key, sequence=_sequence(record, given)
         )
-        result = answer(record, localize_request)
+        result = readiness.localize_or_build(map_cache(), record, request=localize_request)
+        metrics.count_answer(result.form["seconds"])
         id = None
         if given["keep"]:
             id = upload.store_result(
@@ -245,12 +247,12 @@ def received(
             discard(one.path)
 
 
-def _choice(method: Method, features: str) -> MethodChoice:
+def _options(method: Method, features: str) -> OpenOptions:
     """Return the requested method and features; raise UsageError if this server cannot use them together."""
     folder = settings().models
     here = usable_features(folder, method=method)
     if (choose(method).name if features == "auto" else features) in here:
-        return MethodChoice(method, features)
+        return OpenOptions(method, features)
     if features == "auto" or not here:
         hint = f"these work: {', '.join(usable_methods(folder))}"
         raise UsageError(f"this server has no models for method {method}", where="method", hint=hint)
@@ -262,7 +264,7 @@ def _choice(method: Method, features: str) -> MethodChoice:
 
 
 def _request(
-    photos: tuple[UploadedPhoto, ...], choice: MethodChoice, given: dict[str, Any]
+    photos: tuple[UploadedPhoto, ...], options: OpenOptions, given: dict[str, Any]
 ) -> LocalizeRequest:
     x, y, radius = (given.get(f"hint_{part}_px") for part in ("x", "y", "radius"))
     near = None
@@ -274,7 +276,7 @@ def _request(
         )
     return LocalizeRequest(
         photos,
-        choice,
+        options,
         top=given["top"],
         fov_deg=given.get("fov"),
         near=near,
@@ -287,12 +289,3 @@ def _sequence(record: MapRecord, given: dict[str, Any]) -> Path | None:
     if id is None:
         return None
     return sequence_state.state_file(library(), account_id=account().id, map_id=record.id, id=id)
-
-
-def answer(record: MapRecord, localize_request: LocalizeRequest) -> LocalizeResult:
-    """Localize photos on a map, with this process's cache of open maps; see `localize_or_build`."""
-    result = readiness.localize_or_build(
-        library(), record, cache=map_cache(), request=localize_request, settings=settings()
-    )
-    metrics.count_answer(result.form["seconds"])
-    return result

@@ -16,7 +16,7 @@ from webapp.store.list_parts import ListPart, is_cursor
 from webapp.store.maps import maps
 from webapp.store.maps.maps import Role
 from webapp.store.schema import Account, MapRecord
-from webapp.tasks.localize.geometry import has_landmarks
+from webapp.tasks.localize.index_location import has_landmarks
 from webapp.web import errors
 from webapp.web.context import account, library, open_map, reading_map
 from webapp.web.lists import MOST_SEARCHED, split, wanted_part

@@ -220,9 +220,7 @@ def localize(token: str, given: dict[str, FileStorage]) -> dict[str, Any]:
     _count_visit(opened)
     with visitors_limit.slot(), received(opened.map, [given["file"]], again=None) as photos:
         try:
-            result = upload.localize_uploads(
-                map_cache(), opened.map.id, request=LocalizeRequest(photos), settings=settings()
-            )
+            result = upload.localize_uploads(map_cache(), opened.map.id, request=LocalizeRequest(photos))
         except (NotReady, IndexDamaged) as error:
             raise NotReady(
                 "photos cannot be localized on this map yet", hint="come back in a few minutes"

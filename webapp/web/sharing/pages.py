@@ -7,7 +7,7 @@ from flask import Blueprint, render_template
 from webapp.errors import NotFound
 from webapp.store import sharing
 from webapp.store.sharing import OpenedShare
-from webapp.tasks.localize.geometry import has_landmarks
+from webapp.tasks.localize.index_location import has_landmarks
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
 from webapp.web.context import library, public
