@@ -9,6 +9,7 @@ from webapp import errors
 from webapp.cli import options
 from webapp.cli.exitcodes import exit_code
 from webapp.configuration import CONFIG, settings_table
+from webapp.core.features.table import BUNDLES, EXTRACTORS
 from webapp.web.localize.api_localize import QuestionIn
 
 SHARED = "Options that `build`, `localize` and `evaluate` share"
@@ -86,6 +87,15 @@ def test_defaults_are_reported(commands, chapters):
         for option in command.params:
             if isinstance(option, click.Option) and option.show_default is True:
                 assert f"(default: {option.default})" in table[spelled(option, command)], option.opts
+
+
+def test_all_features_and_their_models_are_explained(project):
+    documented = {
+        row[0].strip("`") for row in rows((project / "docs" / "features.md").read_text("utf-8"), "name")
+    }
+    models = [m for entry in EXTRACTORS.values() for m in (entry.model, entry.pair_matcher) if m is not None]
+    supplied = {model.files[0].name for model in models if not model.files[0].published}
+    assert documented == {*BUNDLES} | supplied
 
 
 def test_every_setting_is_explained_with_its_variable(project):

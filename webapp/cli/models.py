@@ -10,7 +10,8 @@ import click
 
 from webapp.cli.progressbar import terminal_progress
 from webapp.configuration import load_settings
-from webapp.files.localize.models import MODELS, ModelFile, install_hint, models_folder
+from webapp.core.features.entry import ModelFile
+from webapp.files.localize.models import MODELS, install_hint, models_folder
 from webapp.tasks.operate import models as task
 
 

@@ -7,22 +7,16 @@ import pytest
 from webapp.core.features.table import BUNDLES, DETECTORS, EXTRACTORS, MATCHERS, Method, choose
 from webapp.errors import UsageError
 
-FITTING = {
-    "sift": {"flann", "l1", "l2", "ivf", "vlad"},
-    "sift-plain": {"flann", "l1", "l2", "ivf", "vlad"},
-    "surf": {"flann", "l1", "l2", "ivf", "vlad"},
-    "xfeat": {"flann", "l1", "l2", "ivf", "vlad"},
-    "aliked": {"flann", "l1", "l2", "ivf", "vlad"},
-    "disk": {"flann", "l1", "l2", "ivf", "vlad"},
-    "orb": {"flann", "hamming", "hamming2", "ivf"},
-    "orb-wta4": {"hamming2"},
-}
+BY_KIND = {"float": {"flann", "l1", "l2", "ivf", "vlad"}, "binary": {"flann", "hamming", "hamming2", "ivf"}}
+FITTING = {name: BY_KIND[entry.make().kind] for name, entry in EXTRACTORS.items()}
+FITTING["orb-wta4"] = {"hamming2"}
 
-LEARNED = {"xfeat", "aliked", "disk"}
+LEARNED = {name for name, entry in EXTRACTORS.items() if entry.model}
+MATCHED = [name for name, entry in EXTRACTORS.items() if entry.pair_matcher]
 
 
 def goes_with(detector: str, extractor: str) -> bool:
-    alone = extractor in ("aliked", "disk") or {detector, extractor} <= LEARNED
+    alone = EXTRACTORS[extractor].own_keypoints or {detector, extractor} <= LEARNED
     return detector == extractor or not alone
 
 
@@ -119,7 +113,9 @@ def test_what_needs_a_model_and_what_has_no_orientation():
     assert needs == {name: name if name in LEARNED else None for name in BUNDLES}
     assert choose("verified", detector="xfeat", extractor="sift").model == "xfeat"
     assert choose("verified", detector="disk", extractor="orb").model == "disk"
-    assert {name for name in BUNDLES if not choose("verified", features=name).oriented} == LEARNED
+    oriented = {name: choose("verified", features=name).oriented for name in BUNDLES}
+    assert all(oriented[name] for name in ("sift", "sift-plain", "surf", "orb"))
+    assert not any(oriented[name] for name in ("xfeat", "aliked", "disk"))
     assert choose("verified", detector="sift", extractor="xfeat").oriented
 
 
@@ -137,9 +133,7 @@ def test_what_describes_its_own_keypoints_only_and_two_models_are_refused(detect
 
 
 def test_descriptors_of_learned_features_have_their_width():
-    assert {name: choose("vote", features=name).width for name in LEARNED} == {
-        "xfeat": 64, "aliked": 128, "disk": 128
-    }  # fmt: skip
+    assert [choose("vote", features=name).width for name in ("xfeat", "aliked", "disk")] == [64, 128, 128]
 
 
 def test_thorough_takes_features_that_a_network_matches():
@@ -147,12 +141,12 @@ def test_thorough_takes_features_that_a_network_matches():
     assert choose("thorough", features="aliked", matcher="vlad").matcher == "vlad"
 
 
-@pytest.mark.parametrize("features", sorted(BUNDLES.keys() - {"xfeat", "aliked"}))
+@pytest.mark.parametrize("features", sorted(BUNDLES.keys() - {*MATCHED}))
 def test_thorough_refuses_others_and_says_which_do(features):
     with pytest.raises(UsageError, match="thorough") as refused:
         choose("thorough", features=features)
     assert refused.value.where == "--features"
-    assert refused.value.hint == "use --features xfeat or aliked"
+    assert refused.value.hint == f"use --features {' or '.join(MATCHED)}"
 
 
 def test_thorough_refuses_features_of_two_kinds():

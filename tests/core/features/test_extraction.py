@@ -45,7 +45,7 @@ def test_shapes_types_and_order(scene, detector, extractor):
     assert found.xy.shape == (n, 2)
     assert found.xy.dtype == found.size.dtype == found.angle.dtype == np.float32
     assert found.size.shape == found.angle.shape == (n,)
-    assert found.descriptors.shape == (n, EXTRACTORS[extractor]().width)
+    assert found.descriptors.shape == (n, EXTRACTORS[extractor].make().width)
     assert found.descriptors.dtype == np.uint8
     assert found.photo_size == (640, 480)
     assert (found.xy >= -0.5).all()
@@ -75,7 +75,7 @@ def test_a_photo_without_texture_has_no_features(detector, extractor, shape):
     found = of(detector, extractor, gray=np.full(shape, 127, np.uint8))
     assert len(found) == 0
     assert found.xy.shape == (0, 2)
-    assert found.descriptors.shape == (0, EXTRACTORS[extractor]().width)
+    assert found.descriptors.shape == (0, EXTRACTORS[extractor].make().width)
     assert found.photo_size == shape[::-1]
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from tests.standin_models import TABLE, brighter, brightest, glue
 from webapp.core.features.extract import extract
-from webapp.core.features.keypoint_networks import Aliked, AlikedNetwork, Disk, DiskNetwork
-from webapp.core.features.table import choose
+from webapp.core.features.table import EXTRACTORS, choose
 from webapp.core.features.types import unit_as_bytes
 from webapp.errors import InputError, MissingPart, UsageError
 from webapp.threads import in_threads
@@ -23,7 +22,7 @@ def opened():
     """Make a network of a stand-in."""
 
     def make(kind, model):
-        return {"aliked": AlikedNetwork, "disk": DiskNetwork}[kind](model, f"{kind}.onnx")
+        return EXTRACTORS[kind].model.load(model, f"{kind}.onnx")
 
     return make
 
@@ -166,10 +165,10 @@ def test_a_batch_of_one_changes_nothing(opened):
     assert np.array_equal(one.descriptors, other.descriptors)
 
 
-@pytest.mark.parametrize(("kind", "made"), [("aliked", Aliked), ("disk", Disk)])
-def test_only_its_own_keypoints_are_described(opened, kind, made):
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_its_own_keypoints_are_described(opened, kind):
     gray = dotted((64, 128))
-    network = opened(kind, brightest(kind))
+    network, made = opened(kind, brightest(kind)), EXTRACTORS[kind].make
     with pytest.raises(UsageError, match="only its own keypoints"):
         made(network).describe(gray, made(network).detect(gray, 5))
     with pytest.raises(MissingPart, match="expmap models list"):

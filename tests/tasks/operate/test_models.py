@@ -8,12 +8,12 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from tests.standin_models import brightest, glue
+from webapp.core.features.entry import ModelFile
 from webapp.core.features.lightglue import LightGlue
 from webapp.core.features.table import choose
 from webapp.errors import InputError, MissingPart, NotFound, UsageError
 from webapp.files.localize import models as files
 from webapp.files.localize.index_store import index_key
-from webapp.files.localize.models import ModelFile
 from webapp.progress import Progress
 from webapp.settings import Settings
 from webapp.tasks.operate import models as task

@@ -6,14 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.features.keypoint_networks import Aliked, AlikedNetwork, Disk, DiskNetwork
-from webapp.core.features.table import DETECTORS, EXTRACTORS, FeatureChoice
-from webapp.core.features.types import Detector, Extractor, Features, features_from_keypoints
-from webapp.core.features.xfeat import XFeat
-from webapp.core.features.xfeatnet import XFeatNetwork
-
-FeatureNetwork = XFeatNetwork | AlikedNetwork | DiskNetwork
-"""A network that extracts features, with its weights."""
+from webapp.core.features.table import EXTRACTORS, FeatureChoice
+from webapp.core.features.types import Extractor, Features, features_from_keypoints
 
 _UPSAMPLED_SIDE_PX, _MAX_FACTOR = 640, 4.0
 """XFeat has one scale and cells of 8 pixels: its keypoints are too few and too coarse in small photos. These
@@ -28,7 +22,7 @@ def extract(
     keypoints: int,
     scale: float = 1.0,
     photo_size: tuple[int, int] | None = None,
-    network: FeatureNetwork | None = None,
+    network: object | None = None,
 ) -> Features:
     """Detect and describe keypoints.
 
@@ -42,8 +36,8 @@ def extract(
         Size of `gray` over size of the photo.
     photo_size : (int, int), optional
         Width and height of the photo at full size; by default of `gray`.
-    network : XFeatNetwork, AlikedNetwork or DiskNetwork, optional
-        Network of `choice.model`, if that is not None.
+    network : object, optional
+        Network of `choice.model`, opened, if that is not None.
 
     Returns
     -------
@@ -58,20 +52,15 @@ def extract(
         The network is from a file supplied by the user, and onnxruntime cannot run it.
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
-    if choice.model == "xfeat" and scale >= 1.0:
+    if choice.model is not None and EXTRACTORS[choice.model].enlarges_small and scale >= 1.0:
         gray, enlarged = _upsample_small(gray)
         scale *= enlarged
-    learned = _wrap(network) if network is not None and choice.model else None
-    extractor: Extractor = (
-        learned if learned and choice.extractor == choice.model else EXTRACTORS[choice.extractor]()
-    )
-    if choice.detector == choice.extractor.split("-")[0]:
+    extractor = _made(choice.extractor, network)
+    if choice.detector == EXTRACTORS[choice.extractor].detector:
         found, descriptors = extractor.detect_and_describe(gray, keypoints)
     else:
-        detector: Detector = (
-            learned if learned and choice.detector == choice.model else DETECTORS[choice.detector]()
-        )
-        found, descriptors = extractor.describe(gray, detector.detect(gray, keypoints))
+        detected = _made(choice.detector, network).detect(gray, keypoints)
+        found, descriptors = extractor.describe(gray, detected)
     return features_from_keypoints(found, descriptors, scale=scale, photo_size=size)
 
 
@@ -84,11 +73,6 @@ def _upsample_small(gray: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], float]:
     return np.asarray(large, np.uint8), factor
 
 
-def _wrap(network: FeatureNetwork) -> XFeat | Aliked | Disk:
-    match network:
-        case XFeatNetwork():
-            return XFeat(network)
-        case AlikedNetwork():
-            return Aliked(network)
-        case DiskNetwork():
-            return Disk(network)
+def _made(name: str, network: object | None) -> Extractor:
+    entry = EXTRACTORS[name]
+    return entry.make() if entry.model is None or network is None else entry.make(network)

@@ -8,18 +8,18 @@ user supplies.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.entry import FeatureEntry, ModelEntry, supplied_file
+from webapp.core.features.lightglue import LIGHTGLUE, LightGlue
 from webapp.core.features.network import Interface, Network
 from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind, strongest, unit_as_bytes
 from webapp.errors import MissingPart, UsageError
-
-WIDTH = 128
-"""Dimension of a descriptor."""
 
 
 class Points(NamedTuple):
@@ -30,7 +30,7 @@ class Points(NamedTuple):
     xy : (n, 2) float32
         Pixels; pixel centres have whole numbers.
     score : (n,) float32
-    descriptors : (n, 128) float32
+    descriptors : (n, width) float32
     """
 
     xy: NDArray[np.float32]
@@ -45,12 +45,16 @@ class KeypointNetwork:
     ----------
     model : bytes
         Content of an ONNX file with the input `image` (1, 3, h, w), RGB from 0 to 1, and the outputs
-        `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, 128), with or without a batch of one.
+        `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, width), with or without a batch of one.
     file : str
         Name of the file, for messages.
 
     Attributes
     ----------
+    name : str
+        Of the network, for messages.
+    width : int
+        Dimension of a descriptor.
     sides : (int or None, int or None)
         Width and height of its input images; None if any multiple of `multiple` is possible.
 
@@ -63,6 +67,7 @@ class KeypointNetwork:
     """
 
     name = ""
+    width = 128
     multiple = 1
 
     def __init__(self, model: bytes, file: str) -> None:
@@ -84,10 +89,10 @@ class KeypointNetwork:
         gray = image.astype(np.float32) / np.float32(255.0)
         xy, score, descriptors = self._network.run(image=np.broadcast_to(gray, (1, 3, *gray.shape)))
         n = score.size
-        if xy.size != 2 * n or descriptors.size != WIDTH * n:
+        if xy.size != 2 * n or descriptors.size != self.width * n:
             raise self._network.error()
         pixels = self._in_pixels(xy.reshape(n, 2).astype(np.float32), image.shape)
-        return Points(pixels, score.reshape(n), descriptors.reshape(n, WIDTH))
+        return Points(pixels, score.reshape(n), descriptors.reshape(n, self.width))
 
     def _in_pixels(self, xy: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
         return xy
@@ -117,17 +122,17 @@ class NetworkFeatures:
 
     Parameters
     ----------
+    of : type
+        Class of the network.
     network : KeypointNetwork, optional
         Required for detection.
     """
 
     kind: Kind = "float"
-    width = WIDTH
     oriented = False
-    name = ""
-    """Name of the features."""
 
-    def __init__(self, network: KeypointNetwork | None = None) -> None:
+    def __init__(self, of: type[KeypointNetwork], network: KeypointNetwork | None = None) -> None:
+        self.name, self.width = of.name, of.width
         self._network = network
 
     def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
@@ -135,7 +140,7 @@ class NetworkFeatures:
         return self.detect_and_describe(gray, keypoints)[0]
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
-        """Detect and describe the `keypoints` best keypoints; descriptors (n, 128) uint8."""
+        """Detect and describe the `keypoints` best keypoints; descriptors (n, width) uint8."""
         if self._network is None:
             raise MissingPart(f"the model for {self.name} is not installed", hint="see expmap models list")
         if cv2.meanStdDev(gray)[1].item() < LEAST_CONTRAST:
@@ -181,13 +186,26 @@ def _letterbox(
     return whole, shown
 
 
-class Aliked(NetworkFeatures):
-    """Detector and extractor of ALIKED."""
+def _entry(
+    name: str, network: type[KeypointNetwork], *, source: str, pair_matcher: ModelEntry | None = None
+) -> FeatureEntry:
+    model = ModelEntry(name, (supplied_file(f"{name}.onnx", source),), network)
+    make = partial(NetworkFeatures, network)
+    return FeatureEntry(name, make, model=model, pair_matcher=pair_matcher, own_keypoints=True)
 
-    name = "ALIKED"
 
+_ALIKED_LIGHTGLUE = ModelEntry(
+    "aliked-lightglue",
+    (supplied_file("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
+    lambda model, file: LightGlue(model, LIGHTGLUE, file=file),
+)
 
-class Disk(NetworkFeatures):
-    """Detector and extractor of DISK."""
-
-    name = "DISK"
+ENTRIES = (
+    _entry(
+        "aliked",
+        AlikedNetwork,
+        source="ALIKED of github.com/Shiaoming/ALIKED",
+        pair_matcher=_ALIKED_LIGHTGLUE,
+    ),
+    _entry("disk", DiskNetwork, source="DISK of github.com/cvlab-epfl/disk"),
+)

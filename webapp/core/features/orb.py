@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.entry import FeatureEntry
 from webapp.core.features.types import Described, Kind, strongest
 
 _SCALE_FACTOR = 1.2
@@ -109,3 +111,9 @@ def _in_orb_level(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
     octave = int(np.clip(level, 0, _LEVELS - 1))
     x, y = keypoint.pt
     return cv2.KeyPoint(x, y, keypoint.size, angle, keypoint.response, octave)
+
+
+ENTRIES = (
+    FeatureEntry("orb", Orb),
+    FeatureEntry("orb-wta4", partial(Orb, points_per_test=4), pairs_of_bits=True),
+)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.entry import FeatureEntry
 from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, strongest
 
 _BASE_SIGMA = 1.6
@@ -94,3 +96,9 @@ def _in_sift_octave(keypoint: cv2.KeyPoint) -> cv2.KeyPoint:
     packed = (octave & 255) | (layer << 8)
     x, y = keypoint.pt
     return cv2.KeyPoint(x, y, size, angle, keypoint.response, packed)
+
+
+ENTRIES = (
+    FeatureEntry("sift", Sift, other_names=("rootsift",)),
+    FeatureEntry("sift-plain", partial(Sift, root=False)),
+)

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.entry import FeatureEntry
 from webapp.core.features.types import Described, Kind, detect_with_fallback_threshold, unit_as_bytes
 
 _SIZE_OF_SCALE = 9.0 / 1.2
@@ -314,3 +315,6 @@ def _at(cut: NDArray[np.float64], side: dict[int, int]) -> NDArray[np.float64]:
     layer, row, column = (side.get(axis, 1) for axis in range(3))
     taken: NDArray[np.float64] = cut[:, layer, row, column]
     return taken
+
+
+ENTRIES = (FeatureEntry("surf", Surf),)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from webapp.core.features.keypoint_networks import Aliked, Disk
-from webapp.core.features.orb import Orb
-from webapp.core.features.sift import Sift
-from webapp.core.features.surf import Surf
-from webapp.core.features.types import Detector, Engine, Extractor, Kind
-from webapp.core.features.xfeat import XFeat
+from webapp.core.features import keypoint_networks, orb, sift, surf, xfeat
+from webapp.core.features.entry import FeatureEntry
+from webapp.core.features.types import Engine, Kind
 from webapp.errors import UsageError
 
 Method = Literal["auto", "vote", "verified", "thorough", "landmarks"]
@@ -21,37 +18,22 @@ METHODS: tuple[Method, ...] = ("auto", "vote", "verified", "thorough", "landmark
 
 _VERIFY: tuple[Method, ...] = ("auto", "verified", "thorough", "landmarks")
 
-PAIR_MATCHERS = {"xfeat": "lighterglue", "aliked": "aliked-lightglue"}
-"""Features of method `thorough`, and the models that match them; the default first."""
-
 LANDMARK_FEATURES = "sift"
 """Features of the points of a reconstruction, and hence of the query in method `landmarks`."""
 
-DETECTORS: dict[str, Callable[[], Detector]] = {
-    "sift": Sift,
-    "surf": Surf,
-    "orb": Orb,
-    "xfeat": XFeat,
-    "aliked": Aliked,
-    "disk": Disk,
+EXTRACTORS: dict[str, FeatureEntry] = {
+    entry.name: entry
+    for entry in (*sift.ENTRIES, *surf.ENTRIES, *orb.ENTRIES, *xfeat.ENTRIES, *keypoint_networks.ENTRIES)
 }
+"""By name; the first is the default."""
 
-EXTRACTORS: dict[str, Callable[[], Extractor]] = {
-    "sift": Sift,
-    "sift-plain": lambda: Sift(root=False),
-    "surf": Surf,
-    "orb": Orb,
-    "orb-wta4": lambda: Orb(points_per_test=4),
-    "xfeat": XFeat,
-    "aliked": Aliked,
-    "disk": Disk,
-}
+DETECTORS = {name: entry for name, entry in EXTRACTORS.items() if entry.detector == name}
 
-_LEARNED = ("xfeat", "aliked", "disk")
-"""Features that need a model of the same name."""
+BUNDLES = {name: (entry.detector, name) for name, entry in EXTRACTORS.items() if not entry.pairs_of_bits}
+"""`--features NAME`: detector and extractor; the matcher follows from the method."""
 
-_OWN_KEYPOINTS = frozenset({"aliked", "disk"})
-"""Extractors that describe only their own keypoints."""
+PAIR_MATCHERS = {name: e.pair_matcher.name for name, e in EXTRACTORS.items() if e.pair_matcher is not None}
+"""Features of method `thorough`, and the models that match them; the default first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,28 +66,11 @@ _OTHER_NAMES = {
     "bruteforcel2": "l2",
     "bruteforcehamming": "hamming",
     "bruteforcehamming2": "hamming2",
-    "rootsift": "sift",
+    **{other: name for name, entry in EXTRACTORS.items() for other in entry.other_names},
 }
-
-BUNDLES: dict[str, tuple[str, str]] = {
-    "sift": ("sift", "sift"),
-    "sift-plain": ("sift", "sift-plain"),
-    "surf": ("surf", "surf"),
-    "orb": ("orb", "orb"),
-    "xfeat": ("xfeat", "xfeat"),
-    "aliked": ("aliked", "aliked"),
-    "disk": ("disk", "disk"),
-}
-"""`--features NAME`: detector and extractor; the matcher follows from the method."""
 
 _DEFAULT_MATCHERS = ("ivf", "hamming", "flann", "hamming2")
 """The default matcher is the first of these that fits extractor and method."""
-
-_PAIRS_OF_BITS = frozenset({"orb-wta4"})
-"""Extractors whose descriptors only Hamming2 can compare."""
-
-BEST_FIRST = ("sift",)
-"""`auto` takes the first of these that is available."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +101,7 @@ class FeatureChoice:
     @property
     def kind(self) -> Kind:
         """How the descriptors are compared."""
-        return EXTRACTORS[self.extractor]().kind
+        return EXTRACTORS[self.extractor].make().kind
 
     @property
     def engine(self) -> Engine | None:
@@ -148,17 +113,17 @@ class FeatureChoice:
     @property
     def width(self) -> int:
         """Bytes of a descriptor."""
-        return EXTRACTORS[self.extractor]().width
+        return EXTRACTORS[self.extractor].make().width
 
     @property
     def oriented(self) -> bool:
         """Whether keypoints have an orientation; otherwise all their angles are 0."""
-        return DETECTORS[self.detector]().oriented
+        return EXTRACTORS[self.detector].make().oriented
 
     @property
     def model(self) -> str | None:
         """Name of the model whose weights are needed; None if no model is."""
-        return next((name for name in _LEARNED if name in (self.detector, self.extractor)), None)
+        return next((name for name in (self.detector, self.extractor) if EXTRACTORS[name].model), None)
 
 
 def choose(
@@ -191,7 +156,7 @@ def choose(
     if detector and not extractor and bundle == "auto" and chosen_detector in EXTRACTORS:
         chosen_extractor = chosen_detector
     if extractor and not detector and bundle == "auto":
-        chosen_detector = chosen_extractor.split("-")[0]
+        chosen_detector = EXTRACTORS[chosen_extractor].detector
     default = next(m for m in _DEFAULT_MATCHERS if _fits(m, chosen_extractor, method))
     chosen_matcher = _known(matcher, MATCHERS, "matcher") if matcher else default
     if chosen_matcher == "hamming2" and chosen_extractor == "orb":
@@ -203,24 +168,24 @@ def choose(
 
 
 def _best(method: Method) -> str:
-    return next(iter(PAIR_MATCHERS)) if method == "thorough" else BEST_FIRST[0]
+    return next(iter(PAIR_MATCHERS if method == "thorough" else EXTRACTORS))
 
 
 def _fits(matcher: str, extractor: str, method: Method) -> bool:
     entry = MATCHERS[matcher]
-    if extractor in _PAIRS_OF_BITS and matcher != "hamming2":
+    if EXTRACTORS[extractor].pairs_of_bits and matcher != "hamming2":
         return False
-    return EXTRACTORS[extractor]().kind in entry.kinds and method in entry.methods
+    return EXTRACTORS[extractor].make().kind in entry.kinds and method in entry.methods
 
 
 def _reject_foreign_keypoints(choice: FeatureChoice) -> None:
     detector, extractor = choice.detector, choice.extractor
     if detector == extractor:
         return
-    if extractor in _OWN_KEYPOINTS:
+    if EXTRACTORS[extractor].own_keypoints:
         message = f"{extractor} describes only its own keypoints, not those of {detector}"
         raise UsageError(message, where="--extractor", hint=f"use --features {extractor}")
-    if detector in _LEARNED and extractor in _LEARNED:
+    if EXTRACTORS[detector].model and EXTRACTORS[extractor].model:
         message = f"{detector} and {extractor} need different models; only one can be used"
         hint = f"use --features {detector} or --features {extractor}"
         raise UsageError(message, where="--extractor", hint=hint)

@@ -1,4 +1,4 @@
-"""Features of one photo, and the interfaces of detectors and extractors."""
+"""Features of one photo, and the interface of extractors."""
 
 from __future__ import annotations
 
@@ -70,31 +70,26 @@ Described = tuple[Sequence[cv2.KeyPoint], NDArray[np.uint8]]
 """n keypoints and their (n, width) uint8 descriptors."""
 
 
-class Detector(Protocol):
-    """Detects keypoints."""
-
-    oriented: bool
-    """Whether keypoints have an orientation; otherwise their angle is always 0."""
-
-    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
-        """Detect at most `keypoints` keypoints in an (h, w) uint8 image, to be described by an extractor.
-
-        Their size is that of the patch that the detector's own extractor would describe.
-        """
-
-
 class Extractor(Protocol):
-    """Describes keypoints, its own or another detector's."""
+    """Detects keypoints, and describes its own or another extractor's."""
 
     kind: Kind
     width: int
     """Bytes of one descriptor."""
+    oriented: bool
+    """Whether keypoints have an orientation; otherwise their angle is always 0."""
+
+    def detect(self, gray: NDArray[np.uint8], keypoints: int) -> Sequence[cv2.KeyPoint]:
+        """Detect at most `keypoints` keypoints in an (h, w) uint8 image, for another extractor.
+
+        Their size is that of the patch that this extractor would describe.
+        """
 
     def detect_and_describe(self, gray: NDArray[np.uint8], keypoints: int) -> Described:
         """Detect and describe at most `keypoints` own keypoints in an (h, w) uint8 image, strongest first."""
 
     def describe(self, gray: NDArray[np.uint8], keypoints: Sequence[cv2.KeyPoint]) -> Described:
-        """Describe another detector's keypoints; those that cannot be described are left out."""
+        """Describe another extractor's keypoints; those that cannot be described are left out."""
 
 
 def features_from_keypoints(

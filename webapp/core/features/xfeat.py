@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from webapp.core.features.entry import FeatureEntry, ModelEntry, ModelFile
+from webapp.core.features.lightglue import LIGHTERGLUE, LightGlue
 from webapp.core.features.types import LEAST_CONTRAST, ONE_SIZE, Described, Kind, unit_as_bytes
 from webapp.core.features.xfeatnet import CELL, MULTIPLE, Maps, XFeatNetwork
 from webapp.errors import MissingPart
@@ -128,3 +130,48 @@ def _as_keypoints(xy: NDArray[np.float32], score: NDArray[np.float32]) -> list[c
     return [
         cv2.KeyPoint(x, y, ONE_SIZE, 0.0, s) for (x, y), s in zip(xy.tolist(), score.tolist(), strict=True)
     ]
+
+
+_SOURCE = "XFeat of github.com/verlab/accelerated_features, as exported in github.com/meyiao/xfeatc"
+
+_XFEAT = ModelEntry(
+    "xfeat",
+    (
+        ModelFile(
+            name="xfeat_800x576.onnx",
+            bytes=4_106_753,
+            sha256="26c77ad51d6bdbc4b9d172344a1d84e9bb6dddf6e5704815bfb21c39a586c270",
+            licence="Apache-2.0",
+            source=_SOURCE,
+            address="https://raw.githubusercontent.com/meyiao/xfeatc/"
+            "230ee93c5a8514216dcdc8c64f9de606b681dfb2/model/xfeat_800x576.onnx",
+        ),
+        ModelFile(
+            name="xfeat_640x640.onnx",
+            bytes=4_016_395,
+            sha256="55a50801d21564c3cf5e3afe1d360dbbe8390ab3ca2c167f08d4d476504ac473",
+            licence="Apache-2.0",
+            source=_SOURCE,
+            address="",
+        ),
+    ),
+    lambda model, _file: XFeatNetwork(model),
+)
+
+_LIGHTERGLUE = ModelEntry(
+    "lighterglue",
+    (
+        ModelFile(
+            name="lighterglue_L3.onnx",
+            bytes=2_349_183,
+            sha256="a721f366f54b20328fa98c799cc31478edb1c31f0c941528df3d363c3753760d",
+            licence="Apache-2.0",
+            source="LighterGlue of github.com/verlab/accelerated_features, exported with 3 layers by the "
+            "program of github.com/noahzhy/xfeat_lightglue_onnx",
+            address="",
+        ),
+    ),
+    lambda model, file: LightGlue(model, LIGHTERGLUE, file=file),
+)
+
+ENTRIES = (FeatureEntry("xfeat", XFeat, model=_XFEAT, pair_matcher=_LIGHTERGLUE, enlarges_small=True),)

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
-from webapp.core.features.extract import FeatureNetwork
-from webapp.core.features.keypoint_networks import AlikedNetwork, DiskNetwork
-from webapp.core.features.lightglue import LIGHTERGLUE, LIGHTGLUE, LightGlue, PairMatcher
+from webapp.core.features.entry import ModelFile, supplied_file
+from webapp.core.features.lightglue import PairMatcher
 from webapp.core.features.table import (
     BUNDLES,
+    EXTRACTORS,
     LANDMARK_FEATURES,
     METHODS,
     PAIR_MATCHERS,
@@ -26,7 +26,6 @@ from webapp.core.features.table import (
     Method,
     choose,
 )
-from webapp.core.features.xfeatnet import XFeatNetwork
 from webapp.errors import InputError, MissingPart, UsageError
 from webapp.extras import is_installed
 from webapp.files.atomic import read_bytes
@@ -37,74 +36,10 @@ _MOST_BYTES = 2**31 - 1
 _FETCH = "run expmap models fetch"
 
 
-@dataclass(frozen=True, slots=True)
-class ModelFile:
-    """A file with weights.
+_NETWORKS = {e.model.name: e.model for e in EXTRACTORS.values() if e.model}
+_MATCHERS = {e.pair_matcher.name: e.pair_matcher for e in EXTRACTORS.values() if e.pair_matcher}
 
-    Attributes
-    ----------
-    name : str
-        File name.
-    bytes : int
-        Size; 0 for a file that the user supplies.
-    sha256 : str
-        Empty for a file that the user supplies: any file of this name is accepted.
-    source : str
-        Origin, in words.
-    address : str
-        URL to fetch it from; empty for a file that can only be copied from a folder.
-    """
-
-    name: str
-    bytes: int
-    sha256: str
-    licence: str
-    source: str
-    address: str
-
-    @property
-    def published(self) -> bool:
-        """Whether it is a specific file; otherwise the user supplies it."""
-        return bool(self.sha256)
-
-
-def _own(name: str, source: str) -> ModelFile:
-    return ModelFile(name, bytes=0, sha256="", licence="", source=source, address="")
-
-
-_XFEAT_SOURCE = "XFeat of github.com/verlab/accelerated_features, as exported in github.com/meyiao/xfeatc"
-
-MODELS: dict[str, tuple[ModelFile, ...]] = {
-    "xfeat": (
-        ModelFile(
-            name="xfeat_800x576.onnx",
-            bytes=4_106_753,
-            sha256="26c77ad51d6bdbc4b9d172344a1d84e9bb6dddf6e5704815bfb21c39a586c270",
-            licence="Apache-2.0",
-            source=_XFEAT_SOURCE,
-            address="https://raw.githubusercontent.com/meyiao/xfeatc/"
-            "230ee93c5a8514216dcdc8c64f9de606b681dfb2/model/xfeat_800x576.onnx",
-        ),
-        ModelFile(
-            name="xfeat_640x640.onnx",
-            bytes=4_016_395,
-            sha256="55a50801d21564c3cf5e3afe1d360dbbe8390ab3ca2c167f08d4d476504ac473",
-            licence="Apache-2.0",
-            source=_XFEAT_SOURCE,
-            address="",
-        ),
-    ),
-    "lighterglue": (
-        ModelFile(
-            name="lighterglue_L3.onnx",
-            bytes=2_349_183,
-            sha256="a721f366f54b20328fa98c799cc31478edb1c31f0c941528df3d363c3753760d",
-            licence="Apache-2.0",
-            source="LighterGlue of github.com/verlab/accelerated_features, exported with 3 layers by the "
-            "program of github.com/noahzhy/xfeat_lightglue_onnx",
-            address="",
-        ),
-    ),
+_OTHERS: dict[str, tuple[ModelFile, ...]] = {
     "faces": (
         ModelFile(
             name="face_detection_yunet_2023mar.onnx",
@@ -128,12 +63,13 @@ MODELS: dict[str, tuple[ModelFile, ...]] = {
             "license_plate_detection_lpd_yunet_2023mar.onnx",
         ),
     ),
-    "aliked": (_own("aliked.onnx", "ALIKED of github.com/Shiaoming/ALIKED"),),
-    "disk": (_own("disk.onnx", "DISK of github.com/cvlab-epfl/disk"),),
-    "aliked-lightglue": (_own("aliked_lightglue.onnx", "LightGlue of github.com/cvg/LightGlue for ALIKED"),),
-    "global": (_own("global.onnx", "a global descriptor, such as MegaLoc, SALAD or EigenPlaces"),),
+    "global": (supplied_file("global.onnx", "a global descriptor, such as MegaLoc, SALAD or EigenPlaces"),),
 }
-"""By model: files with the same weights, any one of which is enough. The first is the one to fetch."""
+
+_FILES = {name: entry.files for name, entry in (_NETWORKS | _MATCHERS).items()} | _OTHERS
+
+MODELS = dict(sorted(_FILES.items(), key=lambda item: not item[1][0].published))
+"""By model: files with the same weights, any one of which is enough. Published ones come first."""
 
 
 def models_folder(chosen: Path | None) -> Path:
@@ -231,7 +167,7 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
     return choice
 
 
-def network(model: str | None, chosen: Path | None, *, weights: str = "") -> FeatureNetwork | None:
+def network(model: str | None, chosen: Path | None, *, weights: str = "") -> object | None:
     """Open a feature network, once per process.
 
     Parameters
@@ -242,11 +178,6 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> Fea
         Folder with the weights, instead of the user's cache.
     weights : str
         `FeatureChoice.weights`: the hash that a file supplied by the user must have.
-
-    Returns
-    -------
-    XFeatNetwork, AlikedNetwork, DiskNetwork or None
-        None where none is needed.
 
     Raises
     ------
@@ -314,21 +245,13 @@ def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
 
 
 @lru_cache(maxsize=4)
-def _network(model: str, path: Path, sha256: str) -> FeatureNetwork:
-    data = checked_weights(model, path, sha256=sha256)
-    if model == "xfeat":
-        return XFeatNetwork(data)
-    if model == "disk":
-        return DiskNetwork(data, path.name)
-    if model == "aliked":
-        return AlikedNetwork(data, path.name)
-    raise KeyError(model)
+def _network(model: str, path: Path, sha256: str) -> object:
+    return _NETWORKS[model].load(checked_weights(model, path, sha256=sha256), path.name)
 
 
 @lru_cache(maxsize=2)
 def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
-    data = checked_weights(model, path, sha256=sha256)
-    return LightGlue(data, LIGHTERGLUE if model == "lighterglue" else LIGHTGLUE, file=path.name)
+    return _MATCHERS[model].load(checked_weights(model, path, sha256=sha256), path.name)  # type: ignore[no-any-return]
 
 
 def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:

@@ -233,7 +233,7 @@ def _indexed(
         floor=floor,
         pair_matcher=loaded.pair_matcher,
         rematched=tuning.retrieval.second_look_photos if plan.is_second else None,
-        binary=EXTRACTORS[manifest.extractor]().kind == "binary",
+        binary=EXTRACTORS[manifest.extractor].make().kind == "binary",
         tuning=tuning,
         extract_side_px=settings.extract.max_side_px,
     )

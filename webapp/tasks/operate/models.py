@@ -6,10 +6,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from webapp.core.features.entry import ModelFile
 from webapp.errors import InputError, NotFound, StorageError, UsageError
 from webapp.files import atomic
 from webapp.files.localize import global_model
-from webapp.files.localize.models import MODELS, ModelFile, install_hint, matches_hash, models_folder
+from webapp.files.localize.models import MODELS, install_hint, matches_hash, models_folder
 from webapp.net.download import download
 from webapp.progress import Progress
 from webapp.settings import Settings
