@@ -33,7 +33,7 @@ def reader(library: Library, settings: Settings, account: Account) -> Callable[[
 def timed(get: Callable[[str], Any], addresses: list[str]) -> dict[str, float]:
     """Request addresses; the first one is requested once more before, to warm up.
 
-    Returns
+    Returns:
     -------
     dict of str to float
         Median, 95th percentile and processor time, milliseconds, and the size of the last answer.

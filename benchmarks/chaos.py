@@ -69,7 +69,7 @@ _RECOVERY_S = 5.0
 class Site:
     """Addresses and storage of the cluster.
 
-    Attributes
+    Attributes:
     ----------
     address : str
         Address for clients.

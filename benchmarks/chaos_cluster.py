@@ -146,7 +146,7 @@ def _pass_on(here: socket.socket, there: socket.socket) -> None:
 class Cluster:
     """All parts of the cluster.
 
-    Attributes
+    Attributes:
     ----------
     objects : ObjectServer or None
         The S3 server, if photos are in S3.
@@ -185,7 +185,7 @@ class Cluster:
 class Chaos:
     """Context manager that kills a part of the cluster every few seconds, and restarts it.
 
-    Attributes
+    Attributes:
     ----------
     killed : Counter
         Number of kills of each part.

@@ -33,7 +33,7 @@ _AWAY = ("database_unavailable", "storage_unavailable")
 class Refusals:
     """Periods from the first failed request of a client to its next successful one.
 
-    Attributes
+    Attributes:
     ----------
     times : list of tuple
         Begin and end by the monotonic clock, and the first failed request with its error.
@@ -56,7 +56,7 @@ class PatientClient(Client):
     def call(self, method: str, path: str, **options: Any) -> requests.Response:
         """Send one request to the API; failures are recorded.
 
-        Raises
+        Raises:
         ------
         requests.RequestException
             There was no response, or one that leaves the outcome unknown.
@@ -91,7 +91,7 @@ class PatientClient(Client):
 class UnsureEditor(Editor):
     """An editor whose responses may be lost.
 
-    Attributes
+    Attributes:
     ----------
     lost : int
         Number of edits with unknown outcome.
@@ -125,7 +125,7 @@ class UnsureEditor(Editor):
 class Uploader:
     """Uploads photos to its own map, and places each of them.
 
-    Attributes
+    Attributes:
     ----------
     tried, uploaded : set of str
         SHA-256 of the photos that it sent, and of those that were acknowledged.

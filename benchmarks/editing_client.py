@@ -20,7 +20,7 @@ KINDS = ("place", "place", "move", "move", "move", "turn", "unplace", "undo", "u
 class Log:
     """Record of one client.
 
-    Attributes
+    Attributes:
     ----------
     answers : list of dict
         One for each acknowledged edit: its revision and the photos after it; `known`: the revision in which

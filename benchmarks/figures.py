@@ -52,7 +52,7 @@ def strangers(answers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     answers : sequence of mapping
         Output of `localize --json`, with at least one answer without an error.
 
-    Returns
+    Returns:
     -------
     dict
         Number of photos; number placed with a probability of at least 0.5, their share and its 95 % interval;

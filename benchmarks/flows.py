@@ -59,7 +59,7 @@ Request = Callable[[], None]
 class Flow:
     """Figures of a request.
 
-    Attributes
+    Attributes:
     ----------
     name : str
     modules : list of str

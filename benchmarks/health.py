@@ -50,7 +50,7 @@ _HERE = Path(__file__).resolve().parents[1]
 class Visitor:
     """A client that localizes one photo after the other.
 
-    Attributes
+    Attributes:
     ----------
     busy : int
         Answers that asked to come back later.

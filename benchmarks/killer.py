@@ -30,7 +30,7 @@ def _below(pid: int, children: dict[int, list[tuple[int, str]]]) -> Iterator[tup
 class Killer:
     """Context manager that kills a random descendant of `pid` every few seconds, with SIGKILL.
 
-    Attributes
+    Attributes:
     ----------
     killed : Counter
         Number of kills of each command line.

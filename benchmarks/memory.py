@@ -13,7 +13,7 @@ Table = dict[str, dict[str, float]]
 def memory_mb(pid: int) -> Table:
     """Measure a process and its descendants.
 
-    Returns
+    Returns:
     -------
     dict of str to dict of str to float
         For each process, and "all" for their sum, in 2^20 bytes: resident set size, proportional set size (a
@@ -41,7 +41,7 @@ class PeakMemory:
     pid : int
         The program, which is idle now. A process that is started later counts in full.
 
-    Attributes
+    Attributes:
     ----------
     most_mb : float
         In 2^20 bytes, of resident memory; short-lived peaks are found too, but not those of processes that

@@ -63,7 +63,7 @@ class Workspace:
 class Model:
     """A reconstruction, and the map positions of its photos.
 
-    Attributes
+    Attributes:
     ----------
     plane : (2, 3) float64
         Two axes perpendicular to the cameras' mean up direction.

@@ -17,7 +17,7 @@ from typing import Any
 class Run:
     """A program that has ended.
 
-    Attributes
+    Attributes:
     ----------
     printed : Any
         The JSON that it printed.
@@ -57,7 +57,7 @@ def run(command: Sequence[str], *, accepted: Collection[int] = (0,)) -> Run:
     accepted : collection of int
         Exit codes that do not count as failures.
 
-    Raises
+    Raises:
     ------
     ProgramFailed
     """

@@ -30,7 +30,7 @@ class ObjectServer:
     ms : float
         Latency of each response, milliseconds.
 
-    Attributes
+    Attributes:
     ----------
     environ : dict of str to str
         Environment variables with which programs reach it.

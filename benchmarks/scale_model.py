@@ -49,7 +49,7 @@ PREVIEWS, ROWS = 40, 5000
 class Tier:
     """Cost of a search method.
 
-    Attributes
+    Attributes:
     ----------
     build_s : float
         Processor seconds per photo: keypoints, index, orientations and calibration.

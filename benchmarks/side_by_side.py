@@ -100,7 +100,7 @@ BUILD = {
 class Subject:
     """The test data and options.
 
-    Attributes
+    Attributes:
     ----------
     map, queries, one_photo : Path
         The map, the list of queries, and the same map with one photo.

@@ -42,7 +42,7 @@ _PARAMETER = re.compile(r"\*{0,2}\w+(, \*{0,2}\w+)*( :.*)?$")
 class Source:
     """A module as text and syntax tree.
 
-    Attributes
+    Attributes:
     ----------
     path : Path
         Relative to the checkout.
@@ -63,7 +63,7 @@ class Source:
 class Structure:
     """The counts of one package.
 
-    Attributes
+    Attributes:
     ----------
     lines : dict of str to int
         Number of lines by kind, one of `KINDS`.

@@ -119,7 +119,7 @@ def _leave_objects_only(library: Path, environ: Mapping[str, str]) -> None:
 class State:
     """Files and answers of a library.
 
-    Attributes
+    Attributes:
     ----------
     files : dict of str to str
         SHA-256 of `map.cfg` and the photos.

@@ -71,22 +71,16 @@ class PhotoMap:
     def localize(self, photo: str | Path, *, top: int = 5, fov_deg: float | None = None) -> Answer:
         """Localize one photo.
 
-        Parameters
-        ----------
-        top : int
-            Maximum number of hypotheses.
-        fov_deg : float, optional
-            Horizontal field of view of the upright photo; overrides that given to `open_map` and EXIF.
+        Args:
+            top: Maximum number of hypotheses.
+            fov_deg: Horizontal field of view of the upright photo; overrides that given to `open_map` and
+                EXIF.
 
-        Returns
-        -------
-        Answer
+        Returns:
             The most probable place first. `abstained` is true where "not on this map" is more probable.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be read.
+        Raises:
+            PhotoError: The photo cannot be read.
         """
         pipeline = self._pipeline if fov_deg is None else replace(self._pipeline, fov_deg=fov_deg)
         return pipeline.localize(Path(photo), top=top)
@@ -94,12 +88,10 @@ class PhotoMap:
     def start_sequence(self, *, speed_px: float | None = None, fov_deg: float | None = None) -> PhotoSequence:
         """Start a sequence of consecutive photos: each is localized with the help of the previous ones.
 
-        Parameters
-        ----------
-        speed_px : float, optional
-            Typical distance between consecutive photos, map pixels; by default that of most sequences.
-        fov_deg : float, optional
-            As in `localize`.
+        Args:
+            speed_px: Typical distance between consecutive photos, map pixels; by default that of most
+                sequences.
+            fov_deg: As in `localize`.
         """
         pipeline = self._pipeline if fov_deg is None else replace(self._pipeline, fov_deg=fov_deg)
         return PhotoSequence(SequenceFilter(pipeline, speed_px=speed_px))
@@ -107,12 +99,9 @@ class PhotoMap:
     def as_json(self, answer: Answer, *, query: str, sequence: bool = False) -> dict[str, Any]:
         """Return the object that `localize --json` prints.
 
-        Parameters
-        ----------
-        query : str
-            Name of the photo.
-        sequence : bool
-            Whether the photo was one of a sequence.
+        Args:
+            query: Name of the photo.
+            sequence: Whether the photo was one of a sequence.
         """
         source = self._pipeline.answer_source(sequence=sequence)
         return answer_to_json(answer, query=query, source=source)
@@ -120,10 +109,8 @@ class PhotoMap:
     def map_picture(self, answer: Answer) -> Image.Image:
         """Draw the hypotheses on the map.
 
-        Raises
-        ------
-        PhotoError
-            The map's image cannot be used.
+        Raises:
+            PhotoError: The map's image cannot be used.
         """
         pipeline = self._pipeline
         limits = pipeline.settings.photo
@@ -132,10 +119,8 @@ class PhotoMap:
     def match_picture(self, photo: str | Path, answer: Answer) -> Image.Image | None:
         """Draw the photo next to the best map photo, with lines between matches; None if nothing matches.
 
-        Raises
-        ------
-        PhotoError
-            One of the photos cannot be used.
+        Raises:
+            PhotoError: One of the photos cannot be used.
         """
         pipeline = self._pipeline
         limits = pipeline.settings.photo
@@ -151,22 +136,15 @@ class PhotoMap:
     ) -> Evaluation:
         """Measure the accuracy on photos with known positions.
 
-        Parameters
-        ----------
-        queries : str or Path
-            Table `path;x;y` with a header; paths are relative to it, positions are map pixels.
-        progress : Progress, optional
-            One step per photo.
+        Args:
+            queries: Table `path;x;y` with a header; paths are relative to it, positions are map pixels.
+            progress: One step per photo.
 
-        Returns
-        -------
-        Evaluation
+        Returns:
             `summary` has the figures, `results` one entry per query.
 
-        Raises
-        ------
-        TableError
-            The table cannot be read.
+        Raises:
+            TableError: The table cannot be read.
         """
         folder = self._pipeline.opened.cfg.parent
         return evaluate_queries(
@@ -183,10 +161,8 @@ class PhotoSequence:
     def localize(self, photo: str | Path, *, top: int = 5) -> Answer:
         """Localize the next photo.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be read; the sequence continues without it.
+        Raises:
+            PhotoError: The photo cannot be read; the sequence continues without it.
         """
         return self._filter.localize(Path(photo), top=top)
 
@@ -201,29 +177,19 @@ def open_map(
 ) -> PhotoMap:
     """Open a map: bring its index up to date, calibrate it if necessary, and load it.
 
-    Parameters
-    ----------
-    cfg : str or Path
-        The map file.
-    options : OpenOptions, optional
-        Method, features, folder of the index.
-    fov_deg : float, optional
-        Horizontal field of view of the queries; overrides their EXIF.
-    settings : Settings, optional
-        By default what the environment and the configuration file set.
-    progress : Progress, optional
-        One step per photo whose features have to be extracted.
+    Args:
+        cfg: The map file.
+        options: Method, features, folder of the index.
+        fov_deg: Horizontal field of view of the queries; overrides their EXIF.
+        settings: By default what the environment and the configuration file set.
+        progress: One step per photo whose features have to be extracted.
 
-    Raises
-    ------
-    MapError
-        The map cannot be read.
-    UsageError
-        The features do not fit the method.
-    NotReady
-        Model weights or an optional package are missing.
-    StorageError
-        The map is in a library whose photos are in another object storage than the settings name.
+    Raises:
+        MapError: The map cannot be read.
+        UsageError: The features do not fit the method.
+        NotReady: Model weights or an optional package are missing.
+        StorageError: The map is in a library whose photos are in another object storage than the settings
+            name.
     """
     chosen = settings_at(Path(cfg), settings or load_settings())
     if chosen.storage is not None:
@@ -247,28 +213,19 @@ def place_photos(
 ) -> PlaceReport:
     """Make a map from the photos of a folder, placed by their EXIF GPS or a table of positions.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Searched recursively.
-    options : PlaceOptions
-        The map file to write, and the image with its georeference.
-    settings : Settings, optional
-        By default what the environment and the configuration file set.
-    progress : Progress, optional
-        One step per file.
+    Args:
+        folder: Searched recursively.
+        options: The map file to write, and the image with its georeference.
+        settings: By default what the environment and the configuration file set.
+        progress: One step per file.
 
-    Returns
-    -------
-    PlaceReport
+    Returns:
         Every file, placed or not, with the reason.
 
-    Raises
-    ------
-    UsageError
-        The map exists already, or no georeference is known.
-    GeoreferenceError, TableError, PhotoError
-        The georeference, the positions or the image cannot be read.
+    Raises:
+        UsageError: The map exists already, or no georeference is known.
+        GeoreferenceError, TableError, PhotoError: The georeference, the positions or the image cannot be
+            read.
     """
     return from_photos.map_from_photos(
         Path(folder),

@@ -37,21 +37,12 @@ _SHORT_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A setting that users can change.
+    """A setting that users can change."""
 
-    Attributes
-    ----------
-    key : str
-        Section and name, or the name alone.
-    kind : {int, float, str, Path}
-    minimum : AtLeast or None
-        Minimum of a number; None if it only has to be more than 0.
-    """
-
-    key: str
-    kind: Callable[[Any], Any]
+    key: str  # Section and name, or the name alone
+    kind: Callable[[Any], Any]  # int, float, str or Path
     default: Any
-    minimum: AtLeast | None
+    minimum: AtLeast | None  # Minimum of a number; None if it only has to be more than 0
 
     @property
     def variables(self) -> tuple[str, ...]:
@@ -71,10 +62,8 @@ class Setting:
     def check(self, value: object, *, where: str) -> Any:
         """Convert a value to the kind of the setting.
 
-        Raises
-        ------
-        UsageError
-            The value is not allowed.
+        Raises:
+            UsageError: The value is not allowed.
         """
         if self._takes(value):
             return self.kind(value)
@@ -98,17 +87,11 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Effective:
-    """A setting with its value.
-
-    Attributes
-    ----------
-    source : str
-        The variable or file that sets it, or "default".
-    """
+    """A setting with its value."""
 
     setting: Setting
     value: Any
-    source: str
+    source: str  # The variable or file that sets it, or "default"
 
 
 def settings_table() -> dict[str, Setting]:
@@ -119,16 +102,12 @@ def settings_table() -> dict[str, Setting]:
 def effective_settings(environ: Mapping[str, str] | None = None) -> list[Effective]:
     """Find the value of each setting and where it comes from.
 
-    Parameters
-    ----------
-    environ : mapping, optional
-        Overrides the process's own environment.
+    Args:
+        environ: Overrides the process's own environment.
 
-    Raises
-    ------
-    UsageError
-        A variable or the file has an unknown setting or a value that is not allowed, or the file cannot be
-        read.
+    Raises:
+        UsageError: A variable or the file has an unknown setting or a value that is not allowed, or the file
+            cannot be read.
     """
     env = os.environ if environ is None else environ
     table = settings_table()

@@ -44,14 +44,10 @@ from __future__ import annotations
 class ExpMapError(Exception):
     """A request failed for a reason that the user can understand.
 
-    Parameters
-    ----------
-    message : str
-        The problem, in one sentence.
-    where : str, optional
-        File, line, field or option concerned.
-    hint : str, optional
-        How to fix it.
+    Args:
+        message: The problem, in one sentence.
+        where: File, line, field or option concerned.
+        hint: How to fix it.
     """
 
     def __init__(self, message: str, *, where: str | None = None, hint: str | None = None) -> None:
@@ -97,10 +93,8 @@ class NotSignedIn(ExpMapError):
 class RetryLater(ExpMapError):
     """The same request can succeed later.
 
-    Parameters
-    ----------
-    wait_s : int
-        Seconds to wait before trying again.
+    Args:
+        wait_s: Seconds to wait before trying again.
     """
 
     def __init__(
@@ -137,12 +131,9 @@ class MapError(ExpMapError):
 class CfgError(MapError):
     """A `.cfg` violates the format.
 
-    Parameters
-    ----------
-    line, column : int
-        Counted from 1; columns are characters.
-    where : str, optional
-        The file.
+    Args:
+        line, column: Counted from 1; columns are characters.
+        where: The file.
     """
 
     def __init__(

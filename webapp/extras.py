@@ -51,12 +51,7 @@ def is_installed(name: str) -> bool:
 
 
 def require(name: str) -> None:
-    """Fail early if an extra is missing that is needed later.
-
-    Raises
-    ------
-    MissingPart
-    """
+    """Fail early if an extra is missing that is needed later. Raises MissingPart."""
     with extra(name):
         for package in EXTRAS[name]:
             if not find_spec(package):
@@ -67,10 +62,8 @@ def require(name: str) -> None:
 def extra(name: str) -> Iterator[None]:
     """Guard the import of packages that belong to an extra.
 
-    Raises
-    ------
-    MissingPart
-        One of its packages is not installed; the hint is the command that installs it.
+    Raises:
+        MissingPart: One of its packages is not installed; the hint is the command that installs it.
     """
     try:
         yield

@@ -13,17 +13,12 @@ def import_name(reference: str) -> Any:
     The garbage collector is paused, as modules and classes are never freed: scanning them repeatedly takes a
     tenth of the time of importing the web application.
 
-    Parameters
-    ----------
-    reference : str
-        "module:object".
+    Args:
+        reference: "module:object".
 
-    Raises
-    ------
-    ImportError
-        The module does not exist.
-    AttributeError
-        The module has no such object.
+    Raises:
+        ImportError: The module does not exist.
+        AttributeError: The module has no such object.
     """
     module, name = reference.split(":")
     collecting = gc.isenabled()

@@ -100,10 +100,9 @@ class _Json(logging.Formatter):
 def log_to_stderr(form: Form = "text") -> None:
     """Write the program's own messages, and warnings of libraries, to standard error.
 
-    Parameters
-    ----------
-    form : {"text", "json"}
-        JSON has a line for each request and each job; each has `time`, `level`, `process` and `message`.
+    Args:
+        form: "text" or "json". JSON has a line for each request and each job; each has `time`, `level`,
+            `process` and `message`.
     """
     _form[:] = [form]
     handler = logging.StreamHandler()

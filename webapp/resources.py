@@ -15,17 +15,12 @@ def resource_folder(name: str, *, package: Path = PACKAGE) -> Path:
     A wheel has the folders inside the package; in a source tree, and thus in an editable install, they are
     next to it.
 
-    Parameters
-    ----------
-    name : str
-        `templates`, `static` or `docs`.
-    package : Path
-        Folder of the package.
+    Args:
+        name: `templates`, `static` or `docs`.
+        package: Folder of the package.
 
-    Raises
-    ------
-    MissingPart
-        The folder is in neither place.
+    Raises:
+        MissingPart: The folder is in neither place.
     """
     for folder in (package / name, package.parent / name):
         if folder.is_dir():

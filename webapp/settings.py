@@ -402,10 +402,8 @@ def environment_for(native_threads: int | None = None) -> dict[str, str]:
 
     The libraries read these variables when they are loaded. Variables that the user has set are kept.
 
-    Parameters
-    ----------
-    native_threads : int, optional
-        Limit of the threads of OpenMP and OpenBLAS; by default none.
+    Args:
+        native_threads: Limit of the threads of OpenMP and OpenBLAS; by default none.
     """
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS") if native_threads else ()
     return {name: str(native_threads) for name in names} | _HEAPS | dict(os.environ)

@@ -32,15 +32,11 @@ _recorders: list[_Recorder] = []
 def start(address: str | None) -> None:
     """Start sending spans to a collector; to be called once per process, after forking.
 
-    Parameters
-    ----------
-    address : str or None
-        Its OTLP/HTTP endpoint, such as `http://127.0.0.1:4318`; None: nothing is recorded.
+    Args:
+        address: Its OTLP/HTTP endpoint, such as `http://127.0.0.1:4318`; None: nothing is recorded.
 
-    Raises
-    ------
-    MissingPart
-        The extra `telemetry` is not installed.
+    Raises:
+        MissingPart: The extra `telemetry` is not installed.
     """
     if _recorders or address is None:
         return
@@ -70,10 +66,8 @@ def use(provider: Any | None) -> None:
 def span(name: str, *, headers: Mapping[str, str] | None = None, **attributes: str | int) -> Iterator[Any]:
     """Record the block as a span; yields the span, or None if nothing is recorded.
 
-    Parameters
-    ----------
-    headers : mapping of str to str, optional
-        Headers of a request, whose `traceparent` may name the parent span.
+    Args:
+        headers: Headers of a request, whose `traceparent` may name the parent span.
     """
     if not _recorders:
         yield None

@@ -34,14 +34,10 @@ def cores() -> int:
 def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
     """Call a function with each item, in as many threads as there are cores.
 
-    Parameters
-    ----------
-    function : callable
-        Has to be thread-safe.
+    Args:
+        function: Has to be thread-safe.
 
-    Returns
-    -------
-    list
+    Returns:
         The results in the order of the items. The first error in that order is raised.
     """
     listed = list(items)
@@ -56,10 +52,8 @@ def in_threads(function: Callable[[In], Out], items: Iterable[In]) -> list[Out]:
 def permit(semaphore: Semaphore, *, wait_s: float = 20.0) -> Iterator[None]:
     """Hold a permit of a semaphore within the block.
 
-    Raises
-    ------
-    Busy
-        No permit became free within `wait_s` seconds.
+    Raises:
+        Busy: No permit became free within `wait_s` seconds.
     """
     if not semaphore.acquire(timeout=wait_s):
         raise Busy("the server is busy", wait_s=10, hint="try again in a moment")

@@ -38,18 +38,10 @@ COMPOSITION = Composition(
 
 
 class LazyCommand(NamedTuple):
-    """A command that is imported on demand.
+    """A command that is imported on demand."""
 
-    Attributes
-    ----------
-    where : str
-        "module:object".
-    summary : str
-        First sentence of its help.
-    """
-
-    where: str
-    summary: str
+    where: str  # "module:object"
+    summary: str  # First sentence of its help
 
 
 class LazyGroup(click.Group):

@@ -123,14 +123,10 @@ PARTS = Parts(
 def create_app(settings: Settings, *, library: Library | None = None) -> APIFlask:
     """Make the application.
 
-    Parameters
-    ----------
-    library : Library, optional
-        An open library; by default that of the settings is opened.
+    Args:
+        library: An open library; by default that of the settings is opened.
 
-    Raises
-    ------
-    StorageError
-        The library cannot be opened.
+    Raises:
+        StorageError: The library cannot be opened.
     """
     return make_app(settings, PARTS, library=library)

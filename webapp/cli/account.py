@@ -40,7 +40,7 @@ def link(account: str | None, url: str, library: Path | None) -> None:
     """
     settings = load_settings()
     with _writing(library) as session:
-        token = sign_in.new_link(session, _whose(session, account), hours=settings.web.link_hours)
+        token = sign_in.new_link(session, _account_named(session, account), hours=settings.web.link_hours)
     click.echo(_link(url, token))
 
 
@@ -52,7 +52,7 @@ def link(account: str | None, url: str, library: Path | None) -> None:
 def token(name: str, again: bool, account: str | None, library: Path | None) -> None:
     """Print a token for a program: `Authorization: Bearer TOKEN`."""
     with _writing(library) as session:
-        whose = _whose(session, account)
+        whose = _account_named(session, account)
         for known in accounts.tokens(session, whose):
             if again and known.name == name:
                 accounts.revoke_token(session, whose, token_id=known.id)
@@ -91,7 +91,7 @@ def _writing(folder: Path | None) -> Iterator[Session]:
         yield session
 
 
-def _whose(session: Session, name: str | None) -> Account:
+def _account_named(session: Session, name: str | None) -> Account:
     return accounts.ensure_owner(session) if name is None else accounts.named(session, name)
 
 

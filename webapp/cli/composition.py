@@ -22,32 +22,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """The object of the root command's context.
+    """The object of the root command's context."""
 
-    Attributes
-    ----------
-    web_app : str
-        "module:function" that makes the web application, in the processes that answer requests.
-    registry : callable
-        Returns the kinds of jobs and sweeps of a worker.
-    library_parts : callable
-        Returns the parts of a library other than maps.
-    """
-
-    web_app: str
-    registry: Callable[[], JobRegistry]
-    library_parts: Callable[[], Sequence[LibraryPart]]
+    web_app: str  # "module:function" that makes the web application, in the processes that answer requests
+    registry: Callable[[], JobRegistry]  # Returns the kinds of jobs and sweeps of a worker
+    library_parts: Callable[[], Sequence[LibraryPart]]  # Returns the parts of a library other than maps
 
 
 def settings_in_use(cfg: Path) -> Settings:
     """Load the settings, and connect to the object storage of the library that a map is in, if any.
 
-    Raises
-    ------
-    UsageError, MissingPart
-        A setting is wrong, or something that it needs is not installed.
-    StorageError
-        The library has another storage than the settings name.
+    Raises:
+        UsageError, MissingPart: A setting is wrong, or something that it needs is not installed.
+        StorageError: The library has another storage than the settings name.
     """
     settings = settings_at(cfg, load_settings())
     connect(settings)

@@ -37,9 +37,7 @@ from webapp.tasks.localize.sequence import SequenceFilter, smooth_sequence
 def summary_table(evaluation: Evaluation) -> str:
     """Format the figures as a table: name, value, 95 % interval.
 
-    Returns
-    -------
-    str
+    Returns:
         Lines, without a trailing newline.
     """
     lines = figures(evaluation)

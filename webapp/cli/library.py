@@ -37,10 +37,8 @@ def library_settings(folder: Path | None) -> Settings:
 def opened_library(settings: Settings) -> Iterator[Library]:
     """Open the library of a command, with its object storage.
 
-    Raises
-    ------
-    StorageError
-        The records or the object storage cannot be used, or the library has another storage.
+    Raises:
+        StorageError: The records or the object storage cannot be used, or the library has another storage.
     """
     library = open_library(settings.library, url=settings.database)
     try:
@@ -54,12 +52,9 @@ def opened_library(settings: Settings) -> Iterator[Library]:
 def existing_library(settings: Settings) -> Iterator[Library]:
     """Open the library of a command that does not create one.
 
-    Raises
-    ------
-    NotFound
-        There is no library in the folder.
-    StorageError
-        As for `opened_library`.
+    Raises:
+        NotFound: There is no library in the folder.
+        StorageError: As for `opened_library`.
     """
     if not has_library(settings.library):
         raise NotFound(

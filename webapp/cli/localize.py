@@ -50,14 +50,10 @@ def answer_text(
 ) -> str:
     """Format the hypotheses as a table, with "not on this map" as a separate line.
 
-    Parameters
-    ----------
-    query : str
-        The photo, as it was given.
-    georeference : Georeference or None
-        Georeference of the map; adds latitude, longitude and metres.
-    floors : sequence of Floor
-        Floors of the map.
+    Args:
+        query: The photo, as it was given.
+        georeference: Georeference of the map; adds latitude, longitude and metres.
+        floors: Floors of the map.
     """
     if answer.no_pose is not None:
         return f"{query}: not on this map ({answer.no_pose.reason})"

@@ -168,12 +168,7 @@ def sequence_options(command: Command) -> Command:
 
 
 def check_sequence(sequence: bool, needing: dict[str, bool]) -> None:
-    """Reject given options that need --sequence if it is missing.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Reject given options that need --sequence if it is missing. Raises UsageError."""
     for option, given in needing.items():
         if given and not sequence:
             raise UsageError("can only be used with --sequence", where=option)

@@ -103,12 +103,12 @@ def _table(report: RestReport, accepted: set[int]) -> str:
 
 def _check_table(report: RestReport) -> str:
     """List the placed photos that are joined with others: contradictions first, then by falling residual."""
-    known = [one for one in report.checked if one.others_have is not None]
+    known = [one for one in report.checked if one.predicted is not None]
     known.sort(key=lambda one: (not one.contradicts, -(one.residual_px or 0.0)))
     width = max((len(one.photo) for one in known), default=0)
     lines = []
     for one in known:
-        x, y = one.others_have or (0.0, 0.0)
+        x, y = one.predicted or (0.0, 0.0)
         metres = "" if one.residual_m is None else f" ({one.residual_m:.1f} m)"
         word = "; contradicts them" if one.contradicts else ""
         off = f"{one.residual_px or 0.0:.1f} px{metres}"

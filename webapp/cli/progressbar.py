@@ -19,10 +19,8 @@ from webapp.progress import Progress
 class TerminalProgress(Progress):
     """Shows a bar if standard error is a terminal, else one line per stage.
 
-    Parameters
-    ----------
-    what : str
-        Shown before the bar.
+    Args:
+        what: Shown before the bar.
     """
 
     def __init__(self, what: str) -> None:

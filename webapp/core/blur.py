@@ -39,16 +39,12 @@ class BlurBox(NamedTuple):
 def blur(pixels: NDArray[np.uint8], boxes: Iterable[BlurBox]) -> NDArray[np.uint8]:
     """Replace boxes by a few mean colours of each, joined smoothly.
 
-    Parameters
-    ----------
-    pixels : (h, w, 3) uint8
-    boxes : iterable of BlurBox
-        Parts outside the picture are ignored.
+    Args:
+        pixels: (h, w, 3) uint8
+        boxes: Parts outside the picture are ignored.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        A copy.
+    Returns:
+        (h, w, 3) uint8: A copy.
     """
     blurred = pixels.copy()
     height, width = pixels.shape[:2]

@@ -148,24 +148,13 @@ _PHOTO_NAMES: dict[str, Sequence[str]] = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnFields:
-    """The fields of a kind of table.
+    """The fields of a kind of table."""
 
-    Attributes
-    ----------
-    units : mapping
-        The units of each field.
-    names : mapping
-        Headers by which each field is recognised: lower case, words joined by `_`.
-    needed : tuple of str
-        Fields that are required in addition to a position.
-    example : str
-        Example of how columns are written.
-    """
-
-    units: Mapping[str, Mapping[str, float]]
+    units: Mapping[str, Mapping[str, float]]  # The units of each field
+    # Headers by which each field is recognised: lower case, words joined by `_`.
     names: Mapping[str, Sequence[str]]
-    needed: tuple[str, ...]
-    example: str
+    needed: tuple[str, ...]  # Fields that are required in addition to a position
+    example: str  # Example of how columns are written
 
 
 POSE_FIELDS = ColumnFields(_UNITS, _NAMES, (), "time=stamp:ms, lat=Latitude, lon=Longitude")
@@ -196,18 +185,10 @@ _WITH_UNIT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a table.
+    """A column of a table."""
 
-    Attributes
-    ----------
-    index : int
-        From 0.
-    scale : float
-        Factor that converts its numbers to the field's default unit.
-    """
-
-    index: int
-    scale: float
+    index: int  # From 0
+    scale: float  # Factor that converts its numbers to the field's default unit
 
 
 Columns = Mapping[str, Column]
@@ -216,19 +197,13 @@ Columns = Mapping[str, Column]
 def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
     """Parse the user's assignment of columns to fields.
 
-    Parameters
-    ----------
-    text : str
-        Fields separated by commas, as described above.
-    header : sequence of str
-        The table's first line; names are compared without regard to case.
-    fields : ColumnFields
-        Fields that the table can have.
+    Args:
+        text: Fields separated by commas, as described above.
+        header: The table's first line; names are compared without regard to case.
+        fields: Fields that the table can have.
 
-    Raises
-    ------
-    UsageError
-        A field, a unit or a column is unknown, or positions are missing.
+    Raises:
+        UsageError: A field, a unit or a column is unknown, or positions are missing.
     """
     names = [name.strip().lstrip("#%").strip().lower() for name in header]
     found: dict[str, Column] = {}
@@ -259,10 +234,8 @@ def parse_columns(text: str, header: Sequence[str], *, fields: ColumnFields = PO
 def guess_columns(header: Sequence[str], *, fields: ColumnFields = POSE_FIELDS) -> Columns:
     """Guess the columns' fields from the header: `timestamp_ms`, `Latitude [deg]`, `x (m)` ...
 
-    Raises
-    ------
-    TrackError
-        No columns for a position or another required field are recognised.
+    Raises:
+        TrackError: No columns for a position or another required field are recognised.
     """
     found: dict[str, Column] = {}
     for index, name in enumerate(header):

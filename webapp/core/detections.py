@@ -32,19 +32,11 @@ _MARGIN: dict[Kind, float] = {"face": 0.2, "plate": 0.1}
 
 
 class Detection(NamedTuple):
-    """A face or a number plate.
-
-    Attributes
-    ----------
-    box : BlurBox
-        Without margin.
-    score : float
-        Confidence of the network, 0 to 1; not calibrated.
-    """
+    """A face or a number plate."""
 
     kind: Kind
-    box: BlurBox
-    score: float
+    box: BlurBox  # Without margin
+    score: float  # Confidence of the network, 0 to 1; not calibrated
 
 
 def never() -> None:
@@ -115,19 +107,13 @@ def detect_in_windows(
 ) -> list[Detection]:
     """Find objects in a photo of any size with a network for images of one size.
 
-    Parameters
-    ----------
-    pixels : (h, w, 3) uint8
-    look : callable
-        Runs the network on a window.
-    overlap : int
-        Pixels; an object that is not larger is completely inside one of the windows of a level.
-    check : callable, optional
-        Called before each window; raises to stop.
+    Args:
+        pixels: (h, w, 3) uint8
+        look: Runs the network on a window.
+        overlap: Pixels; an object that is not larger is completely inside one of the windows of a level.
+        check: Called before each window; raises to stop.
 
-    Returns
-    -------
-    list of Detection
+    Returns:
         Each object once, the highest score first.
     """
     height, width = pixels.shape[:2]
@@ -161,17 +147,12 @@ def non_maximum_suppression(
 ) -> list[int]:
     """Select boxes by non-maximum suppression, so that no two overlap by more than `overlap`.
 
-    Parameters
-    ----------
-    boxes : (n, 4) float64
-        Left, top, right, bottom.
-    scores : (n,) float64
-    overlap : float
-        Intersection over union.
+    Args:
+        boxes: (n, 4) float64. Left, top, right, bottom.
+        scores: (n,) float64
+        overlap: Intersection over union.
 
-    Returns
-    -------
-    list of int
+    Returns:
         Numbers of the boxes, the highest score first.
     """
     left = np.argsort(-scores, kind="stable")

@@ -27,10 +27,8 @@ _MOST = 200
 class YuNet:
     """YuNet by OpenCV.
 
-    Parameters
-    ----------
-    model : bytes
-        ONNX, as published in the OpenCV Zoo.
+    Args:
+        model: ONNX, as published in the OpenCV Zoo.
     """
 
     def __init__(self, model: bytes) -> None:

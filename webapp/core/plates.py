@@ -43,10 +43,8 @@ _OVERLAP_PX = 96
 def priors(width: int, height: int) -> NDArray[np.float64]:
     """List the prior boxes that a network for images of this size refines.
 
-    Returns
-    -------
-    (n, 3) float64
-        Centre and side in pixels; by layer, row, column and size.
+    Returns:
+        (n, 3) float64: Centre and side in pixels; by layer, row, column and size.
     """
     shape = np.array([(height + 1) // 2 // 2, (width + 1) // 2 // 2])
     found = []
@@ -61,16 +59,12 @@ def priors(width: int, height: int) -> NDArray[np.float64]:
 def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> WindowDetections:
     """Convert the network's outputs to boxes around the corners of plates.
 
-    Parameters
-    ----------
-    outputs : sequence of (n, 14), (n, 2) and (n, 1) float32
-        `loc`, `conf`, `iou`: for each prior, position of the plate, score of there being one and of its box.
-    at : (n, 3) float64
-        As from `priors`.
+    Args:
+        outputs: sequence of (n, 14), (n, 2) and (n, 1) float32. `loc`, `conf`, `iou`: for each prior,
+            position of the plate, score of there being one and of its box.
+        at: (n, 3) float64. As from `priors`.
 
-    Returns
-    -------
-    WindowDetections
+    Returns:
         Those above the minimum score, each plate once, the best first.
     """
     loc, conf, iou = outputs
@@ -88,10 +82,8 @@ def decode(outputs: Sequence[NDArray[np.float32]], at: NDArray[np.float64]) -> W
 class LpdYuNet:
     """LPD-YuNet by OpenCV.
 
-    Parameters
-    ----------
-    model : bytes
-        ONNX, as published in the OpenCV Zoo.
+    Args:
+        model: ONNX, as published in the OpenCV Zoo.
     """
 
     def __init__(self, model: bytes) -> None:

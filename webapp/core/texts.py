@@ -27,10 +27,8 @@ _DIRECTIONS = dict.fromkeys(map(ord, "\u202a\u202b\u202c\u202d\u202e\u2066\u2067
 def has_controls(text: str, *, besides: str = "") -> bool:
     """Return whether a text has control characters; `isprintable` would refuse no-break spaces, too.
 
-    Parameters
-    ----------
-    besides : str
-        Control characters that are allowed, e.g. line breaks.
+    Args:
+        besides: Control characters that are allowed, e.g. line breaks.
     """
     return any(c not in besides and (category(c) in _CONTROLS or c in _NO_CHARACTERS) for c in text)
 

@@ -203,21 +203,14 @@ _Value = TypeVar("_Value")
 def with_field(tuning: _Value, name: str, *, text: str) -> _Value:
     """Set one field.
 
-    Parameters
-    ----------
-    tuning : Tuning
-        Or a part of it.
-    name : str
-        Dotted, e.g. `pose.level.roll_sigma`.
-    text : str
-        The number; it is converted to the type of the field.
+    Args:
+        tuning: Or a part of it.
+        name: Dotted, e.g. `pose.level.roll_sigma`.
+        text: The number; it is converted to the type of the field.
 
-    Raises
-    ------
-    KeyError
-        A field is unknown or not numeric; the known fields are listed.
-    ValueError
-        The text is not a number of the field's type.
+    Raises:
+        KeyError: A field is unknown or not numeric; the known fields are listed.
+        ValueError: The text is not a number of the field's type.
     """
     first, _, rest = name.partition(".")
     value = getattr(tuning, first, None)

@@ -27,12 +27,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and its missing parents.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Create a folder and its missing parents. Raises StorageError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -42,10 +37,8 @@ def make_folder(folder: Path) -> None:
 def read_bytes(path: Path) -> bytes:
     """Read a whole file.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be read.
+    Raises:
+        StorageError: The file cannot be read.
     """
     try:
         return path.read_bytes()
@@ -69,15 +62,11 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
     The data is written to a temporary file in the same folder and synced, and the file is renamed. The
     permissions of an existing file are kept; a symbolic link is replaced, not followed.
 
-    Parameters
-    ----------
-    pieces : iterable of bytes or memoryview
-        The content, which may be generated while it is written.
+    Args:
+        pieces: The content, which may be generated while it is written.
 
-    Raises
-    ------
-    StorageError
-        Writing failed; the old file is unchanged.
+    Raises:
+        StorageError: Writing failed; the old file is unchanged.
     """
     temporary = path.with_name(f".{path.name[:80]}.{secrets.token_hex(6)}.tmp")
     try:

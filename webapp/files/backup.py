@@ -43,8 +43,6 @@ _HINT = "use another backup; nothing was changed"
 
 @dataclass(frozen=True, slots=True)
 class BackupFile:
-    """A file of a backup."""
-
     size_bytes: int
     sha256: str
 
@@ -56,10 +54,8 @@ Files = dict[str, BackupFile]
 class Archive:
     """A backup that is being written.
 
-    Attributes
-    ----------
-    scratch : Path
-        A private temporary file for the writer, deleted at the end.
+    Attributes:
+        scratch: A private temporary file for the writer, deleted at the end.
     """
 
     def __init__(self, file: zipfile.ZipFile, scratch: Path) -> None:
@@ -70,11 +66,9 @@ class Archive:
     def add(self, name: str, source: Path) -> None:
         """Add a file, unless its name was added before: files of the same name never differ.
 
-        Raises
-        ------
-        FileNotFoundError
-            The file does not exist, or was deleted; nothing was added.
-        OSError
+        Raises:
+            FileNotFoundError: The file does not exist, or was deleted; nothing was added.
+            OSError
         """
         if name in self.files:
             return
@@ -84,12 +78,7 @@ class Archive:
                 self.files[name] = _copy(opened, target.write)
 
     def add_bytes(self, name: str, data: bytes) -> None:
-        """Add a small file.
-
-        Raises
-        ------
-        OSError
-        """
+        """Add a small file. Raises OSError."""
         self._file.writestr(zipfile.ZipInfo(name, _TIME), data)
         self.files[name] = BackupFile(len(data), hashlib.sha256(data).hexdigest())
 
@@ -102,23 +91,15 @@ class Archive:
 def new_backup(target: Path, *, about: Mapping[str, Any], progress: Progress) -> Iterator[Archive]:
     """Write a backup; it gets its name when the block has ended without an error.
 
-    Parameters
-    ----------
-    target : Path
-        An existing backup is replaced once the new one is complete.
-    about : mapping
-        JSON values for the manifest.
-    progress : Progress
-        One step for each file that is read back.
+    Args:
+        target: An existing backup is replaced once the new one is complete.
+        about: JSON values for the manifest.
+        progress: One step for each file that is read back.
 
-    Raises
-    ------
-    StorageError, DiskFull
-        Writing failed; no partial file remains.
-    Conflict
-        Another process is writing the same backup.
-    InputError
-        The data read back differ from those written: the disk is damaged.
+    Raises:
+        StorageError, DiskFull: Writing failed; no partial file remains.
+        Conflict: Another process is writing the same backup.
+        InputError: The data read back differ from those written: the disk is damaged.
     """
     part, scratch, lock = (target.with_name(f".{target.name}.{kind}") for kind in ("part", "db", "lock"))
     try:
@@ -160,40 +141,28 @@ def _written(part: Path, scratch: Path, about: Mapping[str, Any]) -> Iterator[Ar
 def check(path: Path, *, progress: Progress) -> Files:
     """Read a backup and compare all files with its manifest.
 
-    Parameters
-    ----------
-    progress : Progress
-        One step per file.
+    Args:
+        progress: One step per file.
 
-    Raises
-    ------
-    InputError
-        The file is not a backup, or is damaged.
-    StorageError
-        The file cannot be read.
+    Raises:
+        InputError: The file is not a backup, or is damaged.
+        StorageError: The file cannot be read.
     """
-    return _read(path, progress, lambda _name: _nowhere())
+    return _read(path, progress, lambda _name: _discarding())
 
 
 def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: Progress) -> Files:
     """Unpack a backup, comparing all files with its manifest.
 
-    Parameters
-    ----------
-    folder : Path
-        Contains all paths that `place` returns.
-    place : callable
-        Maps a file's name to its path; missing folders are created.
-    progress : Progress
-        One step per file.
+    Args:
+        folder: Contains all paths that `place` returns.
+        place: Maps a file's name to its path; missing folders are created.
+        progress: One step per file.
 
-    Raises
-    ------
-    InputError
-        The file is not a backup, or is damaged: discard the files unpacked so far.
-    StorageError, DiskFull
-        Reading or writing failed.
-    Cancelled
+    Raises:
+        InputError: The file is not a backup, or is damaged: discard the files unpacked so far.
+        StorageError, DiskFull: Reading or writing failed.
+        Cancelled
     """
 
     @contextmanager
@@ -213,11 +182,9 @@ def unpack(path: Path, folder: Path, *, place: Callable[[str], Path], progress: 
 def read_manifest(path: Path) -> dict[str, Any]:
     """Read the manifest of a backup.
 
-    Raises
-    ------
-    InputError
-        The file is not a backup.
-    StorageError
+    Raises:
+        InputError: The file is not a backup.
+        StorageError
     """
     with _zip_errors(path), zipfile.ZipFile(path) as opened:
         return _manifest(opened)[0]
@@ -270,7 +237,7 @@ def _copy(source: IO[bytes], write: Callable[[bytes], object], most: int | None 
 
 
 @contextmanager
-def _nowhere() -> Iterator[Callable[[bytes], object]]:
+def _discarding() -> Iterator[Callable[[bytes], object]]:
     yield len
 
 

@@ -70,22 +70,16 @@ def open_image(source: Path | bytes, *, limits: PhotoLimits) -> Iterator[Image.I
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content.
-    limits : PhotoLimits
-        Checked before anything is decoded.
+    Args:
+        source: A file, or its content.
+        limits: Checked before anything is decoded.
 
-    Yields
-    ------
-    PIL.Image.Image
+    Yields:
         The first frame.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing, not an image of a known format, damaged, truncated, or exceeds the limits.
+    Raises:
+        PhotoError: The file is missing, not an image of a known format, damaged, truncated, or exceeds the
+            limits.
     """
     pillow_heif.register_heif_opener()
     where = str(source) if isinstance(source, Path) else None
@@ -120,13 +114,11 @@ def decode(image: Image.Image, mode: Literal["L", "RGB"]) -> Pixels:
     Of 16 bits the upper eight are kept, but values that use a small part of them, as from sensors of 10 or 14
     bits, are stretched. Floats are scaled by their range of values, alpha is dropped.
 
-    Parameters
-    ----------
-    mode : {"L", "RGB"}
+    Args:
+        mode: "L" or "RGB"
 
-    Returns
-    -------
-    (h, w) or (h, w, 3) uint8
+    Returns:
+        (h, w) or (h, w, 3) uint8
     """
     if mode == "L" and image.format in ("JPEG", "MPO") and image.mode == "RGB":
         # decode the stored luma itself rather than convert it to colours and back to grey
@@ -177,12 +169,7 @@ def _finite(values: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def check_bytes(source: Path | bytes, limits: PhotoLimits) -> None:
-    """Reject a missing, empty or too large file (or content) without reading it.
-
-    Raises
-    ------
-    PhotoError
-    """
+    """Reject a missing, empty or too large file (or content) without reading it. Raises PhotoError."""
     if isinstance(source, Path) and not source.is_file():
         if source.is_dir():
             raise PhotoError("it is a folder and not a photo", hint="name photos, not their folder")
@@ -226,9 +213,7 @@ def _check_tiles(image: Image.Image) -> None:
 def check_scans(source: Path | bytes) -> None:
     """Reject a JPEG with very many scans: a few hundred kilobytes could take minutes to decode.
 
-    Raises
-    ------
-    PhotoError
+    Raises PhotoError.
     """
     if isinstance(source, bytes):
         refused = has_too_many_scans(source)
@@ -242,10 +227,8 @@ def check_scans(source: Path | bytes) -> None:
 def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
     """Return whether decoding a JPEG takes more than `_MAX_SCANS` passes over it.
 
-    Parameters
-    ----------
-    data : bytes or mmap
-        The file; bytes after the end of its first image are ignored.
+    Args:
+        data: The file; bytes after the end of its first image are ignored.
     """
     scans, place = 0, 0
     while found := _MARKER.search(data, place):
@@ -263,15 +246,11 @@ def has_too_many_scans(data: bytes | mmap.mmap) -> bool:
 def image_size(source: Path | bytes) -> tuple[int, int]:
     """Read width and height in pixels from the header, as stored (orientation not applied).
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content.
+    Args:
+        source: A file, or its content.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing or not an image.
+    Raises:
+        PhotoError: The file is missing or not an image.
     """
     with open_image(source, limits=_ANY_SIZE) as image:
         return image.size
@@ -280,10 +259,8 @@ def image_size(source: Path | bytes) -> tuple[int, int]:
 def check_decodes(path: Path, *, limits: PhotoLimits) -> None:
     """Check that a photo is complete, by decoding it at the smallest size that its format allows.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing, not an image, truncated, damaged, or exceeds the limits.
+    Raises:
+        PhotoError: The file is missing, not an image, truncated, damaged, or exceeds the limits.
     """
     with open_image(path, limits=limits) as image:
         image.draft("L", _SMALL)

@@ -53,21 +53,11 @@ _HINT = "export a part of it, or ask the operator to raise the limit"
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What reading one file may cost.
+    """What reading one file may cost."""
 
-    Attributes
-    ----------
-    memory_mb : float
-        In addition to what the readers themselves take, megabytes (10^6 bytes).
-    cpu_s : float
-        Seconds of CPU time.
-    wait_s : float
-        Seconds for which the caller waits for messages, in total.
-    """
-
-    memory_mb: float
-    cpu_s: float
-    wait_s: float
+    memory_mb: float  # In addition to what the readers themselves take, megabytes (10^6 bytes)
+    cpu_s: float  # Seconds of CPU time
+    wait_s: float  # Seconds for which the caller waits for messages, in total
 
 
 def budget_for(path: Path, limits: FileLimits) -> Budget:
@@ -93,28 +83,18 @@ def run(
 ) -> Iterator[bytes]:
     """Call a generator of messages in a child process.
 
-    Parameters
-    ----------
-    target : str
-        "module:function", imported where the child is forked: it must load neither OpenCV nor faiss.
-    arguments : mapping
-        Keyword arguments of JSON types.
-    progress : Progress, optional
-        Checked while waiting.
-    preload : collection of str
-        Further modules to import before the fork, if they are installed.
-    may_write : int, optional
-        Largest temporary file, bytes; None for any.
+    Args:
+        target: "module:function", imported where the child is forked: it must load neither OpenCV nor faiss.
+        arguments: Keyword arguments of JSON types.
+        progress: Checked while waiting.
+        preload: Further modules to import before the fork, if they are installed.
+        may_write: Largest temporary file, bytes; None for any.
 
-    Raises
-    ------
-    TooSlow
-        Reading takes more time than the budget.
-    TrackError
-        Reading takes more memory than the budget, or the reader failed.
-    ExpMapError
-        Whatever the function raises.
-    Cancelled
+    Raises:
+        TooSlow: Reading takes more time than the budget.
+        TrackError: Reading takes more memory than the budget, or the reader failed.
+        ExpMapError: Whatever the function raises.
+        Cancelled
     """
     if not hasattr(os, "fork"):
         yield from import_name(target)(**arguments)

@@ -50,10 +50,8 @@ class JsonField:
     def record(self, *, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, JsonField]:
         """Return the fields of an object by name, absent optional ones included.
 
-        Raises
-        ------
-        MapJsonError
-            The value is not an object, a required field is missing, or a field is unknown.
+        Raises:
+            MapJsonError: The value is not an object, a required field is missing, or a field is unknown.
         """
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
@@ -70,10 +68,8 @@ class JsonField:
     def items(self) -> list[JsonField]:
         """Return the items of a list; none if it is missing.
 
-        Raises
-        ------
-        MapJsonError
-            The value is not a list.
+        Raises:
+            MapJsonError: The value is not a list.
         """
         if self.missing:
             return []
@@ -84,9 +80,7 @@ class JsonField:
     def integer(self, *, largest: int, smallest: int = 0, default: int | None = None) -> int:
         """Return a whole number within limits, or the default if the field is missing.
 
-        Raises
-        ------
-        MapJsonError
+        Raises MapJsonError.
         """
         if self.missing and default is not None:
             return default
@@ -99,9 +93,7 @@ class JsonField:
     def number(self, meaning: str, *, valid: Callable[[float], bool]) -> float:
         """Return a finite number for which `valid` holds; `meaning` describes valid numbers in the error.
 
-        Raises
-        ------
-        MapJsonError
+        Raises MapJsonError.
         """
         if not isinstance(self.value, int | float) or isinstance(self.value, bool):
             raise self._wrong("a number")
@@ -110,32 +102,17 @@ class JsonField:
         return float(self.value)
 
     def pixels(self) -> float:
-        """Return a finite number of pixels.
-
-        Raises
-        ------
-        MapJsonError
-        """
+        """Return a finite number of pixels. Raises MapJsonError."""
         return self.number("a finite number of pixels", valid=finite)
 
     def boolean(self) -> bool:
-        """Return true or false.
-
-        Raises
-        ------
-        MapJsonError
-        """
+        """Return true or false. Raises MapJsonError."""
         if not isinstance(self.value, bool):
             raise self._wrong("true or false")
         return self.value
 
     def text(self) -> str:
-        """Return a text.
-
-        Raises
-        ------
-        MapJsonError
-        """
+        """Return a text. Raises MapJsonError."""
         if not isinstance(self.value, str):
             raise self._wrong("text")
         return self.value
@@ -164,22 +141,15 @@ def parse_json(data: bytes, *, where: str, most_values: int | None = None) -> Js
 
     NaN, duplicate fields and texts that cannot be encoded are errors.
 
-    Parameters
-    ----------
-    where : str
-        Name of the file, for errors.
-    most_values : int, optional
-        Limit of the number of values, each of which takes some 150 bytes of memory.
+    Args:
+        where: Name of the file, for errors.
+        most_values: Limit of the number of values, each of which takes some 150 bytes of memory.
 
-    Returns
-    -------
-    JsonField
+    Returns:
         The root, with the path `$`.
 
-    Raises
-    ------
-    MapJsonError
-        The JSON is invalid; syntax errors have line and column.
+    Raises:
+        MapJsonError: The JSON is invalid; syntax errors have line and column.
     """
 
     def refuse_constant(name: str) -> object:
@@ -224,10 +194,8 @@ def _is_unicode(value: object) -> bool:
 def by_id(field: JsonField, *, parse: Callable[[JsonField], tuple[int, T]]) -> dict[int, T]:
     """Parse the items of a list, and return them by id.
 
-    Raises
-    ------
-    MapJsonError
-        An id is repeated, or `parse` raises it.
+    Raises:
+        MapJsonError: An id is repeated, or `parse` raises it.
     """
     found: dict[int, T] = {}
     for item in field.items():

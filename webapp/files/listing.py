@@ -52,10 +52,8 @@ def normal_name(name: str) -> str:
 class Spelling:
     """Finds files whose names differ from a given one in letter case, Unicode form, folder or a typing error.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Relative paths that exist.
+    Args:
+        names: Relative paths that exist.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -101,15 +99,11 @@ def list_files(folder: Path, *, leave_out: Iterable[Path] = ()) -> list[str]:
 
     Names that begin with a dot are left out; links to folders are not followed.
 
-    Parameters
-    ----------
-    leave_out : iterable of Path
-        Folders not to enter.
+    Args:
+        leave_out: Folders not to enter.
 
-    Raises
-    ------
-    UsageError
-        The folder, or one below it, cannot be listed.
+    Raises:
+        UsageError: The folder, or one below it, cannot be listed.
     """
     closed = {path.resolve() for path in leave_out}
     found = []

@@ -34,19 +34,13 @@ def allow_open_files(count: int) -> None:
 def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
     """Hold the folder's lock; the system frees it when the process ends, however it ends.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing.
-    wait_s : float
-        Seconds to wait for another writer.
+    Args:
+        folder: Created if missing.
+        wait_s: Seconds to wait for another writer.
 
-    Raises
-    ------
-    FolderInUse
-        Another process is writing.
-    StorageError
-        The folder cannot be written.
+    Raises:
+        FolderInUse: Another process is writing.
+        StorageError: The folder cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -74,21 +68,14 @@ def writer_lock(folder: Path, *, wait_s: float = 0.0) -> Iterator[None]:
 def exclusive(path: Path, *, doing: str, wait_s: int = 60) -> AbstractContextManager[None]:
     """Run the block in one process at a time; fail at once if another holds the lock.
 
-    Parameters
-    ----------
-    path : Path
-        The lock file; its folder is created if missing.
-    doing : str
-        Message of `Busy`: what the other process is doing.
-    wait_s : int
-        Seconds after which `Busy` suggests to try again.
+    Args:
+        path: The lock file; its folder is created if missing.
+        doing: Message of `Busy`: what the other process is doing.
+        wait_s: Seconds after which `Busy` suggests to try again.
 
-    Raises
-    ------
-    Busy
-        Another process, or thread, holds the lock.
-    StorageError
-        The folder cannot be written.
+    Raises:
+        Busy: Another process, or thread, holds the lock.
+        StorageError: The folder cannot be written.
     """
     return one_of([path], doing=doing, wait_s=wait_s)
 
@@ -124,21 +111,14 @@ def one_of(paths: Sequence[Path], *, doing: str, wait_s: int) -> Iterator[None]:
 def rate_limited(path: Path, *, gap_s: float, wait_s: float) -> Iterator[None]:
     """Run the block in one process at a time, with a minimum gap between runs.
 
-    Parameters
-    ----------
-    path : Path
-        The lock file; its folder is created if missing.
-    gap_s : float
-        Minimum seconds from the end of one run to the start of the next.
-    wait_s : float
-        Seconds to wait for the lock.
+    Args:
+        path: The lock file; its folder is created if missing.
+        gap_s: Minimum seconds from the end of one run to the start of the next.
+        wait_s: Seconds to wait for the lock.
 
-    Raises
-    ------
-    Busy
-        The lock was not free within `wait_s`.
-    StorageError
-        The folder cannot be written.
+    Raises:
+        Busy: The lock was not free within `wait_s`.
+        StorageError: The folder cannot be written.
     """
     ended = path.with_name(f"{path.name}.ended")
     try:
@@ -168,10 +148,8 @@ def any_alive(folder: Path) -> bool:
 
     If several machines share the disk and its locks, the process may be on any of them.
 
-    Parameters
-    ----------
-    folder : Path
-        Contains `*.lock` files; may be missing.
+    Args:
+        folder: Contains `*.lock` files; may be missing.
     """
     return any(_is_held(path) for path in folder.glob("*.lock"))
 

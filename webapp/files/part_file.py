@@ -22,10 +22,8 @@ _WAIT_S = 30
 class WrongOffset(Conflict):
     """A chunk does not begin where the bytes received so far end.
 
-    Attributes
-    ----------
-    offset : int
-        Bytes received so far: where to resume.
+    Attributes:
+        offset: Bytes received so far: where to resume.
     """
 
     def __init__(self, message: str, *, offset: int, where: str | None = None) -> None:
@@ -39,10 +37,8 @@ def one_at_a_time(part: Path) -> Iterator[None]:
 
     Uploads whose names begin alike share a lock file; these are few and never deleted, which avoids races.
 
-    Raises
-    ------
-    Conflict
-        Another process has held the lock for too long.
+    Raises:
+        Conflict: Another process has held the lock for too long.
     """
     try:
         with FileLock(part.with_name(f"{part.name[:2]}.lock"), timeout=_WAIT_S):
@@ -62,28 +58,18 @@ def arrived(part: Path) -> int:
 def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
     """Append a chunk; on return, it is on the disk.
 
-    Parameters
-    ----------
-    part : Path
-        Created with the first chunk.
-    offset : int
-        Position of the chunk in the file, according to the sender.
-    size : int
-        Bytes of the whole file.
+    Args:
+        part: Created with the first chunk.
+        offset: Position of the chunk in the file, according to the sender.
+        size: Bytes of the whole file.
 
-    Returns
-    -------
-    int
+    Returns:
         Bytes received so far.
 
-    Raises
-    ------
-    WrongOffset
-        The bytes received so far do not end at `offset`; nothing was changed.
-    InputError
-        The chunk exceeds the size of the file.
-    DiskFull, StorageError
-        Writing failed; the chunk was not kept.
+    Raises:
+        WrongOffset: The bytes received so far do not end at `offset`; nothing was changed.
+        InputError: The chunk exceeds the size of the file.
+        DiskFull, StorageError: Writing failed; the chunk was not kept.
     """
     there = arrived(part)
     if offset != there:
@@ -108,22 +94,15 @@ def append(part: Path, data: bytes, *, offset: int, size: int) -> int:
 def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
     """Write a stream to a new file; on return, it is on the disk.
 
-    Parameters
-    ----------
-    part : Path
-        Must not exist.
+    Args:
+        part: Must not exist.
 
-    Returns
-    -------
-    int
+    Returns:
         Bytes written.
 
-    Raises
-    ------
-    InputError
-        There are more than `max_bytes`; nothing was kept.
-    DiskFull, StorageError
-        Writing failed; nothing was kept.
+    Raises:
+        InputError: There are more than `max_bytes`; nothing was kept.
+        DiskFull, StorageError: Writing failed; nothing was kept.
     """
     written = 0
     try:
@@ -144,17 +123,12 @@ def receive(part: Path, stream: IO[bytes], *, max_bytes: int) -> int:
 def move_in(source: Path, target: Path) -> None:
     """Move a complete file to its place, durably even in a power cut.
 
-    Parameters
-    ----------
-    source : Path
-        On the same disk.
-    target : Path
-        Its folder is created if missing.
+    Args:
+        source: On the same disk.
+        target: Its folder is created if missing.
 
-    Raises
-    ------
-    DiskFull, StorageError
-        The file is still at `source`.
+    Raises:
+        DiskFull, StorageError: The file is still at `source`.
     """
     with _on_disk(target):
         with source.open("rb+") as file:
@@ -172,12 +146,7 @@ def discard(part: Path) -> None:
 
 
 def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
-    """Check that the disk has space for `size` bytes and the reserve.
-
-    Raises
-    ------
-    DiskFull
-    """
+    """Check that the disk has space for `size` bytes and the reserve. Raises DiskFull."""
     free = shutil.disk_usage(folder).free
     if free - size < reserve_mb * 1e6:
         raise DiskFull(
@@ -191,10 +160,8 @@ def check_space(folder: Path, size: int, *, reserve_mb: float) -> None:
 def show_file_as(name: str, path: Path | None = None) -> Iterator[None]:
     """Replace a file's path on the server in errors by the name that its sender gave it.
 
-    Parameters
-    ----------
-    path : Path, optional
-        Path on the server; None for bytes without a file.
+    Args:
+        path: Path on the server; None for bytes without a file.
     """
     try:
         yield

@@ -20,10 +20,8 @@ def sealed(values: Mapping[str, Any]) -> bytes:
 def unsealed(data: bytes) -> Any:
     """Parse JSON; without a checksum, as older programs wrote it, it is not checked.
 
-    Raises
-    ------
-    ValueError
-        It is not JSON, or differs from its checksum.
+    Raises:
+        ValueError: It is not JSON, or differs from its checksum.
     """
     if data.startswith(_START):
         check, rest = data[len(_START) :][:_LENGTH], data[len(_START) + _LENGTH + len(_END) :]

@@ -28,26 +28,16 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class TextRow:
-    """One line of a table.
+    """One line of a table."""
 
-    Attributes
-    ----------
-    fields : tuple of str
-        As many as in the header.
-    where : str
-        File and line.
-    """
-
-    fields: tuple[str, ...]
-    where: str
+    fields: tuple[str, ...]  # As many as in the header
+    where: str  # File and line
 
     def number(self, column: int) -> float:
         """Return a column as a finite number.
 
-        Raises
-        ------
-        TableError
-            It is not a finite number.
+        Raises:
+            TableError: It is not a finite number.
         """
         text = self.fields[column].strip()
         value = float(text) if _NUMBER.fullmatch(text) else math.nan
@@ -62,10 +52,8 @@ class TextRow:
 def read_bytes(path: Path, *, error: type[InputError]) -> bytes:
     """Read a small file.
 
-    Parameters
-    ----------
-    error : type
-        Raised if the file is missing, unreadable, or larger than `MAX_BYTES`.
+    Args:
+        error: Raised if the file is missing, unreadable, or larger than `MAX_BYTES`.
     """
     try:
         with path.open("rb") as file:
@@ -93,20 +81,14 @@ def read_table(path: Path, *, headers: Sequence[str]) -> tuple[str, list[TextRow
 
     A byte order mark, CRLF and blank lines are accepted.
 
-    Parameters
-    ----------
-    headers : sequence of str
-        The accepted headers, such as `x;y;lat;lon`.
+    Args:
+        headers: The accepted headers, such as `x;y;lat;lon`.
 
-    Returns
-    -------
-    header : str
-        The one found.
+    Returns:
+        header: The one found.
 
-    Raises
-    ------
-    TableError
-        The file cannot be read, has another header, or a line has another number of columns.
+    Raises:
+        TableError: The file cannot be read, has another header, or a line has another number of columns.
     """
     lines = read_text(path, error=TableError).splitlines() or [""]
     header = lines[0].strip().replace(" ", "").lower()
@@ -130,10 +112,8 @@ def numbered_lines(file: BinaryIO) -> Iterator[tuple[int, str]]:
 
     Text is UTF-8, with or without a byte order mark; lines that are not UTF-8 are read as Latin-1.
 
-    Raises
-    ------
-    TrackError
-        A line is longer than `MAX_LINE`, or the file is UTF-16.
+    Raises:
+        TrackError: A line is longer than `MAX_LINE`, or the file is UTF-16.
     """
     number = 0
     while line := file.readline(MAX_LINE + 1):

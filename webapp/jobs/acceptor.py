@@ -47,12 +47,9 @@ _STOPS_WITHIN_S = 2.0
 class Acceptor:
     """A thread that accepts connections.
 
-    Parameters
-    ----------
-    listener : socket
-        The listening socket.
-    draining : callable
-        As in `Health`.
+    Args:
+        listener: The listening socket.
+        draining: As in `Health`.
     """
 
     def __init__(

@@ -30,11 +30,9 @@ class SendingEnd(socket.socket):
     def send_connection(self, connection: socket.socket) -> None:
         """Send a copy of a connection.
 
-        Raises
-        ------
-        BlockingIOError
-            The queue is full.
-        TooManyPassed
+        Raises:
+            BlockingIOError: The queue is full.
+            TooManyPassed
         """
         try:
             socket.send_fds(self, [_MARK], [connection.fileno()])
@@ -55,14 +53,10 @@ class ReceivingEnd(socket.socket):
     def accept(self) -> tuple[socket.socket, Any]:
         """Take a connection; returns it with the client's address.
 
-        Raises
-        ------
-        BlockingIOError
-            There is none.
-        EOFError
-            The supervisor is gone.
-        ConnectionAbortedError
-            The client is gone, or this process has no free file descriptor.
+        Raises:
+            BlockingIOError: There is none.
+            EOFError: The supervisor is gone.
+            ConnectionAbortedError: The client is gone, or this process has no free file descriptor.
         """
         data, fds, _, _ = socket.recv_fds(self, len(_MARK), 1, socket.MSG_CMSG_CLOEXEC)
         if not data:

@@ -22,34 +22,23 @@ from webapp.store.schema import MapRecord
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """The inputs of a job, its lease and its progress.
-
-    Attributes
-    ----------
-    progress : JobProgress
-        Long-running work has to call its `check` regularly.
-    map_id, account_id : int or None
-        The map concerned, and the account that requested the job.
-    arguments : mapping
-        As they were queued.
-    """
+    """The inputs of a job, its lease and its progress."""
 
     library: Library
     settings: Settings
-    progress: JobProgress
+    progress: JobProgress  # Long-running work has to call its `check` regularly
     lease: Lease
+    # `map_id`, `account_id`: The map concerned, and the account that requested the job.
     map_id: int | None
     account_id: int | None
-    arguments: Mapping[str, Any]
+    arguments: Mapping[str, Any]  # As they were queued
 
     @contextmanager
     def write(self) -> Iterator[Session]:
         """Open a write transaction, provided that the job still holds its lease.
 
-        Raises
-        ------
-        Conflict
-            The lease is lost.
+        Raises:
+            Conflict: The lease is lost.
         """
         with self.library.database.write() as session:
             jobs.guard(session, self.lease)
@@ -59,10 +48,8 @@ class Context:
     def changing(self, map_id: int) -> Iterator[MapChange]:
         """Change a map as `Library.changing` does, provided that the job still holds its lease.
 
-        Raises
-        ------
-        Conflict
-            The lease is lost.
+        Raises:
+            Conflict: The lease is lost.
         """
         with self.write() as session, change_map(session, map_id) as change:
             yield change
@@ -70,10 +57,8 @@ class Context:
     def map(self) -> MapRecord:
         """Read the map's record.
 
-        Raises
-        ------
-        NotFound
-            The map has been deleted in the meantime.
+        Raises:
+            NotFound: The map has been deleted in the meantime.
         """
         with self.library.database.read() as session:
             record = None if self.map_id is None else session.get(MapRecord, self.map_id)

@@ -23,19 +23,12 @@ _STATUSES = {True: HTTPStatus.OK, False: HTTPStatus.SERVICE_UNAVAILABLE}
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The health of a server.
-
-    Attributes
-    ----------
-    draining : callable
-        Returns whether the server is about to stop.
-    takes_requests : callable
-        Returns whether its web processes take new connections.
-    """
+    """The health of a server."""
 
     library: Library
     settings: Settings
-    draining: Callable[[], bool] = is_draining
+    draining: Callable[[], bool] = is_draining  # Returns whether the server is about to stop
+    # Returns whether its web processes take new connections.
     takes_requests: Callable[[], bool] = lambda: True
 
     def live(self) -> Report:

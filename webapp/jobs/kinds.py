@@ -41,26 +41,16 @@ KINDS: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class JobRegistry:
-    """The kinds of jobs and the sweeps of a worker (all are in `webapp.app.registry`).
+    """The kinds of jobs and the sweeps of a worker (all are in `webapp.app.registry`)."""
 
-    Attributes
-    ----------
-    kinds : mapping of str to str
-        Name of each kind of job to "module:function".
-    sweeps : tuple of callable
-        Run periodically, in addition to those of maps.
-    """
-
-    kinds: Mapping[str, str]
-    sweeps: tuple[Sweep, ...] = ()
+    kinds: Mapping[str, str]  # Name of each kind of job to "module:function"
+    sweeps: tuple[Sweep, ...] = ()  # Run periodically, in addition to those of maps
 
     def function(self, kind: str) -> Function:
         """Import the function that does a kind of job.
 
-        Raises
-        ------
-        UsageError
-            The kind does not exist.
+        Raises:
+            UsageError: The kind does not exist.
         """
         if kind not in self.kinds:
             raise UsageError(

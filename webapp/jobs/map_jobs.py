@@ -39,7 +39,7 @@ from webapp.tasks.localize.trials import MOST_PHOTOS
 from webapp.tasks.maps import export, health
 from webapp.tasks.satellite import display, tiles
 from webapp.tasks.satellite.apply import ImageChoice, set_image
-from webapp.tasks.satellite.files import taken_back_if_refused
+from webapp.tasks.satellite.files import removed_if_refused
 from webapp.tasks.satellite.tiles import TileRequest
 from webapp.tasks.street.add_street import add_street_photos
 from webapp.tasks.street.survey import PixelBox, StreetRequest, survey_street
@@ -277,7 +277,7 @@ def fetch_satellite_tiles(context: Context) -> dict[str, Any]:
         progress=context.progress,
     )
     choice = ImageChoice(context.account_id, scale=bool(asked.get("scale")), tray=bool(asked.get("tray")))
-    with taken_back_if_refused(context.library, record.id, name=fetched.new.path):
+    with removed_if_refused(context.library, record.id, name=fetched.new.path):
         applied = set_image(context.changing, record.id, new=fetched.new, choice=choice)
     return {
         "width": fetched.new.image.width,

@@ -56,45 +56,26 @@ _HERE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """The application to serve, its address and its number of processes.
+    """The application to serve, its address and its number of processes."""
 
-    Attributes
-    ----------
-    app : str
-        "module:function" that makes the application.
-    port : int
-        0 for any free port.
-    workers : int
-        Processes that answer requests.
-    log : {"text", "json"}
-        Form of the log.
-    """
-
-    app: str
+    app: str  # "module:function" that makes the application
     host: str
-    port: int
-    workers: int
-    log: Form = "text"
+    port: int  # 0 for any free port
+    workers: int  # Processes that answer requests
+    log: Form = "text"  # "text" or "json". Form of the log.
 
 
 def serve(site: Site, *, settings: Settings, echo: Callable[[str], None]) -> None:
     """Serve a library until the process is stopped.
 
-    Parameters
-    ----------
-    echo : callable
-        Called once with `listening on URL` and once with `sign in: URL`, when the server answers.
+    Args:
+        echo: Called once with `listening on URL` and once with `sign in: URL`, when the server answers.
 
-    Raises
-    ------
-    UsageError
-        The address cannot be listened on.
-    StorageError
-        The library cannot be opened.
-    ExpMapError
-        The application does not start.
-    MissingPart
-        On Windows.
+    Raises:
+        UsageError: The address cannot be listened on.
+        StorageError: The library cannot be opened.
+        ExpMapError: The application does not start.
+        MissingPart: On Windows.
     """
     if os.name == "nt":
         raise MissingPart(
@@ -141,10 +122,8 @@ def _metrics_folder(settings: Settings) -> Iterator[dict[str, str]]:
 def listen(host: str, port: int) -> socket.socket:
     """Open a listening socket; wait a little if an earlier server has not yet freed the port.
 
-    Raises
-    ------
-    UsageError
-        Another program uses the port, or the address is not one of this machine.
+    Raises:
+        UsageError: Another program uses the port, or the address is not one of this machine.
     """
     until = time.monotonic() + _FREE_WITHIN_S
     while True:
@@ -216,10 +195,8 @@ class _Start:
     def look(self, web: Child, *, echo: Callable[[str], None]) -> None:
         """Report once that the server answers.
 
-        Raises
-        ------
-        ExpMapError
-            It keeps exiting instead.
+        Raises:
+            ExpMapError: It keeps exiting instead.
         """
         if self._announced:
             return
@@ -264,14 +241,10 @@ class _Start:
 class Child:
     """A process that is restarted whenever it exits.
 
-    Parameters
-    ----------
-    name : str
-        For the log.
-    environment : mapping or None
-        Environment of the process; None: that of this process.
-    fds : sequence of int
-        File descriptors it inherits.
+    Args:
+        name: For the log.
+        environment: Environment of the process; None: that of this process.
+        fds: File descriptors it inherits.
     """
 
     def __init__(
@@ -353,18 +326,12 @@ def keep_running(
 ) -> None:
     """Keep processes running until SIGINT, SIGTERM or SIGHUP.
 
-    Parameters
-    ----------
-    each_tick : callable
-        Called ten times a second; an error in it stops all processes.
-    acceptor : Acceptor or None
-        Stopped before the processes.
-    drain : Drain
-        Begun by the signal.
-    drain_s : float
-        Seconds from then until the processes get SIGTERM; a second signal ends the wait.
-    stop_s : float
-        Seconds that the processes have to stop before they are killed.
+    Args:
+        each_tick: Called ten times a second; an error in it stops all processes.
+        acceptor: Stopped before the processes.
+        drain: Begun by the signal.
+        drain_s: Seconds from then until the processes get SIGTERM; a second signal ends the wait.
+        stop_s: Seconds that the processes have to stop before they are killed.
     """
     stopping = threading.Event()
 

@@ -60,10 +60,8 @@ class ClientSocket(socket.socket):
     def recv(self, size: int, flags: int = 0) -> bytes:
         """Receive some bytes.
 
-        Raises
-        ------
-        ConnectionResetError
-            The request takes too long.
+        Raises:
+            ConnectionResetError: The request takes too long.
         """
         left_s = self.patience_s + self._received / LEAST_BYTES_PER_S - self._waited_s
         before, start = self.gettimeout(), time.monotonic()
@@ -81,10 +79,8 @@ class ClientSocket(socket.socket):
     def sendall(self, data: Any, flags: int = 0) -> None:
         """Send bytes.
 
-        Raises
-        ------
-        ConnectionResetError
-            The client does not receive them in time.
+        Raises:
+            ConnectionResetError: The client does not receive them in time.
         """
         try:
             super().sendall(data, flags)

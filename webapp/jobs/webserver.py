@@ -36,16 +36,11 @@ _CONNECTIONS = 800
 class Server(BaseApplication):  # type: ignore[misc]
     """Gunicorn for one application.
 
-    Parameters
-    ----------
-    app : str
-        "module:function", called with the settings in each worker process.
-    options : mapping
-        Gunicorn's options.
-    parent : int
-        Id of the supervisor's process; the server stops when it is gone.
-    listeners : sequence of socket
-        Listening sockets; none: those of the options.
+    Args:
+        app: "module:function", called with the settings in each worker process.
+        options: Gunicorn's options.
+        parent: Id of the supervisor's process; the server stops when it is gone.
+        listeners: Listening sockets; none: those of the options.
     """
 
     def __init__(
@@ -134,12 +129,9 @@ def native_threads(workers: int) -> int:
 def gunicorn_options(settings: Settings, *, fd: int, workers: int) -> dict[str, Any]:
     """Choose gunicorn's options.
 
-    Parameters
-    ----------
-    fd : int
-        File descriptor of the listening socket: requests wait there while gunicorn restarts.
-    workers : int
-        Number of processes.
+    Args:
+        fd: File descriptor of the listening socket: requests wait there while gunicorn restarts.
+        workers: Number of processes.
     """
     return {
         "bind": f"fd://{fd}",

@@ -73,10 +73,8 @@ Work = Future[Mapping[str, Any] | None]
 class Worker:
     """Runs the jobs of a library.
 
-    Parameters
-    ----------
-    parent : int or None
-        Id of the process that started this one; the worker stops when it is gone.
+    Args:
+        parent: Id of the process that started this one; the worker stops when it is gone.
     """
 
     def __init__(
@@ -95,10 +93,8 @@ class Worker:
     def run(self, *, once: bool = False) -> None:
         """Run jobs until stopped.
 
-        Parameters
-        ----------
-        once : bool
-            Return when the queue is empty.
+        Args:
+            once: Return when the queue is empty.
         """
         exporter = threading.Thread(target=self._export, name="export", daemon=True)
         if not once:
@@ -127,10 +123,9 @@ class Worker:
     def _turn(self, *, once: bool) -> bool:
         """Run due sweeps and the next job; returns whether there was one.
 
-        Raises
-        ------
-        StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable
-            With `once`: the job failed temporarily, and is back in the queue.
+        Raises:
+            StorageUnavailable, ClusterUnavailable, FolderInUse, DatabaseUnavailable: With `once`: the job
+                failed temporarily, and is back in the queue.
         """
         self._clean()
         if once:
@@ -247,7 +242,7 @@ class Worker:
         _log.warning("job %d does not stop in time, and is left as it is", lease.job_id)
         try:
             with self._library.database.write() as session:
-                jobs.give_back(session, lease)
+                jobs.requeue(session, lease)
         except StorageError as error:
             _log.warning("job %d waits until its lease ends: %s", lease.job_id, error)
         os._exit(0)
@@ -268,16 +263,16 @@ class Worker:
             if error is None:
                 ended, kept = "done", jobs.finish(session, lease, result=work.result())
             elif isinstance(error, Cancelled) and self._stopping.is_set():
-                ended, kept = "given back", jobs.give_back(session, lease)
+                ended, kept = "given back", jobs.requeue(session, lease)
             elif isinstance(error, Cancelled):
                 ended, kept = "cancelled", jobs.stop(session, lease)
             elif isinstance(error, _PASSING) and (job.waits < _MOST_WAITS or isinstance(error, _ELSEWHERE)):
                 _log.warning("job %d (%s) waits: %s", job.id, job.kind, error)
                 note, pause_s = error.message, error.wait_s
-                ended, kept = "given back", jobs.put_off(session, lease, note=note, pause_s=pause_s)
+                ended, kept = "given back", jobs.postpone(session, lease, note=note, pause_s=pause_s)
             elif isinstance(error, ProcessLost):
                 _log.warning("job %d (%s): %s", job.id, job.kind, error)
-                ended, kept = "given back", jobs.let_go(session, lease)
+                ended, kept = "given back", jobs.release(session, lease)
             else:
                 ended, kept = "failed", jobs.fail(session, lease, error=_error_json(error, job))
         return ended if kept else "taken over by another worker"
@@ -363,10 +358,8 @@ class ProcessLock:
 
     The system frees the lock however the process ends; unlike process ids, names are never reused.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder with the lock files of a library's workers.
+    Args:
+        folder: Folder with the lock files of a library's workers.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -70,18 +70,13 @@ def answering(
 ) -> Iterator[requests.Response]:
     """Send a GET request; redirects are not followed, as they could lead to a host that nobody has agreed to.
 
-    Parameters
-    ----------
-    most_bytes : int
-        Maximum size of the body.
-    timeout_s : float
-        Longest wait for a part of the answer. The headers may take twice as long, and the whole answer the
-        time that its bytes take at 5 kB/s in addition.
+    Args:
+        most_bytes: Maximum size of the body.
+        timeout_s: Longest wait for a part of the answer. The headers may take twice as long, and the whole
+            answer the time that its bytes take at 5 kB/s in addition.
 
-    Raises
-    ------
-    requests.RequestException
-        There is no answer, or it exceeds the limits.
+    Raises:
+        requests.RequestException: There is no answer, or it exceeds the limits.
     """
     token = _most_bytes.set(most_bytes)
     try:
@@ -103,10 +98,8 @@ def body(
 ) -> bytes | None:
     """Read the body of an answer; None if it has more bytes than allowed, which are then not read.
 
-    Parameters
-    ----------
-    at_chunk : callable
-        Called for every 2^16 bytes; what it raises ends the reading.
+    Args:
+        at_chunk: Called for every 2^16 bytes; what it raises ends the reading.
     """
     data = bytearray()
     for chunk in answer.iter_content(CHUNK):

@@ -17,23 +17,16 @@ _HINT = "try again later, or copy the file to this machine yourself and give its
 def download(address: str, *, size: int, progress: Progress) -> bytes:
     """Fetch a file.
 
-    Parameters
-    ----------
-    size : int
-        Expected size in bytes; reading stops beyond it.
-    progress : Progress
-        One step per 2^16 bytes.
+    Args:
+        size: Expected size in bytes; reading stops beyond it.
+        progress: One step per 2^16 bytes.
 
-    Returns
-    -------
-    bytes
+    Returns:
         Of the right size; the caller has to check the content.
 
-    Raises
-    ------
-    InputError
-        The host does not answer, or not with a file of this size.
-    Cancelled
+    Raises:
+        InputError: The host does not answer, or not with a file of this size.
+        Cancelled
     """
     progress.size(-(-size // CHUNK))
 

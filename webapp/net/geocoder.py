@@ -24,38 +24,24 @@ _WHERE = "place search"
 
 @dataclass(frozen=True, slots=True)
 class FoundPlace:
-    """A result of the search.
+    """A result of the search."""
 
-    Attributes
-    ----------
-    name : str
-        Display name, with the regions that the place is in.
-    box : GeoBox
-        Its extent.
-    """
-
-    name: str
+    name: str  # Display name, with the regions that the place is in
     position: LatLon
-    box: GeoBox
+    box: GeoBox  # Its extent
 
 
 def search(text: str, *, language: str, settings: GeocoderSettings) -> tuple[FoundPlace, ...]:
     """Send one request to the host.
 
-    Parameters
-    ----------
-    language : str
-        Preferred language of the names, such as `cs`.
+    Args:
+        language: Preferred language of the names, such as `cs`.
 
-    Returns
-    -------
-    tuple of FoundPlace
+    Returns:
         The best match first; empty if there is none.
 
-    Raises
-    ------
-    InputError
-        The host does not answer, refuses, or sends an invalid answer.
+    Raises:
+        InputError: The host does not answer, refuses, or sends an invalid answer.
     """
     wish = {"q": text, "format": "jsonv2", "limit": str(_MOST), "accept-language": language}
     try:

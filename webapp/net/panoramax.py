@@ -32,10 +32,8 @@ _MOST_BYTES = 1e9
 class Panoramax:
     """One instance, which may list photos of others.
 
-    Parameters
-    ----------
-    base : str
-        Its address, with or without `/api`.
+    Args:
+        base: Its address, with or without `/api`.
     """
 
     name = "Panoramax"

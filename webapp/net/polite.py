@@ -55,14 +55,10 @@ class RateLimit:
 class PoliteClient:
     """Sends requests to one service, and to the hosts of its photos.
 
-    Parameters
-    ----------
-    name : str
-        Display name of the service.
-    base : str
-        Its address.
-    headers : mapping
-        For the service itself only: a token must not be sent to other hosts.
+    Args:
+        name: Display name of the service.
+        base: Its address.
+        headers: For the service itself only: a token must not be sent to other hosts.
     """
 
     def __init__(
@@ -88,14 +84,10 @@ class PoliteClient:
     def json(self, address: str) -> object:
         """Request JSON from the service itself.
 
-        Raises
-        ------
-        InputError
-            It does not answer, refuses, or does not send JSON.
-        TooMany
-            It demands a longer pause than is allowed.
-        Cancelled
-            `stop` was called.
+        Raises:
+            InputError: It does not answer, refuses, or does not send JSON.
+            TooMany: It demands a longer pause than is allowed.
+            Cancelled: `stop` was called.
         """
         if not self._is_own(address):
             raise self._error("leads to another host", hint="check its address")
@@ -205,10 +197,8 @@ class PoliteClient:
 def _parse(address: str) -> Url:
     """Parse an address as the HTTP library does: another parser could find another host in it.
 
-    Raises
-    ------
-    ValueError
-        It is not an address, or has credentials, or characters on which parsers disagree.
+    Raises:
+        ValueError: It is not an address, or has credentials, or characters on which parsers disagree.
     """
     if "\\" in address or not address.isascii() or not address.isprintable():
         raise ValueError(address)

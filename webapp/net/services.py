@@ -16,28 +16,15 @@ _FIELDS = ("name", "url", "attribution", "max_zoom", "max_tiles", "public")
 
 @dataclass(frozen=True, slots=True)
 class TileService:
-    """A tile service with the standard grid of Web Mercator.
-
-    Attributes
-    ----------
-    url : str
-        Template with `{z}`, `{x}` and `{y}`, counted from the north.
-    attribution : str
-        Attribution to show with the image.
-    max_zoom : int
-        Highest zoom that it has.
-    max_tiles : int or None
-        Maximum number of tiles per image, if the service wants fewer than the settings allow.
-    public : bool
-        Whether visitors of shared maps may see its address, which may contain a key.
-    """
+    """A tile service with the standard grid of Web Mercator."""
 
     name: str
-    url: str
-    attribution: str
-    max_zoom: int
+    url: str  # Template with `{z}`, `{x}` and `{y}`, counted from the north
+    attribution: str  # Attribution to show with the image
+    max_zoom: int  # Highest zoom that it has
+    # Maximum number of tiles per image, if the service wants fewer than the settings allow.
     max_tiles: int | None = None
-    public: bool = False
+    public: bool = False  # Whether visitors of shared maps may see its address, which may contain a key
 
     @property
     def origin(self) -> str:
@@ -112,16 +99,12 @@ USUAL = tuple(replace(service, public=True) for service in _WITHOUT_A_KEY)
 def tile_services(file: Path | None) -> tuple[TileService, ...]:
     """Return the available services; the first one is the default.
 
-    Parameters
-    ----------
-    file : Path or None
-        JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles` and
-        `public`. None for the built-in ones.
+    Args:
+        file: JSON: a list of objects with `name`, `url`, `attribution`, `max_zoom`, and perhaps `max_tiles`
+            and `public`. None for the built-in ones.
 
-    Raises
-    ------
-    UsageError
-        The file cannot be read, or is not such a list; `where` names the place in it.
+    Raises:
+        UsageError: The file cannot be read, or is not such a list; `where` names the place in it.
     """
     if file is None:
         return USUAL
@@ -138,12 +121,7 @@ def tile_services(file: Path | None) -> tuple[TileService, ...]:
 
 
 def named(services: tuple[TileService, ...], name: str) -> TileService:
-    """Find a service by its name.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a service by its name. Raises NotFound."""
     found = next((service for service in services if service.name == name), None)
     if found is None:
         offered = ", ".join(service.name for service in services)

@@ -33,58 +33,29 @@ _WHERE = "street-level photos"
 
 @dataclass(frozen=True, slots=True)
 class StreetPhoto:
-    """A photo of a service.
+    """A photo of a service."""
 
-    Attributes
-    ----------
-    id : str
-        In the service: letters, digits, `_` and `-`.
-    heading_deg : float or None
-        Viewing direction, or that of the middle of a panorama, degrees clockwise from north.
-    fov_deg : float or None
-        Horizontal field of view.
-    accuracy_m : float or None
-        68 % radius of its position.
-    taken_at : str or None
-        ISO 8601.
-    is_panorama : bool
-        Equirectangular, of the whole sphere.
-    address : str
-        Address of the file.
-    size_bytes : int
-        Size of the file, as stated by the service or estimated from its pixels.
-    page : str
-        Web page of the photo at the service.
-    """
-
-    id: str
+    id: str  # In the service: letters, digits, `_` and `-`
     position: LatLon
-    address: str
+    address: str  # Address of the file
     licence: str
-    page: str
-    size_bytes: int
-    is_panorama: bool = False
+    page: str  # Web page of the photo at the service
+    size_bytes: int  # Size of the file, as stated by the service or estimated from its pixels
+    is_panorama: bool = False  # Equirectangular, of the whole sphere
+    # Viewing direction, or that of the middle of a panorama, degrees clockwise from north.
     heading_deg: float | None = None
-    fov_deg: float | None = None
-    accuracy_m: float | None = None
-    taken_at: str | None = None
+    fov_deg: float | None = None  # Horizontal field of view
+    accuracy_m: float | None = None  # 68 % radius of its position
+    taken_at: str | None = None  # ISO 8601
     author: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ListedPage:
-    """A page of the list of photos of a service.
+    """A page of the list of photos of a service."""
 
-    Attributes
-    ----------
-    items : list
-        Descriptions of photos, in the format of the service.
-    next : str or None
-        Address of the next page.
-    """
-
-    items: list[Any]
-    next: str | None = None
+    items: list[Any]  # Descriptions of photos, in the format of the service
+    next: str | None = None  # Address of the next page
 
 
 class StreetService(Protocol):
@@ -120,15 +91,10 @@ class StreetService(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class StreetListing:
-    """The photos of an area.
-
-    Attributes
-    ----------
-    unusable : int
-        Number of photos whose descriptions cannot be used: without a file, a position, or a licence.
-    """
+    """The photos of an area."""
 
     photos: tuple[StreetPhoto, ...]
+    # Number of photos whose descriptions cannot be used: without a file, a position, or a licence.
     unusable: int
 
 
@@ -139,18 +105,13 @@ def list_photos(
 
     A full page without a next one is assumed to be truncated: its area is queried again in quarters.
 
-    Parameters
-    ----------
-    most : int
-        Maximum number of photos.
+    Args:
+        most: Maximum number of photos.
 
-    Raises
-    ------
-    UsageError
-        The area has more, or is too large for the service.
-    InputError, TooMany
-        The service does not answer, or not with a list of photos.
-    Cancelled
+    Raises:
+        UsageError: The area has more, or is too large for the service.
+        InputError, TooMany: The service does not answer, or not with a list of photos.
+        Cancelled
     """
     found: dict[str, StreetPhoto] = {}
     unusable: set[str] = set()
@@ -235,10 +196,8 @@ def _quarters(box: GeoBox) -> list[GeoBox]:
 def plain_id(value: object) -> str:
     """Return the id of a photo.
 
-    Raises
-    ------
-    ValueError
-        It cannot be part of a file name.
+    Raises:
+        ValueError: It cannot be part of a file name.
     """
     text = str(value)
     if not _PLAIN_ID.fullmatch(text):
@@ -247,12 +206,7 @@ def plain_id(value: object) -> str:
 
 
 def position(geometry: Any) -> LatLon:
-    """Parse a GeoJSON point.
-
-    Raises
-    ------
-    ValueError, TypeError, KeyError
-    """
+    """Parse a GeoJSON point. Raises ValueError, TypeError, KeyError."""
     lon, lat = (float(value) for value in geometry["coordinates"][:2])
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
         raise ValueError("not on the Earth")

@@ -39,10 +39,8 @@ _IMAGES = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 class TileFetcher:
     """Tiles of one service, from its host or from the cache.
 
-    Parameters
-    ----------
-    cache : Path
-        Folder for the tiles of all services; created if missing.
+    Args:
+        cache: Folder for the tiles of all services; created if missing.
     """
 
     def __init__(self, service: TileService, *, cache: Path, settings: TileSettings) -> None:
@@ -68,23 +66,16 @@ class TileFetcher:
 
         Each one is in the cache before it is yielded, so that a stopped download can be resumed.
 
-        Parameters
-        ----------
-        progress : Progress
-            Used only for cancellation, also while waiting for the service.
+        Args:
+            progress: Used only for cancellation, also while waiting for the service.
 
-        Yields
-        ------
-        tuple of Tile and bytes
+        Yields:
             A PNG, JPEG or WebP file; None where the service has no tile.
 
-        Raises
-        ------
-        InputError
-            The service does not answer, refuses, or does not send an image.
-        StorageError
-            The cache cannot be written.
-        Cancelled
+        Raises:
+            InputError: The service does not answer, refuses, or does not send an image.
+            StorageError: The cache cannot be written.
+            Cancelled
         """
         todo = iter(tiles)
         pool = ContextThreads(self._settings.parallel)

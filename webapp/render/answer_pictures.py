@@ -31,12 +31,9 @@ _TEXT, _SMALL, _MARGIN = 19, 16, 14
 def map_picture(cfg: Path, the_map: Map, *, answer: Answer, limits: PhotoLimits) -> Image.Image:
     """Draw the hypotheses on the satellite image.
 
-    Raises
-    ------
-    PhotoError
-        The satellite image cannot be used.
-    MapError
-        Its path leads out of the map's folder.
+    Raises:
+        PhotoError: The satellite image cannot be used.
+        MapError: Its path leads out of the map's folder.
     """
     satellite = read_upright(photo_path(cfg, the_map.satellite.path), limits=limits)
     return draw_map(satellite, the_map, answer=answer)
@@ -47,12 +44,9 @@ def match_picture(
 ) -> Image.Image | None:
     """Draw the query next to the best photo of the map; None when there is no match to show.
 
-    Raises
-    ------
-    PhotoError
-        One of the photos cannot be used.
-    MapError
-        The photo's path leads out of the map's folder.
+    Raises:
+        PhotoError: One of the photos cannot be used.
+        MapError: The photo's path leads out of the map's folder.
     """
     if not answer.evidence:
         return None
@@ -77,16 +71,11 @@ def draw_matches(
 ) -> Image.Image:
     """Draw the matches between a query and a photo of the map.
 
-    Parameters
-    ----------
-    query, photo : (height, width, 3) uint8
-        Upright, at full size; blue, green, red.
-    query_name, photo_name : str
-        For the caption.
+    Args:
+        query, photo: (height, width, 3) uint8. Upright, at full size; blue, green, red.
+        query_name, photo_name: For the caption.
 
-    Returns
-    -------
-    PIL.Image.Image
+    Returns:
         RGB. The query is on the left, the caption in a band below.
     """
     left, right = _scales(query, photo)

@@ -23,10 +23,8 @@ Point = tuple[float, float]
 class Canvas:
     """A picture to draw on; (0, 0) is the centre of its top-left pixel.
 
-    Parameters
-    ----------
-    pixels : (height, width, 3) uint8
-        Red, green, blue; drawn into.
+    Args:
+        pixels: (height, width, 3) uint8. Red, green, blue; drawn into.
     """
 
     def __init__(self, pixels: NDArray[np.uint8]) -> None:

@@ -20,15 +20,10 @@ _DOT = 5
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of a chart.
-
-    Attributes
-    ----------
-    ticks : tuple of (float, str)
-        Values and their labels; the first and the last are the ends of the axis.
-    """
+    """One axis of a chart."""
 
     label: str
+    # Values and their labels; the first and the last are the ends of the axis.
     ticks: tuple[tuple[float, str], ...]
     log: bool = False
 
@@ -67,16 +62,11 @@ def error_chart(
 ) -> Markup:
     """Draw the share of the queries with at most a given error, over the error on a logarithmic axis.
 
-    Parameters
-    ----------
-    errors : (n,) float64
-        Of the first hypotheses, map pixels; infinite without a hypothesis.
-    place_radius_px : float
-        Marked by a line.
+    Args:
+        errors: (n,) float64. Of the first hypotheses, map pixels; infinite without a hypothesis.
+        place_radius_px: Marked by a line.
 
-    Returns
-    -------
-    Markup
+    Returns:
         An SVG element.
     """
     values, shares = error_curve(errors)
@@ -103,9 +93,7 @@ def error_chart(
 def reliability_chart(bins: Sequence[ReliabilityBin], *, words: ChartWords = _ENGLISH) -> Markup:
     """Draw the share of right answers over stated probability, in bins of equal mass with 95 % intervals.
 
-    Returns
-    -------
-    Markup
+    Returns:
         An SVG element.
     """
     x = Axis(words.stated, SHARE)

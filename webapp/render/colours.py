@@ -50,14 +50,10 @@ PAPER: RGB = (250, 251, 252)
 def probability_colour(probability: float) -> RGB:
     """Return the colour of a probability: dark violet at 0, bright yellow at 1.
 
-    Parameters
-    ----------
-    probability : float
-        Clipped to 0 to 1.
+    Args:
+        probability: Clipped to 0 to 1.
 
-    Returns
-    -------
-    (int, int, int)
+    Returns:
         Red, green, blue, 0 to 255.
     """
     at = float(np.clip(probability, 0.0, 1.0)) * (len(_STOPS) - 1)

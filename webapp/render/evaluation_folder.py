@@ -41,21 +41,14 @@ JPEG_QUALITY = 80
 def write(evaluation: Evaluation, folder: Path, *, limits: PhotoLimits, worst: int = WORST) -> None:
     """Write `report.html`, `results.csv`, `results.json`, `estimate.tum` and `truth.tum`.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing; files of these names are replaced.
-    limits : PhotoLimits
-        For the photos in the report.
-    worst : int
-        How many queries the report shows with pictures.
+    Args:
+        folder: Created if missing; files of these names are replaced.
+        limits: For the photos in the report.
+        worst: How many queries the report shows with pictures.
 
-    Raises
-    ------
-    StorageError
-        The folder or a file in it cannot be written.
-    PhotoError
-        A photo that was localized, or the map's image, can no longer be read.
+    Raises:
+        StorageError: The folder or a file in it cannot be written.
+        PhotoError: A photo that was localized, or the map's image, can no longer be read.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -113,9 +106,7 @@ def _jpeg(image: Image.Image) -> bytes:
 def results_csv(rows: Iterable[Row]) -> str:
     """Write the table, columns separated by semicolons; unknown values are empty.
 
-    Returns
-    -------
-    str
+    Returns:
         With a header line.
     """
     text = io.StringIO()

@@ -32,15 +32,11 @@ def export_map_file(
 ) -> Download:
     """Export a map of the library.
 
-    Parameters
-    ----------
-    form : str
-        One of `FORMATS`.
+    Args:
+        form: One of `FORMATS`.
 
-    Raises
-    ------
-    UsageError
-        The format is unknown, or the map lacks what it needs.
+    Raises:
+        UsageError: The format is unknown, or the map lacks what it needs.
     """
     progress = progress or Progress()
     if form == "zip":
@@ -60,21 +56,13 @@ def export_map_file(
 
 
 def keep(library: Library, slug: str, *, download: Download, look: str | None) -> str:
-    """Write an export into the map's `derived/exports`, where it is kept for a week.
+    """Write an export into the map's `derived/exports`, where it is kept for a week. Raises StorageError.
 
-    Parameters
-    ----------
-    look : str or None
-        What was blurred before it was made, from `look_of`.
+    Args:
+        look: What was blurred before it was made, from `look_of`.
 
-    Returns
-    -------
-    str
+    Returns:
         Name of the file.
-
-    Raises
-    ------
-    StorageError
     """
     folder = _folder(library, slug)
     path = _kept_path(folder, download.name, look)
@@ -97,9 +85,7 @@ def keep(library: Library, slug: str, *, download: Download, look: str | None) -
 def kept(library: Library, record: MapRecord, *, name: str) -> Path:
     """Return an export that was kept; one that was made before a photo was blurred is never returned.
 
-    Raises
-    ------
-    NotFound
+    Raises NotFound.
     """
     folder = _folder(library, record.slug)
     path = _kept_path(folder, name, look_of(library, record))

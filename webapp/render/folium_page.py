@@ -50,16 +50,12 @@ _CSS_URL = re.compile(r"url\((images/[a-z0-9-]+\.png)\)")
 def export_map_page(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
     """Return a map as a page: in Web Mercator if it has a georeference, else in pixels.
 
-    Parameters
-    ----------
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        progress: One step per photo.
 
-    Raises
-    ------
-    UsageError
-        The map has too many photos for one page.
-    Cancelled
+    Raises:
+        UsageError: The map has too many photos for one page.
+        Cancelled
     """
     if len(source.map.experiences) > MAX_PHOTOS:
         raise UsageError(
@@ -99,12 +95,9 @@ def _page(source: Source, *, settings: Settings, progress: Progress) -> str:
 def empty_page(crs: str, *, title: str) -> folium.Map:
     """Make a page with a Leaflet map; folium's own links to servers are left out.
 
-    Parameters
-    ----------
-    crs : str
-        `EPSG3857` or `Simple`, as folium names them.
-    title : str
-        Any text.
+    Args:
+        crs: `EPSG3857` or `Simple`, as folium names them.
+        title: Any text.
     """
     import folium
 
@@ -121,25 +114,15 @@ def empty_page(crs: str, *, title: str) -> folium.Map:
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A marker or line of an exported page.
+    """A marker or line of an exported page."""
 
-    Attributes
-    ----------
-    geometry : tuple of str and list
-        GeoJSON's type and coordinates: longitude and latitude, or x and -y.
-    title, facts : str
-        Any text: it is escaped here, as Leaflet shows HTML.
-    style : mapping of str to object
-        Leaflet's options of the marker, of its icon or of the line; never with untrusted text.
-    picture : bytes or None
-        JPEG.
-    """
-
-    geometry: tuple[str, list[Any]]
+    geometry: tuple[str, list[Any]]  # GeoJSON's type and coordinates: longitude and latitude, or x and -y
+    # `title`, `facts`: Any text: it is escaped here, as Leaflet shows HTML.
     title: str
     facts: str
+    # Leaflet's options of the marker, of its icon or of the line; never with untrusted text.
     style: Mapping[str, object]
-    picture: bytes | None = None
+    picture: bytes | None = None  # JPEG
 
     def geojson(self, id_: int) -> dict[str, Any]:
         """Convert to GeoJSON; `id_` is unique in the layer."""
@@ -169,14 +152,10 @@ def add_features(
 ) -> None:
     """Add a layer of features, each with a popup and a tooltip.
 
-    Parameters
-    ----------
-    popup : str
-        Class of the popups.
-    name : str
-        Of the layer.
-    marker : folium.Marker or folium.CircleMarker, optional
-        Of points; the style of each feature overrides its options, or those of its icon.
+    Args:
+        popup: Class of the popups.
+        name: Of the layer.
+        marker: Of points; the style of each feature overrides its options, or those of its icon.
     """
     if not features:
         return

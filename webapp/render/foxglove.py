@@ -29,41 +29,26 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class FoxglovePoint:
-    """A position on the Earth.
-
-    Attributes
-    ----------
-    covariance_m2 : tuple of 3 floats, or None
-        Variance east, variance north, covariance of the two; None if unknown.
-    heading_deg : float or None
-        Degrees clockwise from north.
-    about : mapping
-        Key-value pairs that are shown with it.
-    """
+    """A position on the Earth."""
 
     latlon: LatLon
     colour: RGB
+    # Variance east, variance north, covariance of the two; None if unknown.
     covariance_m2: tuple[float, float, float] | None = None
-    heading_deg: float | None = None
-    about: Mapping[str, str] | None = None
+    heading_deg: float | None = None  # Degrees clockwise from north
+    about: Mapping[str, str] | None = None  # Key-value pairs that are shown with it
 
 
 class FoxgloveSink:
     """Topics for Foxglove; a late subscriber is sent the newest message of a topic.
 
-    Parameters
-    ----------
-    out : Path, optional
-        MCAP file to write; without it a server listens on `address`.
-    address : (str, int)
-        Host and port; port 0 for any free one.
+    Args:
+        out: MCAP file to write; without it a server listens on `address`.
+        address: Host and port; port 0 for any free one.
 
-    Raises
-    ------
-    MissingPart
-        The extra `foxglove` is not installed.
-    UsageError
-        The file exists, or the port is taken.
+    Raises:
+        MissingPart: The extra `foxglove` is not installed.
+        UsageError: The file exists, or the port is taken.
     """
 
     def __init__(self, *, out: Path | None = None, address: tuple[str, int] = ("127.0.0.1", 8765)) -> None:

@@ -45,17 +45,11 @@ _NOT_IN_ANCHOR = re.compile(r"[^\w\- ]")
 
 @dataclass(frozen=True, slots=True)
 class Chapter:
-    """A page of the manual.
-
-    Attributes
-    ----------
-    html : str
-        Without scripts; headings have the anchors that links within the documentation use.
-    """
+    """A page of the manual."""
 
     name: str
     title: str
-    html: str
+    html: str  # Without scripts; headings have the anchors that links within the documentation use
 
 
 def folder() -> Path:
@@ -67,10 +61,8 @@ def folder() -> Path:
 def chapter(name: str) -> Chapter:
     """Render a chapter.
 
-    Raises
-    ------
-    NotFound
-        There is none of that name.
+    Raises:
+        NotFound: There is none of that name.
     """
     if not any(name in names for names in CHAPTERS.values()):
         raise NotFound("the manual has no such chapter", hint="choose one from the list")

@@ -24,21 +24,14 @@ ZOOM = 3.0
 
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """A part of the satellite image, scaled.
+    """A part of the satellite image, scaled."""
 
-    Attributes
-    ----------
-    left, top, right, bottom : int
-        Map pixels.
-    scale : float
-        Picture pixels per map pixel.
-    """
-
+    # `left`, `top`, `right`, `bottom`: Map pixels.
     left: int
     top: int
     right: int
     bottom: int
-    scale: float
+    scale: float  # Picture pixels per map pixel
 
     @property
     def size(self) -> tuple[int, int]:
@@ -90,15 +83,12 @@ def _around(
 def ground(satellite: NDArray[np.uint8], themap: Map, *, view: MapView) -> NDArray[np.uint8]:
     """Cut a view out of the satellite image, with muted colours.
 
-    Parameters
-    ----------
-    satellite : (height, width, 3) uint8
-        Blue, green, red. It may have another size than the map states: positions follow the stated one.
+    Args:
+        satellite: (height, width, 3) uint8. Blue, green, red. It may have another size than the map states:
+            positions follow the stated one.
 
-    Returns
-    -------
-    (height, width, 3) uint8
-        Red, green, blue.
+    Returns:
+        (height, width, 3) uint8: Red, green, blue.
     """
     height, width = satellite.shape[:2]
     sx, sy = width / themap.satellite.width, height / themap.satellite.height
@@ -136,14 +126,10 @@ def draw_legend(
 ) -> None:
     """Draw the legend.
 
-    Parameters
-    ----------
-    top : int
-        Top of the legend's band.
-    scale_bar : (float, str)
-        Length in pixels and label.
-    truth : bool
-        Whether the picture marks the true position.
+    Args:
+        top: Top of the legend's band.
+        scale_bar: Length in pixels and label.
+        truth: Whether the picture marks the true position.
     """
     canvas.text((_MARGIN, top + 34), headline(answer), size=_TEXT)
     y = top + 70
@@ -234,18 +220,13 @@ def draw_map(
 ) -> Image.Image:
     """Draw the hypotheses of an answer on the map.
 
-    Parameters
-    ----------
-    satellite : (height, width, 3) uint8
-        Blue, green, red.
-    truth : MapPixel, optional
-        Marked if it is known.
+    Args:
+        satellite: (height, width, 3) uint8. Blue, green, red.
+        truth: Marked if it is known.
 
-    Returns
-    -------
-    PIL.Image.Image
+    Returns:
         RGB. At the top left the part of the map with all experiences; right of it, or below a wide one, the
-        surroundings of the best hypothesis enlarged; at the bottom a legend.
+            surroundings of the best hypothesis enlarged; at the bottom a legend.
     """
     whole, close = _views(themap, answer, truth)
     panels = [_panel(satellite, themap, view, answer=answer, truth=truth) for view in (whole, close) if view]

@@ -16,17 +16,10 @@ _LIMIT_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MercatorPicture:
-    """A picture in Web Mercator.
+    """A picture in Web Mercator."""
 
-    Attributes
-    ----------
-    pixels : (h, w, 4) uint8
-        Blue, green, red, opacity; transparent outside the image.
-    south, west, north, east : float
-        Degrees of its edges.
-    """
-
-    pixels: NDArray[np.uint8]
+    pixels: NDArray[np.uint8]  # (h, w, 4) uint8. Blue, green, red, opacity; transparent outside the image.
+    # `south`, `west`, `north`, `east`: Degrees of its edges.
     south: float
     west: float
     north: float
@@ -40,16 +33,11 @@ def to_mercator(
 
     Positions are computed exactly on a grid of points, and interpolated between them.
 
-    Parameters
-    ----------
-    picture : (h, w, 3) uint8
-        Blue, green, red; perhaps scaled down.
-    size : tuple of (int, int)
-        Width and height of the satellite image itself, pixels.
+    Args:
+        picture: (h, w, 3) uint8. Blue, green, red; perhaps scaled down.
+        size: Width and height of the satellite image itself, pixels.
 
-    Returns
-    -------
-    MercatorPicture or None
+    Returns:
         With about as many pixels. None if a part of the image has no position, or one beyond 85 degrees.
     """
     known = [point for point in latlon_grid(georeference, size).latlon if point is not None]

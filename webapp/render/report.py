@@ -22,17 +22,11 @@ UNKNOWN = "–"
 
 @dataclass(frozen=True, slots=True)
 class QueryPictures:
-    """A query with its pictures.
-
-    Attributes
-    ----------
-    match_jpeg : bytes or None
-        None if no match supports the hypothesis.
-    """
+    """A query with its pictures."""
 
     row: Row
     map_jpeg: bytes
-    match_jpeg: bytes | None
+    match_jpeg: bytes | None  # None if no match supports the hypothesis
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +42,10 @@ class Figure:
 def render_report(evaluation: Evaluation, *, worst: Sequence[QueryPictures]) -> str:
     """Write the report of an evaluation.
 
-    Parameters
-    ----------
-    worst : sequence of QueryPictures
-        The queries to show, the worst first.
+    Args:
+        worst: The queries to show, the worst first.
 
-    Returns
-    -------
-    str
+    Returns:
         HTML that needs no other file and no network.
     """
     subject, summary = evaluation.subject, evaluation.summary

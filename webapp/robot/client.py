@@ -40,25 +40,16 @@ class RobotClient:
     All calls return as soon as the record is in the spool; two threads sync and upload it. Network errors are
     logged under `webapp.robot`, never raised.
 
-    Parameters
-    ----------
-    url : str
-        Address of the server: `https://maps.example.org`.
-    token : str
-        API token, from `expmap account token`.
-    spool : Path or str
-        Folder for the records of this mission only; the next start continues it.
-    about : str
-        Source of the data; a spool with a different `about` is refused.
+    Args:
+        url: Address of the server: `https://maps.example.org`.
+        token: API token, from `expmap account token`.
+        spool: Folder for the records of this mission only; the next start continues it.
+        about: Source of the data; a spool with a different `about` is refused.
 
-    Raises
-    ------
-    UsageError
-        The spool is of another mission, or an option is invalid.
-    Conflict
-        Another program uses the spool.
-    StorageError, DiskFull
-        The spool cannot be written.
+    Raises:
+        UsageError: The spool is of another mission, or an option is invalid.
+        Conflict: Another program uses the spool.
+        StorageError, DiskFull: The spool cannot be written.
     """
 
     def __init__(
@@ -112,26 +103,17 @@ class RobotClient:
     ) -> bool:
         """Send the position of the robot.
 
-        Parameters
-        ----------
-        lat, lon : float
-            Degrees north, degrees east, WGS 84.
-        time_s : float, optional
-            Seconds since 1970, UTC; defaults to now.
-        **more : PoseFields
-            `height_m`, `heading_deg`, `covariance`, `source`, `track`, `travelled_m`, `skipped`.
+        Args:
+            lat, lon: Degrees north, degrees east, WGS 84.
+            time_s: Seconds since 1970, UTC; defaults to now.
+            **more: `height_m`, `heading_deg`, `covariance`, `source`, `track`, `travelled_m`, `skipped`.
 
-        Returns
-        -------
-        bool
+        Returns:
             False if `min_move` left it out, because the robot hardly moved.
 
-        Raises
-        ------
-        InputError
-            A field is invalid or unknown; nothing was written.
-        DiskFull, StorageError
-            Nothing was written.
+        Raises:
+            InputError: A field is invalid or unknown; nothing was written.
+            DiskFull, StorageError: Nothing was written.
         """
         record = pose_record(lat, lon, time=time.time() if time_s is None else time_s, **more)
         return self._write(record)
@@ -148,23 +130,15 @@ class RobotClient:
     ) -> None:
         """Send an object that the robot sees.
 
-        Parameters
-        ----------
-        id : str or None
-            Identifies the object across sightings; None: the server associates the sighting.
-        kind : str
-            Its class: `car`, `victim` ...
-        lat, lon : float
-            Of the object: degrees north, degrees east, WGS 84.
-        time_s : float, optional
-            Seconds since 1970, UTC; defaults to now.
-        **more : ObjectFields
-            `height_m`, `covariance`, `confidence`, `size_m`, `photo`.
+        Args:
+            id: Identifies the object across sightings; None: the server associates the sighting.
+            kind: Its class: `car`, `victim` ...
+            lat, lon: Of the object: degrees north, degrees east, WGS 84.
+            time_s: Seconds since 1970, UTC; defaults to now.
+            **more: `height_m`, `covariance`, `confidence`, `size_m`, `photo`.
 
-        Raises
-        ------
-        InputError, DiskFull, StorageError
-            Nothing was written.
+        Raises:
+            InputError, DiskFull, StorageError: Nothing was written.
         """
         when = time.time() if time_s is None else time_s
         self._write(object_record(id, kind, lat=lat, lon=lon, time=when, **more))
@@ -179,26 +153,17 @@ class RobotClient:
     ) -> str:
         """Send a photo, after the records.
 
-        Parameters
-        ----------
-        file : Path, str or binary file
-            Copied to the spool.
-        name : str
-            Name to display; defaults to the file's name.
-        time_s : float, optional
-            When it was taken: seconds since 1970, UTC; defaults to now.
-        object_id : str, optional
-            The object that it shows.
+        Args:
+            file: Copied to the spool.
+            name: Name to display; defaults to the file's name.
+            time_s: When it was taken: seconds since 1970, UTC; defaults to now.
+            object_id: The object that it shows.
 
-        Returns
-        -------
-        str
+        Returns:
             Its SHA-256, for the field `photo` of an object.
 
-        Raises
-        ------
-        DiskFull, StorageError
-            The photo was not stored.
+        Raises:
+            DiskFull, StorageError: The photo was not stored.
         """
         when = time.time() if time_s is None else time_s
         if isinstance(file, (str, Path)):
@@ -215,19 +180,14 @@ class RobotClient:
 
         This bypasses the spool, so it needs a network connection.
 
-        Parameters
-        ----------
-        time_s : float, optional
-            When it was taken: seconds since 1970, UTC; defaults to now.
-        **more : FixFields
-            `near`, `heading_deg`, `fov_deg`, `timeout_s`.
+        Args:
+            time_s: When it was taken: seconds since 1970, UTC; defaults to now.
+            **more: `near`, `heading_deg`, `fov_deg`, `timeout_s`.
 
-        Raises
-        ------
-        NotReady
-            The server does not respond, or is busy.
-        ExpMapError
-            The server refuses the request: the file is not a photo, no map covers the mission ...
+        Raises:
+            NotReady: The server does not respond, or is busy.
+            ExpMapError: The server refuses the request: the file is not a photo, no map covers the mission
+                ...
         """
         when = time.time() if time_s is None else time_s
         return request_fix(self._server, self._spool.identity.mission, file=file, time_s=when, **more)
@@ -235,15 +195,11 @@ class RobotClient:
     def send(self, record: dict[str, Any]) -> bool:
         """Send a record in the format of the API: `{"type": "pose", "lat": 50.0755, "lon": 14.4378}`.
 
-        Returns
-        -------
-        bool
+        Returns:
             False if `min_move` left it out, because the robot hardly moved.
 
-        Raises
-        ------
-        InputError, DiskFull, StorageError
-            Nothing was written.
+        Raises:
+            InputError, DiskFull, StorageError: Nothing was written.
         """
         checked = parse_record(record, now_s=time.time())
         if checked["type"] == "end":
@@ -254,11 +210,9 @@ class RobotClient:
     def end(self, *, left_out: Sequence[Mapping[str, Any]] = ()) -> None:
         """Send the record that ends the mission, and start to upload.
 
-        Parameters
-        ----------
-        left_out : sequence of mapping
-            The last poses that the caller left out, in the format of `end_record`; those that `min_move` left
-            out are added.
+        Args:
+            left_out: The last poses that the caller left out, in the format of `end_record`; those that
+                `min_move` left out are added.
         """
         with self._writing:
             rests = [{"source": s, "track": t, **asdict(m.flush())} for (s, t), m in self._filters.items()]
@@ -268,14 +222,10 @@ class RobotClient:
     def upload(self, *, wait_s: float = 0.0) -> bool:
         """Start to upload now.
 
-        Parameters
-        ----------
-        wait_s : float
-            Maximum time to wait, seconds.
+        Args:
+            wait_s: Maximum time to wait, seconds.
 
-        Returns
-        -------
-        bool
+        Returns:
             Whether everything has been uploaded.
         """
         self._wake.set()
@@ -294,14 +244,11 @@ class RobotClient:
     def close(self, *, wait_s: float = _PATIENCE_S) -> bool:
         """Upload, and stop; unsent data stays in the spool.
 
-        Parameters
-        ----------
-        wait_s : float
-            Maximum time to wait for the upload, seconds; a request in progress can extend it by `timeout_s`.
+        Args:
+            wait_s: Maximum time to wait for the upload, seconds; a request in progress can extend it by
+                `timeout_s`.
 
-        Returns
-        -------
-        bool
+        Returns:
             Whether everything has been uploaded.
         """
         if self._closing.is_set():

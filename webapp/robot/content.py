@@ -14,28 +14,15 @@ from .schema import IDENTITY, Identity, check_version
 
 @dataclass(frozen=True, slots=True)
 class SpoolContent:
-    """The content of a spool.
-
-    Attributes
-    ----------
-    written : int
-        Number of records since the spool was created.
-    waiting : int
-        Number of records that the server has not acknowledged.
-    photos : int
-        Number of photos waiting.
-    size : int
-        Bytes of records and photos.
-    aside : list of dict
-        Data that will never be sent: `first` and `count` of the records, `reason`, and optionally the
-        `record`, or the path of the `photo` in the spool.
-    """
+    """The content of a spool."""
 
     identity: Identity
-    written: int
-    waiting: int
-    photos: int
-    size: int
+    written: int  # Number of records since the spool was created
+    waiting: int  # Number of records that the server has not acknowledged
+    photos: int  # Number of photos waiting
+    size: int  # Bytes of records and photos
+    # Data that will never be sent: `first` and `count` of the records, `reason`, and optionally the `record`,
+    # or the path of the `photo` in the spool.
     aside: list[dict[str, Any]]
 
 
@@ -56,12 +43,9 @@ def has_spool(folder: Path) -> bool:
 def read_content(folder: Path) -> SpoolContent:
     """Read the content of a spool, also while a robot writes to it.
 
-    Raises
-    ------
-    UsageError
-        The folder holds no spool.
-    StorageError
-        The spool is damaged.
+    Raises:
+        UsageError: The folder holds no spool.
+        StorageError: The spool is damaged.
     """
     if not has_spool(folder):
         raise UsageError(

@@ -50,16 +50,11 @@ class DatabaseDamaged(StorageError):
 class SpoolDatabase:
     """The database in a folder, opened by its only writer; any thread may use it.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing, with the database in it.
-    reserve : Path
-        File that reserves disk space.
+    Raises DatabaseDamaged, DiskFull, StorageError.
 
-    Raises
-    ------
-    DatabaseDamaged, DiskFull, StorageError
+    Args:
+        folder: Created if missing, with the database in it.
+        reserve: File that reserves disk space.
     """
 
     def __init__(self, folder: Path, *, reserve: Path) -> None:
@@ -99,26 +94,17 @@ class SpoolDatabase:
     ) -> int:
         """Run statements in one transaction.
 
-        Parameters
-        ----------
-        *statements : tuple of str and tuple
-            SQL and its values.
-        durable : bool
-            Return only when these and all earlier commits survive a power cut.
-        urgent : bool
-            On a full disk, use up the reserve.
-        size : int
-            Upper bound of the bytes added.
+        Args:
+            *statements: SQL and its values.
+            durable: Return only when these and all earlier commits survive a power cut.
+            urgent: On a full disk, use up the reserve.
+            size: Upper bound of the bytes added.
 
-        Returns
-        -------
-        int
+        Returns:
             Number of rows that the last statement changed.
 
-        Raises
-        ------
-        DiskFull, StorageError
-            Nothing was changed.
+        Raises:
+            DiskFull, StorageError: Nothing was changed.
         """
         with self.guard:
             if not urgent:
@@ -134,9 +120,7 @@ class SpoolDatabase:
     def require_room(self, size: int) -> None:
         """Check that a number of bytes can be added to the database without using the reserve.
 
-        Raises
-        ------
-        DiskFull
+        Raises DiskFull.
         """
         with self.guard:
             pages = _SPARE_PAGES + 2 * size // _PAGE_BYTES
@@ -144,12 +128,7 @@ class SpoolDatabase:
                 raise _disk_full(self._path, "the remaining space is reserved for acknowledgements")
 
     def require_reserve(self) -> None:
-        """Check that a file can be added next to the database without using the reserve.
-
-        Raises
-        ------
-        DiskFull
-        """
+        """Check that a file can be added next to the database without using the reserve. Raises DiskFull."""
         if not self.make_reserve():
             raise _disk_full(self._path, "the remaining space is reserved for acknowledgements")
 
@@ -272,9 +251,7 @@ class _Reserve:
 def open_for_reading(folder: Path) -> sqlite3.Connection:
     """Open the database in a folder while its writer may have it open.
 
-    Raises
-    ------
-    DatabaseDamaged, StorageError
+    Raises DatabaseDamaged, StorageError.
     """
     path = folder / FILE
     with storage_errors(path):
@@ -296,9 +273,7 @@ def read(connection: sqlite3.Connection, query: str, *values: object) -> list[tu
 def storage_errors(path: Path) -> Iterator[None]:
     """Convert errors of the operating system or SQLite about a file.
 
-    Raises
-    ------
-    DatabaseDamaged, DiskFull, StorageError
+    Raises DatabaseDamaged, DiskFull, StorageError.
     """
     try:
         yield
@@ -329,10 +304,8 @@ def _disk_full(path: Path, reason: str) -> DiskFull:
 class FolderLock:
     """Exclusive lock of a folder, between and within processes; released when the process ends.
 
-    Raises
-    ------
-    Conflict
-        The folder is locked already.
+    Raises:
+        Conflict: The folder is locked already.
     """
 
     def __init__(self, folder: Path) -> None:

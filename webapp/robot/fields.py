@@ -27,10 +27,8 @@ _SHA256 = "[0-9a-f]{64}"
 class FieldError(ValueError):
     """A record is invalid.
 
-    Parameters
-    ----------
-    name : str
-        The invalid field; empty if the error concerns the whole record.
+    Args:
+        name: The invalid field; empty if the error concerns the whole record.
     """
 
     def __init__(self, message: str, name: str = "") -> None:
@@ -86,7 +84,6 @@ class Text(Field):
     pattern: str | None = None
 
     def check(self, name: str, value: object) -> str:
-        """Return the value."""
         if not isinstance(value, str) or not self.least <= len(value) <= self.most or not value.isprintable():
             raise FieldError(f"it must be text of {self.least} to {self.most} printable characters", name)
         if self.pattern is not None and not re.fullmatch(self.pattern, value):
@@ -112,7 +109,6 @@ class Choice(Field):
     default: str
 
     def check(self, name: str, value: object) -> str:
-        """Return the value."""
         if not isinstance(value, str) or value not in self.choices:
             raise FieldError(f"it must be one of {', '.join(self.choices)}", name)
         return value
@@ -169,7 +165,6 @@ class ListOf(Field):
     fields: Mapping[str, Field]
 
     def check(self, name: str, value: object) -> list[dict[str, Any]]:
-        """Return the objects."""
         if not isinstance(value, list) or not all(isinstance(part, Mapping) for part in value):
             raise FieldError("it must be a list of objects", name)
         return [check_fields(part, self.fields) for part in value]
@@ -213,16 +208,10 @@ RECORDS: dict[str, dict[str, Field]] = {
 
 
 def check_record(record: object) -> tuple[str, dict[str, Any]]:
-    """Check a record parsed from JSON; return its type and its fields.
+    """Check a record parsed from JSON; return its type and its fields. Raises FieldError.
 
-    Returns
-    -------
-    fields : dict
-        Those present; null counts as missing. Numbers are floats, or ints if `whole`.
-
-    Raises
-    ------
-    FieldError
+    Returns:
+        fields: Those present; null counts as missing. Numbers are floats, or ints if `whole`.
     """
     if not isinstance(record, Mapping):
         raise FieldError("a record must be an object with a type")
@@ -235,12 +224,7 @@ def check_record(record: object) -> tuple[str, dict[str, Any]]:
 
 
 def check_fields(given: Mapping[str, object], fields: Mapping[str, Field]) -> dict[str, Any]:
-    """Check the fields of a record, or of a part of one.
-
-    Raises
-    ------
-    FieldError
-    """
+    """Check the fields of a record, or of a part of one. Raises FieldError."""
     checked: dict[str, Any] = {}
     for name, value in given.items():
         expected = fields.get(name)

@@ -24,52 +24,30 @@ class Near(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """Where a photo was taken.
+    """Where a photo was taken."""
 
-    Attributes
-    ----------
-    lat, lon : float or None
-        Degrees north and east, WGS 84; None if the photo was not found on the map.
-    covariance_m2 : tuple of 3 floats, or None
-        Variance east, variance north, covariance of the two, square metres; same format as in a pose.
-    heading_deg : float or None
-        Viewing direction of the camera, degrees clockwise from north.
-    time_s : float or None
-        When it was taken, seconds since 1970, UTC.
-    map_revision : int
-        Of the map that was searched.
-    photo : str
-        SHA-256 of the photo, for the field `photo` of an object.
-    no_pose : str or None
-        Why there is no position; None if there is one.
-    answer : mapping
-        The whole response: `hypotheses` with their probabilities, `seconds`, and so on.
-    """
-
+    # `lat`, `lon`: Degrees north and east, WGS 84; None if the photo was not found on the map.
     lat: float | None
     lon: float | None
+    # Variance east, variance north, covariance of the two, square metres; same format as in a pose.
     covariance_m2: tuple[float, float, float] | None
-    heading_deg: float | None
-    time_s: float | None
-    map_revision: int
-    photo: str
-    no_pose: str | None
+    heading_deg: float | None  # Viewing direction of the camera, degrees clockwise from north
+    time_s: float | None  # When it was taken, seconds since 1970, UTC
+    map_revision: int  # Of the map that was searched
+    photo: str  # SHA-256 of the photo, for the field `photo` of an object
+    no_pose: str | None  # Why there is no position; None if there is one
+    # The whole response: `hypotheses` with their probabilities, `seconds`, and so on.
     answer: Mapping[str, Any]
 
 
 class FixFields(TypedDict, total=False):
     """Optional arguments of a fix.
 
-    Attributes
-    ----------
-    near : Near
-        Approximate position: places in this circle gain probability, but no others are excluded.
-    heading_deg : float
-        Approximate viewing direction, from a compass: degrees clockwise from north.
-    fov_deg : float
-        Horizontal field of view of the upright photo; defaults to that from EXIF.
-    timeout_s : float
-        Maximum time to wait for the answer; defaults to 60 s.
+    Attributes:
+        near: Approximate position: places in this circle gain probability, but no others are excluded.
+        heading_deg: Approximate viewing direction, from a compass: degrees clockwise from north.
+        fov_deg: Horizontal field of view of the upright photo; defaults to that from EXIF.
+        timeout_s: Maximum time to wait for the answer; defaults to 60 s.
     """
 
     near: Near
@@ -88,19 +66,13 @@ def request_fix(
 ) -> Fix:
     """Localize a photo on the server.
 
-    Parameters
-    ----------
-    server : tuple of str
-        Address and token.
-    time_s : float
-        When it was taken: seconds since 1970, UTC.
+    Args:
+        server: Address and token.
+        time_s: When it was taken: seconds since 1970, UTC.
 
-    Raises
-    ------
-    NotReady
-        The server does not respond, or is busy.
-    ExpMapError
-        The server refuses the request.
+    Raises:
+        NotReady: The server does not respond, or is busy.
+        ExpMapError: The server refuses the request.
     """
     known = {"time": time_s, "heading_deg": more.get("heading_deg"), "fov": more.get("fov_deg")}
     if (near := more.get("near")) is not None:

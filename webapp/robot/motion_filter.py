@@ -19,34 +19,22 @@ _E2 = 0.00669437999014
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Sent with each pose kept, and at the end.
+    """Sent with each pose kept, and at the end."""
 
-    Attributes
-    ----------
-    travelled_m : float
-        Metres since the first pose of the track, measured over all poses, including those left out.
-    skipped : int
-        Poses left out since the last one kept.
-    """
-
+    # Metres since the first pose of the track, measured over all poses, including those left out.
     travelled_m: float
-    skipped: int
+    skipped: int  # Poses left out since the last one kept
 
 
 class MotionFilter:
     """The filter of one track.
 
-    Parameters
-    ----------
-    min_move : str
-        `0.5m`, `0.00001deg`, or `0`.
-    travelled_m : float
-        Metres before the first pose, if a track is continued.
+    Args:
+        min_move: `0.5m`, `0.00001deg`, or `0`.
+        travelled_m: Metres before the first pose, if a track is continued.
 
-    Raises
-    ------
-    UsageError
-        `min_move` is not a distance with a unit.
+    Raises:
+        UsageError: `min_move` is not a distance with a unit.
     """
 
     def __init__(self, min_move: str, *, travelled_m: float = 0.0) -> None:
@@ -84,14 +72,10 @@ class MotionFilter:
 def distance_m(before: tuple[float, float], here: tuple[float, float]) -> float:
     """Measure a short distance on WGS 84, from the radii of curvature at its middle latitude.
 
-    Parameters
-    ----------
-    before, here : tuple of float
-        Degrees north, degrees east.
+    Args:
+        before, here: Degrees north, degrees east.
 
-    Returns
-    -------
-    float
+    Returns:
         Metres; within a millionth of the geodesic for steps up to a kilometre, away from the poles.
     """
     middle = math.radians((before[0] + here[0]) / 2)

@@ -41,27 +41,11 @@ class RobotOptions:
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """The state of a client.
+    """The state of a client."""
 
-    Attributes
-    ----------
-    written : int
-        Number of records since the spool was created.
-    waiting : int
-        Number of records that the server has not acknowledged.
-    photos : int
-        Number of photos waiting.
-    online : bool or None
-        Whether the last request was answered; None before the first one.
-    problem : str
-        Why the last upload failed; empty if it did not.
-    refused : ExpMapError or None
-        Why the server refuses all requests: an unknown token, a deleted mission.
-    """
-
-    written: int
-    waiting: int
-    photos: int
-    online: bool | None
-    problem: str
-    refused: ExpMapError | None
+    written: int  # Number of records since the spool was created
+    waiting: int  # Number of records that the server has not acknowledged
+    photos: int  # Number of photos waiting
+    online: bool | None  # Whether the last request was answered; None before the first one
+    problem: str  # Why the last upload failed; empty if it did not
+    refused: ExpMapError | None  # Why the server refuses all requests: an unknown token, a deleted mission

@@ -22,38 +22,22 @@ _ROWS = "SELECT id, file, name, sha256, size, time, object FROM photos ORDER BY 
 
 @dataclass(frozen=True, slots=True)
 class WaitingPhoto:
-    """A photo on the disk of the robot.
-
-    Attributes
-    ----------
-    name : str
-        File name, for display.
-    sha256 : str
-        Hexadecimal.
-    size : int
-        Bytes.
-    time : float
-        Seconds since 1970, UTC.
-    object : str or None
-        The object that it shows.
-    """
+    """A photo on the disk of the robot."""
 
     id: int
     path: Path
-    name: str
-    sha256: str
-    size: int
-    time: float
-    object: str | None
+    name: str  # File name, for display
+    sha256: str  # Hexadecimal
+    size: int  # Bytes
+    time: float  # Seconds since 1970, UTC
+    object: str | None  # The object that it shows
 
 
 class PhotoQueue:
     """Queue of photos, oldest first.
 
-    Parameters
-    ----------
-    database : SpoolDatabase
-        The photos are stored in `photos/` next to it.
+    Args:
+        database: The photos are stored in `photos/` next to it.
     """
 
     def __init__(self, database: SpoolDatabase) -> None:
@@ -71,15 +55,11 @@ class PhotoQueue:
     def add(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> str:
         """Store a photo; when this returns, it survives a power cut.
 
-        Returns
-        -------
-        str
+        Returns:
             SHA-256, hexadecimal.
 
-        Raises
-        ------
-        DiskFull, StorageError
-            The photo was not stored.
+        Raises:
+            DiskFull, StorageError: The photo was not stored.
         """
         self._database.require_reserve()
         plain = re.sub(r"[^\w.-]", "_", Path(name).name)[-60:]

@@ -13,20 +13,13 @@ from .fields import RECORDS, Covariance, FieldError, Number, Size, check_record
 class PoseFields(TypedDict, total=False):
     """Optional fields of a pose.
 
-    Attributes
-    ----------
-    heading_deg : float
-        Degrees clockwise from north.
-    covariance : sequence of 3 floats
-        Square metres: variance east, variance north, covariance of the two.
-    source : str
-        One of `fields.SOURCES`; defaults to `gps`.
-    track : str
-        Name of the track, if there are several of one source.
-    travelled_m : float
-        Metres since the first pose of the track; if missing, the server measures it.
-    skipped : int
-        Poses left out since the last one that was sent.
+    Attributes:
+        heading_deg: Degrees clockwise from north.
+        covariance: Square metres: variance east, variance north, covariance of the two.
+        source: One of `fields.SOURCES`; defaults to `gps`.
+        track: Name of the track, if there are several of one source.
+        travelled_m: Metres since the first pose of the track; if missing, the server measures it.
+        skipped: Poses left out since the last one that was sent.
     """
 
     height_m: SupportsFloat
@@ -41,16 +34,11 @@ class PoseFields(TypedDict, total=False):
 class ObjectFields(TypedDict, total=False):
     """Optional fields of an object.
 
-    Attributes
-    ----------
-    confidence : float
-        0 to 1.
-    covariance : sequence of 3 floats
-        Square metres: variance east, variance north, covariance of the two.
-    size_m : sequence of 3 floats
-        Metres: length, width, height.
-    photo : str
-        SHA-256 that `RobotClient.photo` returned.
+    Attributes:
+        confidence: 0 to 1.
+        covariance: Square metres: variance east, variance north, covariance of the two.
+        size_m: Metres: length, width, height.
+        photo: SHA-256 that `RobotClient.photo` returned.
     """
 
     height_m: SupportsFloat
@@ -65,17 +53,12 @@ def pose_record(
 ) -> dict[str, Any]:
     """Make the record of a pose.
 
-    Parameters
-    ----------
-    lat, lon : float
-        Degrees north, degrees east, WGS 84.
-    time : float
-        Seconds since 1970, UTC.
+    Args:
+        lat, lon: Degrees north, degrees east, WGS 84.
+        time: Seconds since 1970, UTC.
 
-    Raises
-    ------
-    InputError
-        A field has the wrong type, is out of range, or unknown.
+    Raises:
+        InputError: A field has the wrong type, is out of range, or unknown.
     """
     given = {"time": time, "lat": lat, "lon": lon, **more}
     if given.get("track") == "":
@@ -99,21 +82,14 @@ def object_record(
 ) -> dict[str, Any]:
     """Make the record of an object that was seen.
 
-    Parameters
-    ----------
-    id : str or None
-        Identifies the object across sightings; None: the server associates the sighting.
-    kind : str
-        Its class: `car`, `victim` ...
-    lat, lon : float
-        Degrees north, degrees east, WGS 84.
-    time : float
-        Seconds since 1970, UTC.
+    Args:
+        id: Identifies the object across sightings; None: the server associates the sighting.
+        kind: Its class: `car`, `victim` ...
+        lat, lon: Degrees north, degrees east, WGS 84.
+        time: Seconds since 1970, UTC.
 
-    Raises
-    ------
-    InputError
-        A field has the wrong type, is out of range, or unknown.
+    Raises:
+        InputError: A field has the wrong type, is out of range, or unknown.
     """
     return _record("object", {"id": id, "class": kind, "time": time, "lat": lat, "lon": lon, **more})
 
@@ -121,26 +97,18 @@ def object_record(
 def end_record(left_out: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
     """Make the record of the end of the mission.
 
-    Parameters
-    ----------
-    left_out : sequence of mapping
-        For each track whose last poses were left out: `source`, `track`, `skipped`, and `travelled_m`
-        including them.
+    Args:
+        left_out: For each track whose last poses were left out: `source`, `track`, `skipped`, and
+            `travelled_m` including them.
     """
     return _record("end", {"left_out": list(left_out)} if left_out else {})
 
 
 def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
-    """Check a record in the format of the API.
+    """Check a record in the format of the API. Raises InputError.
 
-    Parameters
-    ----------
-    now_s : float
-        Seconds since 1970, for a record without `time`.
-
-    Raises
-    ------
-    InputError
+    Args:
+        now_s: Seconds since 1970, for a record without `time`.
     """
     fields = dict(given)
     match fields.pop("type", None):
@@ -156,10 +124,8 @@ def parse_record(given: Mapping[str, Any], *, now_s: float) -> dict[str, Any]:
 def to_json(record: Mapping[str, Any]) -> bytes:
     """Write a record as JSON.
 
-    Raises
-    ------
-    ValueError
-        The record holds a number that JSON cannot represent, such as NaN.
+    Raises:
+        ValueError: The record holds a number that JSON cannot represent, such as NaN.
     """
     return json.dumps(record, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode("utf-8")
 

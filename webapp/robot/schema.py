@@ -28,31 +28,19 @@ _SCHEMA = (
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Identity of a spool.
+    """Identity of a spool."""
 
-    Attributes
-    ----------
-    id : str
-        Identifies the sender to the server.
-    url : str
-        Address of the server.
-    about : str
-        Source of the data; a spool with a different `about` is refused.
-    """
-
-    id: str
+    id: str  # Identifies the sender to the server
     mission: int
-    url: str
-    about: str
+    url: str  # Address of the server
+    about: str  # Source of the data; a spool with a different `about` is refused
 
 
 def create_tables(database: SpoolDatabase) -> None:
     """Create the tables of a spool if they are missing.
 
-    Raises
-    ------
-    UsageError
-        The spool was written by a newer version.
+    Raises:
+        UsageError: The spool was written by a newer version.
     """
     version = database.select("PRAGMA user_version")[0][0]
     if version > _FORMAT:
@@ -66,9 +54,7 @@ def create_tables(database: SpoolDatabase) -> None:
 def check_version(folder: Path) -> None:
     """Check that a folder does not hold a spool of version 0.7.0, which had another format.
 
-    Raises
-    ------
-    UsageError
+    Raises UsageError.
     """
     if (folder / "spool.json").exists():
         raise UsageError(

@@ -74,20 +74,15 @@ class Spool:
 
     Any thread may add and sync records and photos; only the uploading thread may call the other methods.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing.
-    identity : Identity
-        `id` is ignored. An existing spool must have the same `mission` and `about`; its `url` may differ.
+    Args:
+        folder: Created if missing.
+        identity: `id` is ignored. An existing spool must have the same `mission` and `about`; its `url` may
+            differ.
 
-    Raises
-    ------
-    UsageError
-        The spool is of another mission or `about`, or of version 0.7.0.
-    Conflict
-        Another program has it open.
-    StorageError, DiskFull
+    Raises:
+        UsageError: The spool is of another mission or `about`, or of version 0.7.0.
+        Conflict: Another program has it open.
+        StorageError, DiskFull
     """
 
     def __init__(self, folder: Path, *, identity: Identity, options: RobotOptions | None = None) -> None:
@@ -132,23 +127,16 @@ class Spool:
     def append(self, text: bytes, *, sync: bool) -> int:
         """Add a record.
 
-        Parameters
-        ----------
-        text : bytes
-            JSON.
-        sync : bool
-            Return only when the record survives a power cut. Otherwise it survives a killed process, and a
-            power cut only after the next `sync`.
+        Args:
+            text: JSON.
+            sync: Return only when the record survives a power cut. Otherwise it survives a killed process,
+                and a power cut only after the next `sync`.
 
-        Returns
-        -------
-        int
+        Returns:
             Its number.
 
-        Raises
-        ------
-        DiskFull, StorageError
-            The record was not added.
+        Raises:
+            DiskFull, StorageError: The record was not added.
         """
         if len(text) > MAX_RECORD:
             raise InputError(
@@ -175,15 +163,11 @@ class Spool:
     def add_photo(self, source: BinaryIO, *, name: str, time: float, object_id: str | None) -> str:
         """Store a photo; when this returns, it survives a power cut.
 
-        Returns
-        -------
-        str
+        Returns:
             SHA-256, hexadecimal.
 
-        Raises
-        ------
-        DiskFull, StorageError
-            The photo was not stored.
+        Raises:
+            DiskFull, StorageError: The photo was not stored.
         """
         size = source.seek(0, os.SEEK_END)
         source.seek(0)
@@ -198,9 +182,7 @@ class Spool:
     def next_batch(self, *, records: int, size: int) -> RecordRun | Gap | None:
         """Read the records to send next, limited in number and size, and make sure that they are synced.
 
-        Returns
-        -------
-        RecordRun, Gap or None
+        Returns:
             A gap if the next record is damaged; None if all are acknowledged.
         """
         end = self._skip_set_aside()
@@ -230,10 +212,8 @@ class Spool:
     def set_aside(self, count: int, *, reason: str, text: bytes | None = None) -> None:
         """Skip the next `count` records, which will not be sent, and note the reason.
 
-        Parameters
-        ----------
-        text : bytes, optional
-            The record itself.
+        Args:
+            text: The record itself.
         """
         first, end = self.state.next, self.state.next + count
         record = None if text is None else text.decode()
@@ -250,9 +230,7 @@ class Spool:
     def rewind(self, wire: int) -> bool:
         """Go back to the record with this number at the server, because the server has lost it.
 
-        Returns
-        -------
-        bool
+        Returns:
             False if the record has been deleted here.
         """
         number, back = self.state.next, self.state.wire - wire

@@ -42,22 +42,12 @@ _ERRORS: dict[int, type[ExpMapError]] = {
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """A response of the server.
-
-    Attributes
-    ----------
-    body : dict
-        Empty if it was not a JSON object.
-    retry_after_s : float
-        From the header `Retry-After`; 0 without one.
-    location : str or None
-        Target of a redirect.
-    """
+    """A response of the server."""
 
     status: int
-    body: dict[str, Any]
-    retry_after_s: float = 0.0
-    location: str | None = None
+    body: dict[str, Any]  # Empty if it was not a JSON object
+    retry_after_s: float = 0.0  # From the header `Retry-After`; 0 without one
+    location: str | None = None  # Target of a redirect
 
     @property
     def error(self) -> dict[str, Any] | None:
@@ -77,16 +67,10 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class NoResponse:
-    """No response: the network or the server is down.
-
-    Attributes
-    ----------
-    broken : bool
-        The connection was closed before the response.
-    """
+    """No response: the network or the server is down."""
 
     reason: str
-    broken: bool
+    broken: bool  # The connection was closed before the response
 
     def as_error(self) -> ExpMapError:
         """Convert the failure to an exception."""
@@ -97,15 +81,11 @@ class NoResponse:
 class Uplink:
     """A connection to one server, reopened when it breaks. Not thread-safe.
 
-    Parameters
-    ----------
-    url : str
-        `http://host:port` or `https://host`, optionally with a path prefix.
+    Args:
+        url: `http://host:port` or `https://host`, optionally with a path prefix.
 
-    Raises
-    ------
-    UsageError
-        The address or the token is invalid.
+    Raises:
+        UsageError: The address or the token is invalid.
     """
 
     def __init__(self, url: str, token: str, *, timeout_s: float) -> None:
@@ -136,10 +116,8 @@ class Uplink:
     ) -> Response | NoResponse:
         """Send records that are already encoded as JSON.
 
-        Parameters
-        ----------
-        first : int
-            Number of the first record at the server.
+        Args:
+            first: Number of the first record at the server.
         """
         head = json.dumps({"sender": sender, "first": first})[:-1].encode("utf-8")
         return self._post_json(path, b'%s, "records": [%s]}' % (head, b",".join(texts)))
@@ -149,12 +127,9 @@ class Uplink:
     ) -> Response | NoResponse:
         """Send a file as a multipart form, block by block.
 
-        Parameters
-        ----------
-        name : str
-            File name, for display.
-        fields : dict
-            Further fields of the form.
+        Args:
+            name: File name, for display.
+            fields: Further fields of the form.
         """
         boundary = secrets.token_hex(16)
         head, tail = _form(boundary, name, fields)

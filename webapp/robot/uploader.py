@@ -29,22 +29,13 @@ _LOOK_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class UploadStep:
-    """The result of a step.
+    """The result of a step."""
 
-    Attributes
-    ----------
-    outcome : {"progress", "idle", "retry", "refused"}
-        `retry`: the network or the server is down or busy; `refused`: the server refuses all requests.
-    wait_s : float
-        From the header `Retry-After`.
-    error : ExpMapError or None
-        Set if the outcome is `refused`.
-    """
-
+    # `retry`: the network or the server is down or busy; `refused`: the server refuses all requests.
     outcome: Literal["progress", "idle", "retry", "refused"]
     reason: str = ""
-    wait_s: float = 0.0
-    error: ExpMapError | None = None
+    wait_s: float = 0.0  # From the header `Retry-After`
+    error: ExpMapError | None = None  # Set if the outcome is `refused`
 
 
 _PROGRESS = UploadStep("progress")
@@ -63,10 +54,8 @@ class Backoff:
     def next_delay(self, *, at_least_s: float = 0.0) -> float:
         """Count a failure; return how many seconds to wait.
 
-        Parameters
-        ----------
-        at_least_s : float
-            Delay that the server asked for; the backoff is added.
+        Args:
+            at_least_s: Delay that the server asked for; the backoff is added.
         """
         usual = min(self._first_s * 2.0 ** min(self._failures, 30), self._longest_s)
         self._failures += 1
@@ -226,20 +215,14 @@ def recover(
 ) -> None:
     """Upload everything left in a spool.
 
-    Parameters
-    ----------
-    patience_s : float
-        Give up when the server has accepted nothing for this many seconds.
-    on_progress : callable
-        Called with the number of waiting records and photos, after each step and a few times a second during
-        delays; an exception that it raises ends the upload.
+    Args:
+        patience_s: Give up when the server has accepted nothing for this many seconds.
+        on_progress: Called with the number of waiting records and photos, after each step and a few times a
+            second during delays; an exception that it raises ends the upload.
 
-    Raises
-    ------
-    NotReady
-        The network or the server is down.
-    ExpMapError
-        The server refuses all requests: an unknown token, a deleted mission.
+    Raises:
+        NotReady: The network or the server is down.
+        ExpMapError: The server refuses all requests: an unknown token, a deleted mission.
     """
     uplink = Uplink(spool.identity.url, token, timeout_s=options.timeout_s)
     uploader = Uploader(spool, uplink, options=options)

@@ -57,24 +57,12 @@ _DAYS: tuple[tuple[str, datetime, Light], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class SampleSize:
-    """Size of the sample.
+    """Size of the sample."""
 
-    Attributes
-    ----------
-    photos : int
-        Number of photos of the map.
-    queries : int
-        Number of queries on the map; one more is from elsewhere.
-    width : int
-        Of a photo, pixels, a multiple of 4; the height is three quarters of it.
-    metres_per_pixel : float
-        Of the satellite image.
-    """
-
-    photos: int = 60
-    queries: int = 11
-    width: int = 640
-    metres_per_pixel: float = 0.12
+    photos: int = 60  # Number of photos of the map
+    queries: int = 11  # Number of queries on the map; one more is from elsewhere
+    width: int = 640  # Of a photo, pixels, a multiple of 4; the height is three quarters of it
+    metres_per_pixel: float = 0.12  # Of the satellite image
 
 
 FULL_SIZE = SampleSize()
@@ -82,18 +70,10 @@ FULL_SIZE = SampleSize()
 
 @dataclass(frozen=True, slots=True)
 class SampleReport:
-    """The result.
+    """The result."""
 
-    Attributes
-    ----------
-    cfg_path : Path
-        The map.
-    made : bool
-        False if it existed already.
-    """
-
-    cfg_path: Path
-    made: bool
+    cfg_path: Path  # The map
+    made: bool  # False if it existed already
 
 
 def make_sample(
@@ -109,25 +89,17 @@ def make_sample(
 
     The same seed and size give the same files, byte by byte. The folder is written all or nothing.
 
-    Parameters
-    ----------
-    folder : Path or None
-        None: `sample` in the library.
-    progress : Progress
-        One step per picture.
-    seed : int
-        Random seed of the synthetic park; 0 or more.
-    force : bool
-        Make it again, also replacing a different sample.
+    Args:
+        folder: None: `sample` in the library.
+        progress: One step per picture.
+        seed: Random seed of the synthetic park; 0 or more.
+        force: Make it again, also replacing a different sample.
 
-    Raises
-    ------
-    UsageError
-        The folder holds something else, or a different or damaged sample and `force` is not given.
-    StorageError
-        Writing failed; nothing was changed.
-    Cancelled
-        Nothing was changed.
+    Raises:
+        UsageError: The folder holds something else, or a different or damaged sample and `force` is not
+            given.
+        StorageError: Writing failed; nothing was changed.
+        Cancelled: Nothing was changed.
     """
     folder = settings.library / "sample" if folder is None else folder
     recipe = {"seed": seed, "photos": size.photos, "queries": size.queries, "width": size.width}
@@ -205,21 +177,15 @@ class _Studio:
 def write_sample(folder: Path, *, seed: int, size: SampleSize, progress: Progress) -> dict[str, object]:
     """Write all files of the sample except its record.
 
-    Parameters
-    ----------
-    folder : Path
-        It is created.
+    Args:
+        folder: It is created.
 
-    Returns
-    -------
-    dict
+    Returns:
         For the record: the `files`, relative to the folder, and the ground truth of the `queries`.
 
-    Raises
-    ------
-    OSError
-        Writing failed.
-    Cancelled
+    Raises:
+        OSError: Writing failed.
+        Cancelled
     """
     for name in ("photos", "queries"):
         (folder / name).mkdir(parents=True)

@@ -30,19 +30,13 @@ THREADS = 8
 class Database:
     """The library's database.
 
-    Parameters
-    ----------
-    url : str
-        In the form of SQLAlchemy: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
-    threads : int
-        Number of threads of this process that use it in parallel.
+    Args:
+        url: In the form of SQLAlchemy: `sqlite:////path/library.db` or `postgresql+psycopg://...`.
+        threads: Number of threads of this process that use it in parallel.
 
-    Raises
-    ------
-    UsageError
-        The address is malformed, or of a database that is not supported.
-    MissingPart
-        The driver of PostgreSQL is not installed.
+    Raises:
+        UsageError: The address is malformed, or of a database that is not supported.
+        MissingPart: The driver of PostgreSQL is not installed.
     """
 
     def __init__(self, url: str, *, threads: int = THREADS) -> None:
@@ -69,12 +63,9 @@ class Database:
     def read(self) -> Iterator[Session]:
         """Yield a session that sees a consistent snapshot; its changes are discarded.
 
-        Raises
-        ------
-        NotFound
-            A record that the block gets by id no longer exists.
-        StorageError
-            The database cannot be read.
+        Raises:
+            NotFound: A record that the block gets by id no longer exists.
+            StorageError: The database cannot be read.
         """
         with self.translated_errors(), Session(self._reading) as session:
             yield session
@@ -86,18 +77,13 @@ class Database:
         Writers take turns: the database is locked from the first statement on, so that what the session
         reads stays valid until it has written.
 
-        Parameters
-        ----------
-        locks_rows : bool
-            Whether the block locks the rows on which its changes depend (`with_for_update`) before it reads
-            them. If the database supports that, such blocks do not wait for each other.
+        Args:
+            locks_rows: Whether the block locks the rows on which its changes depend (`with_for_update`)
+                before it reads them. If the database supports that, such blocks do not wait for each other.
 
-        Raises
-        ------
-        NotFound
-            A record that the block gets by id no longer exists.
-        StorageError
-            The database cannot be written.
+        Raises:
+            NotFound: A record that the block gets by id no longer exists.
+            StorageError: The database cannot be written.
         """
         engine = self._together if locks_rows else self._alone
         with self._writer_lock, self.translated_errors(), Session(engine, expire_on_commit=False) as session:
@@ -110,10 +96,8 @@ class Database:
 
         The changes of the block are committed together when it ends without an error.
 
-        Raises
-        ------
-        StorageError
-            The database cannot be written.
+        Raises:
+            StorageError: The database cannot be written.
         """
         with self._writer_lock, self.translated_errors(), self._for_moves.begin() as connection:
             self.backend.unlimited(connection)
@@ -122,10 +106,9 @@ class Database:
     def watch(self, topic: str, *, look_s: float) -> AbstractContextManager[Watch]:
         """Watch a topic for changes in the block; see `announce`.
 
-        Parameters
-        ----------
-        look_s : float
-            Minimum seconds between two looks, and polling interval of a database without announcements.
+        Args:
+            look_s: Minimum seconds between two looks, and polling interval of a database without
+                announcements.
         """
         if self._listener is None:
             return nullcontext(Polling(look_s))
@@ -141,12 +124,9 @@ class Database:
     def translated_errors(self) -> Iterator[None]:
         """Convert errors of the database in the block to those of the program.
 
-        Raises
-        ------
-        NotFound
-            The record does not exist, or was deleted.
-        StorageError
-            The database is damaged, or cannot be read or written.
+        Raises:
+            NotFound: The record does not exist, or was deleted.
+            StorageError: The database is damaged, or cannot be read or written.
         """
         try:
             yield
@@ -167,7 +147,6 @@ class Database:
 
 
 def backend_of(who: Session | Connection) -> Backend:
-    """Return the backend of a session or a connection."""
     return _BACKENDS[(who.get_bind() if isinstance(who, Session) else who).dialect.name]
 
 

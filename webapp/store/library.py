@@ -47,15 +47,9 @@ _WAIT_S = 120
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """The folder and the database of a library.
+    """The folder and the database of a library."""
 
-    Attributes
-    ----------
-    folder : Path
-        Absolute; has one folder per map.
-    """
-
-    folder: Path
+    folder: Path  # Absolute; has one folder per map
     database: Database
 
     @property
@@ -85,39 +79,29 @@ class Library:
         them within `settings.jobs.export_s` seconds, also after a restart; code that delivers them calls
         `tasks.maps.export.export_map` first.
 
-        Raises
-        ------
-        NotFound
-            The map does not exist.
-        StorageError
-            The database cannot be written; nothing has changed.
+        Raises:
+            NotFound: The map does not exist.
+            StorageError: The database cannot be written; nothing has changed.
         """
         with self.database.write(locks_rows=True) as session, change_map(session, map_id) as change:
             yield change
 
 
 def has_library(folder: Path) -> bool:
-    """Return whether a folder has a library."""
     return any((folder / INNER / name).is_file() for name in (DATABASE, SERVER))
 
 
 def open_library(folder: Path, *, url: str | None = None, threads: int = THREADS) -> Library:
     """Open a library: create folder and database if missing, and migrate an older database.
 
-    Parameters
-    ----------
-    url : str or None
-        Of the database; by default it is a SQLite file in the folder.
-    threads : int
-        Number of threads of this process that use it in parallel.
+    Args:
+        url: Of the database; by default it is a SQLite file in the folder.
+        threads: Number of threads of this process that use it in parallel.
 
-    Raises
-    ------
-    StorageError
-        The folder cannot be written, the database is damaged, was emptied or cannot be reached, or the folder
-        and the database belong to different libraries.
-    UsageError, MissingPart
-        As for `Database`.
+    Raises:
+        StorageError: The folder cannot be written, the database is damaged, was emptied or cannot be reached,
+            or the folder and the database belong to different libraries.
+        UsageError, MissingPart: As for `Database`.
     """
     folder = folder.resolve()
     there = Database(url or f"sqlite:///{folder / INNER / DATABASE}", threads=threads)
@@ -297,10 +281,8 @@ def newest_schema() -> str:
 def schema_version(database: Database) -> str | None:
     """Return the schema version of a database; None if it has no tables.
 
-    Raises
-    ------
-    StorageError
-        The database cannot hold a library, or cannot be reached.
+    Raises:
+        StorageError: The database cannot hold a library, or cannot be reached.
     """
     with (
         database.translated_errors(),
@@ -324,10 +306,8 @@ def migrate(database: Database) -> None:
     A newer schema that only expands this program's is left as it is: newer programs use it on other machines,
     while these are updated one after the other.
 
-    Raises
-    ------
-    StorageError
-        The schema is older than 0.7.0, which can convert it, or newer and incompatible.
+    Raises:
+        StorageError: The schema is older than 0.7.0, which can convert it, or newer and incompatible.
     """
     with (
         database.translated_errors(),

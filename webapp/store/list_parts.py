@@ -37,24 +37,12 @@ class ListCursor(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ListPart:
-    """Selects the records to list.
+    """Selects the records to list."""
 
-    Attributes
-    ----------
-    binned : bool
-        Whether to list the records in the bin instead of those in use.
-    search : str
-        Only records with this text in their name, ignoring case and accents.
-    after : ListCursor or None
-        Only records after it.
-    limit : int or None
-        Maximum number; None for all.
-    """
-
-    binned: bool = False
-    search: str = ""
-    after: ListCursor | None = None
-    limit: int | None = None
+    binned: bool = False  # Whether to list the records in the bin instead of those in use
+    search: str = ""  # Only records with this text in their name, ignoring case and accents
+    after: ListCursor | None = None  # Only records after it
+    limit: int | None = None  # Maximum number; None for all
 
 
 def is_cursor(text: str) -> bool:

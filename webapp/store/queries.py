@@ -20,16 +20,11 @@ def folder(library: Library, map_id: int) -> Path:
 def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> list[QueryRecord]:
     """Store an answer.
 
-    Parameters
-    ----------
-    row : QueryRecord
-        Without map and id.
-    most : int
-        Number of unshared answers that the map keeps.
+    Args:
+        row: Without map and id.
+        most: Number of unshared answers that the map keeps.
 
-    Returns
-    -------
-    list of QueryRecord
+    Returns:
         Older answers, now deleted; the caller can delete their files. Shared answers are kept.
     """
     row.map_id = record.id
@@ -45,12 +40,7 @@ def add(session: Session, record: MapRecord, *, row: QueryRecord, most: int) -> 
 
 
 def find(session: Session, record: MapRecord, id: int) -> QueryRecord:
-    """Find an answer of a map.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find an answer of a map. Raises NotFound."""
     found = session.get(QueryRecord, id)
     if found is None or found.map_id != record.id:
         raise NotFound(f"the map has no answer {id}", hint="it may have been deleted")
@@ -68,10 +58,8 @@ def list_queries(
 ) -> list[QueryRecord]:
     """List the answers of a map, newest first.
 
-    Parameters
-    ----------
-    before : int or None
-        Only answers with a smaller id.
+    Args:
+        before: Only answers with a smaller id.
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if before is not None:
@@ -89,10 +77,8 @@ def answers(
 ) -> list[QueryRecord]:
     """List the answers of a map between two ids, inclusive, oldest first; None leaves an end open.
 
-    Parameters
-    ----------
-    account_id : int or None
-        Only answers to queries of this account.
+    Args:
+        account_id: Only answers to queries of this account.
     """
     found = select(QueryRecord).where(QueryRecord.map_id == record.id)
     if first is not None:

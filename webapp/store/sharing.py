@@ -23,42 +23,22 @@ Kind = TypeVar("Kind", bound=ShareColumns)
 
 @dataclass(frozen=True, slots=True)
 class SharePermissions:
-    """What a share allows, besides the image, the dots, and the answer that it is about.
+    """What a share allows, besides the image, the dots, and the answer that it is about."""
 
-    Attributes
-    ----------
-    photos : bool
-        Previews of photos.
-    localize : bool
-        Localization of visitors' own photos; for a shared map only.
-    originals : bool
-        Original files, with their EXIF.
-    notes : bool
-        Notes on photos and on spots of the map; for a shared map only.
-    landmarks : bool
-        The map in 3D, landmarks and the cameras of its photos; for a shared map only.
-    """
-
-    photos: bool = False
-    localize: bool = False
-    originals: bool = False
-    notes: bool = False
-    landmarks: bool = False
+    photos: bool = False  # Previews of photos
+    localize: bool = False  # Localization of visitors' own photos; for a shared map only
+    originals: bool = False  # Original files, with their EXIF
+    notes: bool = False  # Notes on photos and on spots of the map; for a shared map only
+    landmarks: bool = False  # The map in 3D, landmarks and the cameras of its photos; for a shared map only
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedShare:
-    """The content of a share; its records outlive their session.
-
-    Attributes
-    ----------
-    query : QueryRecord or None
-        The only answer that is shown; None for a whole map.
-    """
+    """The content of a share; its records outlive their session."""
 
     share: Share
     map: MapRecord
-    query: QueryRecord | None
+    query: QueryRecord | None  # The only answer that is shown; None for a whole map
 
 
 def create(
@@ -72,15 +52,11 @@ def create(
 ) -> tuple[Share, str]:
     """Share a map or one answer; also return the token, like `open_link`.
 
-    Parameters
-    ----------
-    query_id : int or None
-        The answer; None for the map.
+    Args:
+        query_id: The answer; None for the map.
 
-    Raises
-    ------
-    NotFound
-        The map does not have this answer.
+    Raises:
+        NotFound: The map does not have this answer.
     """
     if query_id is not None:
         queries.find(session, record, query_id)
@@ -104,22 +80,15 @@ def list_shares(session: Session, record: MapRecord) -> list[Share]:
 
 
 def find(session: Session, record: MapRecord, id: int) -> Share:
-    """Find a share of a map.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a share of a map. Raises NotFound."""
     return find_share(session, Share, id=id, where=Share.map_id == record.id)
 
 
 def open_share(session: Session, token: str) -> OpenedShare:
     """Find the share of a token.
 
-    Raises
-    ------
-    NotFound
-        There is none, or the map is in the bin.
+    Raises:
+        NotFound: There is none, or the map is in the bin.
     """
     share = share_by_token(session, Share, token=token)
     record = None if share is None else session.get_one(MapRecord, share.map_id)
@@ -144,16 +113,11 @@ def public(session: Session) -> list[OpenedShare]:
 def open_link(session: Session, share: ShareColumns, *, public: bool) -> str:
     """Store a new share under a new token.
 
-    Parameters
-    ----------
-    share : ShareColumns
-        With its target and permissions; not yet in the session.
-    public : bool
-        Whether it is publicly listed.
+    Args:
+        share: With its target and permissions; not yet in the session.
+        public: Whether it is publicly listed.
 
-    Returns
-    -------
-    str
+    Returns:
         The token, which is the end of its URL. For a secret share, only its hash is stored.
     """
     token = secrets.token_urlsafe(24)
@@ -192,10 +156,8 @@ def revoke_of_removed_accounts(session: Session) -> int:
 def find_share(session: Session, kind: type[Kind], *, id: int, where: ColumnElement[bool]) -> Kind:
     """Find a share of a kind by its id.
 
-    Raises
-    ------
-    NotFound
-        There is none, or it does not fulfil the condition.
+    Raises:
+        NotFound: There is none, or it does not fulfil the condition.
     """
     share = session.scalars(select(kind).where(kind.id == id, where)).first()
     if share is None:

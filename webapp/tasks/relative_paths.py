@@ -25,12 +25,10 @@ def show_relative_to(folder: Path) -> Iterator[None]:
 
 
 def relative_finding(finding: Finding, folder: Path) -> Finding:
-    """Return a finding with paths relative to the folder."""
     return replace(
         finding, message=relative_text(finding.message, folder), fix=relative_text(finding.fix, folder)
     )
 
 
 def relative_text(text: str, folder: Path) -> str:
-    """Return a text with paths relative to the folder."""
     return text.replace(f"{folder}{os.sep}", "")

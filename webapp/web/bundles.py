@@ -28,17 +28,12 @@ _URL = re.compile(r"url\((?!#|data:|/)([^)]+)\)")
 def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
     """Bundle modules and all their imports into one module, in the order of their execution.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the static files.
-    names : iterable of str
-        Paths of modules relative to it.
+    Args:
+        folder: Folder of the static files.
+        names: Paths of modules relative to it.
 
-    Raises
-    ------
-    ValueError
-        A module has an unsupported import or export.
+    Raises:
+        ValueError: A module has an unsupported import or export.
     """
     order: list[str] = []
     sources: dict[str, str] = {}
@@ -54,14 +49,10 @@ def bundle_scripts(folder: Path, names: Iterable[str]) -> str:
 def bundle_sheets(folder: Path, names: Iterable[str], *, base: str) -> str:
     """Bundle style sheets into one.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the static files.
-    names : iterable of str
-        Paths of style sheets relative to it.
-    base : str
-        URL of that folder, for the images that they refer to.
+    Args:
+        folder: Folder of the static files.
+        names: Paths of style sheets relative to it.
+        base: URL of that folder, for the images that they refer to.
     """
     return "".join(_with_addresses(name, (folder / name).read_text("utf-8"), base) for name in names)
 

@@ -42,12 +42,7 @@ def limit_bytes() -> None:
 
 
 def given_offset() -> int:
-    """Read the offset of the chunk from the request's header.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Read the offset of the chunk from the request's header. Raises UsageError."""
     given = request.headers.get(HEADER, "")
     if not (given.isascii() and given.isdecimal() and len(given) < 16):
         raise UsageError(

@@ -22,12 +22,9 @@ _WAIT_S = 1
 class ConcurrencyLimit:
     """Limits one kind of request to a share of the threads, so that threads are left for others.
 
-    Parameters
-    ----------
-    name : str
-        Name of the kind of request.
-    share : float
-        Share of the threads of a process, 0 to 1.
+    Args:
+        name: Name of the kind of request.
+        share: Share of the threads of a process, 0 to 1.
     """
 
     def __init__(self, name: str, *, share: float) -> None:
@@ -51,10 +48,8 @@ class ConcurrencyLimit:
     def acquire(self) -> threading.BoundedSemaphore:
         """Take a permit; returns the semaphore, which the caller has to release.
 
-        Raises
-        ------
-        Busy
-            No permit is free.
+        Raises:
+            Busy: No permit is free.
         """
         free = self.semaphore()
         if not free.acquire(blocking=False):
@@ -65,10 +60,8 @@ class ConcurrencyLimit:
     def slot(self) -> Iterator[None]:
         """Hold a permit within the block.
 
-        Raises
-        ------
-        Busy
-            No permit is free.
+        Raises:
+            Busy: No permit is free.
         """
         free = self.acquire()
         try:

@@ -28,10 +28,8 @@ _PUBLIC_ENDPOINTS = frozenset({"static", "openapi.spec"})
 def account() -> Account:
     """Return the caller's account.
 
-    Raises
-    ------
-    NotSignedIn
-        The caller is not signed in: the API answers 401, pages redirect to the sign-in.
+    Raises:
+        NotSignedIn: The caller is not signed in: the API answers 401, pages redirect to the sign-in.
     """
     found = sessions.signed_in()
     if found is None:
@@ -40,23 +38,14 @@ def account() -> Account:
 
 
 def open_map(slug: str, role: Role = "viewer", *, binned: bool = False) -> MapRecord:
-    """Find a map on which the caller has a role.
+    """Find a map on which the caller has a role. Raises NotSignedIn, NotFound, NotAllowed.
 
-    Parameters
-    ----------
-    role : str
-        The required role: `viewer`, `editor` or `owner`.
-    binned : bool
-        Whether a map in the bin is accepted.
+    Args:
+        role: The required role: `viewer`, `editor` or `owner`.
+        binned: Whether a map in the bin is accepted.
 
-    Returns
-    -------
-    MapRecord
+    Returns:
         Detached, as its session is closed: only for reading its fields.
-
-    Raises
-    ------
-    NotSignedIn, NotFound, NotAllowed
     """
     with reading_map(slug, role, binned=binned) as (_, record):
         return record
@@ -68,11 +57,8 @@ def reading_map(
 ) -> Iterator[tuple[Session, MapRecord]]:
     """Find a map as `open_map` does, and yield it with its session for further reading.
 
-    After the block the record is detached: only for reading its fields.
-
-    Raises
-    ------
-    NotSignedIn, NotFound, NotAllowed
+    After the block the record is detached: only for reading its fields. Raises NotSignedIn, NotFound,
+    NotAllowed.
     """
     who = account()
     with library().database.read() as session:
@@ -85,10 +71,8 @@ def reading_map(
 def if_match() -> int | None:
     """Return the latest revision that the caller knows, from the header `If-Match`; ETag quotes are allowed.
 
-    Raises
-    ------
-    UsageError
-        The header is not a revision.
+    Raises:
+        UsageError: The header is not a revision.
     """
     text = request.headers.get("If-Match")
     if text is None:
@@ -108,17 +92,14 @@ def public(view: View) -> View:
 
 
 def is_public(view: Callable[..., Any]) -> bool:
-    """Return whether a view is public."""
     return bool(getattr(view, _MARK, False))
 
 
 def authorized_by(check: Callable[..., object]) -> Callable[[View], View]:
     """Have the caller's right checked before the body is read; a decorator to be placed as `public` is.
 
-    Parameters
-    ----------
-    check : callable
-        Gets the variable parts of the URL by name; raises NotFound or NotAllowed.
+    Args:
+        check: Gets the variable parts of the URL by name; raises NotFound or NotAllowed.
     """
 
     def mark(view: View) -> View:

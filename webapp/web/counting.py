@@ -79,12 +79,10 @@ class CountingStorage(Storage):
 class SharedCounting(Storage):
     """Counts in the database, for all machines together, by the database's clock.
 
-    Parameters
-    ----------
-    database : Database
-        Its `request_counts` is not None. While it does not respond, a request that has to be counted fails
-        (`DatabaseUnavailable`), as it might exceed the limit. While it is read-only, each process counts for
-        itself, so that reading requests still work.
+    Args:
+        database: Its `request_counts` is not None. While it does not respond, a request that has to be
+            counted fails (`DatabaseUnavailable`), as it might exceed the limit. While it is read-only, each
+            process counts for itself, so that reading requests still work.
     """
 
     STORAGE_SCHEME = ["counting-together"]  # noqa: RUF012 - a list in `limits` too

@@ -31,10 +31,8 @@ class Boolean(apiflask.fields.Boolean):
 class RecordNumber(apiflask.fields.Integer):
     """The id of a record or a revision number, limited to the range of a column of every database.
 
-    Parameters
-    ----------
-    least : int
-        Minimum; -1 if that means "before the first one".
+    Args:
+        least: Minimum; -1 if that means "before the first one".
     """
 
     def __init__(self, *, least: int = 0, **options: Any) -> None:
@@ -44,12 +42,9 @@ class RecordNumber(apiflask.fields.Integer):
 class CheckedText(apiflask.fields.String):
     """A text that has to pass a check.
 
-    Parameters
-    ----------
-    check : callable
-        Returns whether a text is valid.
-    refusal : str
-        Error message for invalid texts.
+    Args:
+        check: Returns whether a text is valid.
+        refusal: Error message for invalid texts.
     """
 
     def __init__(self, *, check: Callable[[str], bool], refusal: str, **options: Any) -> None:
@@ -64,12 +59,7 @@ class CheckedText(apiflask.fields.String):
 
 
 class BoundedList(apiflask.fields.List[Any]):
-    """A list with a maximum length, which is checked before its items are converted.
-
-    Parameters
-    ----------
-    most, least : int
-    """
+    """A list with a maximum length, which is checked before its items are converted."""
 
     def __init__(
         self, inner: apiflask.fields.Field[Any], *, most: int, least: int | None = None, **options: Any
@@ -84,12 +74,7 @@ class BoundedList(apiflask.fields.List[Any]):
 
 
 class BoundedDict(apiflask.fields.Dict):
-    """An object with any names, and a maximum number of them, which is checked before they are converted.
-
-    Parameters
-    ----------
-    most : int
-    """
+    """An object with any names, and a maximum number of them, which is checked before they are converted."""
 
     def __init__(
         self,
@@ -111,10 +96,8 @@ class BoundedDict(apiflask.fields.Dict):
 class JsonValue(apiflask.fields.Raw):
     """JSON that is checked where it is stored.
 
-    Parameters
-    ----------
-    bytes, values : int
-        Maximum size, and number of values in it.
+    Args:
+        bytes, values: Maximum size, and number of values in it.
     """
 
     def __init__(self, *, bytes: int, values: int, **options: Any) -> None:

@@ -50,16 +50,10 @@ _NO_BRACKETS = bytes(byte for byte in range(256) if byte not in _OPEN + _CLOSE)
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The most that valid JSON can have.
-
-    Attributes
-    ----------
-    values : int
-        Objects, lists, texts, numbers and so on; names of fields are not counted.
-    """
+    """The most that valid JSON can have."""
 
     bytes: int
-    values: int
+    values: int  # Objects, lists, texts, numbers and so on; names of fields are not counted
 
     def __add__(self, other: Budget) -> Budget:
         return Budget(self.bytes + other.bytes, self.values + other.values)
@@ -76,17 +70,12 @@ def init_app(_app: Flask) -> None:
 def read_json(request: Request, schema: Schema) -> Any:
     """Read the body of a request within the limits of its schema.
 
-    Returns
-    -------
-    Any
+    Returns:
         The parsed JSON; an empty object if the request has none.
 
-    Raises
-    ------
-    RequestEntityTooLarge
-        There are too many bytes or values.
-    UsageError
-        It is not JSON, is nested too deep, or has a number that is too long.
+    Raises:
+        RequestEntityTooLarge: There are too many bytes or values.
+        UsageError: It is not JSON, is nested too deep, or has a number that is too long.
     """
     if not request.is_json:
         return {}
@@ -152,10 +141,8 @@ def _of_field(field: fields.Field[Any]) -> Budget:
 def longest(validators: Sequence[Any]) -> int:
     """Return the maximum length of a text that passes validators.
 
-    Raises
-    ------
-    TypeError
-        There is none.
+    Raises:
+        TypeError: There is none.
     """
     for validator in validators:
         if isinstance(validator, OneOf):

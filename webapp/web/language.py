@@ -56,11 +56,9 @@ def translate_job(job: dict[str, Any]) -> dict[str, Any]:
 def script_catalogue() -> dict[str, Any]:
     """Return the translations that the scripts need, for the current language.
 
-    Returns
-    -------
-    dict
+    Returns:
         `language`, `plurals` (the category of each plural form, as named by `Intl.PluralRules`), and
-        `messages`: text to translation, or to a list of translations by plural form.
+            `messages`: text to translation, or to a list of translations by plural form.
     """
     language = current()
     messages: dict[str, Any] = {}

@@ -171,10 +171,8 @@ Responses = dict[int | str, dict[str, str | dict[str, dict[str, Any]]]]
 def file_answer(description: str, *types: str) -> Responses:
     """Describe a response that is a file, for `blueprint.doc(responses=...)`.
 
-    Parameters
-    ----------
-    *types : str
-        Possible media types.
+    Args:
+        *types: Possible media types.
     """
     return {200: {"description": description, "content": {kind: {"schema": {}} for kind in types}}}
 

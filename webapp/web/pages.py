@@ -77,9 +77,7 @@ def text(name: str) -> str:
 def own_path(address: str | None) -> str | None:
     """Return path and query of a URL from a client, to prevent redirects to other sites.
 
-    Returns
-    -------
-    str or None
+    Returns:
         None if it is not a path of this site.
     """
     parts = urlsplit((address or "").replace("\\", "/"))

@@ -30,10 +30,8 @@ def send_revalidated(path: Path, *, etag: str, media_type: str | None = None) ->
 def send_picture(photo: PhotoFile, *, kind: Kind, audience: Audience, changes_url: bool = False) -> Response:
     """Send a preview of a photo.
 
-    Parameters
-    ----------
-    changes_url : bool
-        Whether its URL contains a key of the blurred boxes, so that browsers can cache it.
+    Args:
+        changes_url: Whether its URL contains a key of the blurred boxes, so that browsers can cache it.
     """
     shown = pictures.give_picture(library(), photo, kind=kind, audience=audience, settings=settings())
     return (send_immutable if changes_url else send_revalidated)(shown.path, etag=shown.etag)

@@ -21,21 +21,14 @@ PublicList = Callable[[Session], Sequence[Any]]
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The parts of which the application is composed.
-
-    Attributes
-    ----------
-    public_lists : mapping of str to callable
-        Public items other than maps and answers for the page of public shares, by the name in its template.
-    path_parameters : mapping of str to mapping
-        Descriptions of path parameters for the OpenAPI document, by name.
-    operations : mapping of str to mapping
-        Parameters and bodies of routes that their schemas do not describe, by endpoint.
-    """
+    """The parts of which the application is composed."""
 
     blueprints: tuple[Blueprint, ...]
+    # Public items other than maps and answers for the page of public shares, by the name in its template.
     public_lists: Mapping[str, PublicList]
+    # Descriptions of path parameters for the OpenAPI document, by name.
     path_parameters: Mapping[str, Mapping[str, Any]]
+    # Parameters and bodies of routes that their schemas do not describe, by endpoint.
     operations: Mapping[str, Mapping[str, Any]]
 
 

@@ -68,10 +68,9 @@ def files() -> list[str]:
 def script_bundle(scripts: Sequence[str] = ()) -> str:
     """Return the URL of the bundle of all scripts of a page.
 
-    Parameters
-    ----------
-    scripts : sequence of str
-        Scripts of the page, relative to `static/js/`, without `.js`; those of every page precede them.
+    Args:
+        scripts: Scripts of the page, relative to `static/js/`, without `.js`; those of every page precede
+            them.
     """
     return _bundle_address("js", [f"js/{name}" for name in (*EVERY_SCRIPT, *scripts)])
 
@@ -79,12 +78,10 @@ def script_bundle(scripts: Sequence[str] = ()) -> str:
 def sheet_bundle(sheets: Sequence[str] = (), *, leaflet: bool = False) -> str:
     """Return the URL of the bundle of all style sheets of a page.
 
-    Parameters
-    ----------
-    sheets : sequence of str
-        Sheets of the page, relative to `static/css/`, without `.css`; those of every page precede them.
-    leaflet : bool
-        Whether the page has a Leaflet map.
+    Args:
+        sheets: Sheets of the page, relative to `static/css/`, without `.css`; those of every page precede
+            them.
+        leaflet: Whether the page has a Leaflet map.
     """
     library = ["vendor/leaflet/leaflet"] if leaflet else []
     common, own = ([f"css/{name}" for name in some] for some in (_EVERY_SHEET, sheets))

@@ -23,22 +23,13 @@ UNKNOWN_YAW = math.pi**2
 
 @dataclass(frozen=True, slots=True)
 class MapPose:
-    """Pose of the camera in the frame of the map.
+    """Pose of the camera in the frame of the map."""
 
-    Attributes
-    ----------
-    x, y : float
-        Metres east and north of the origin.
-    yaw : float or None
-        Viewing direction of the camera, radians from east towards north.
-    variance : float
-        Of x, and of y, square metres.
-    """
-
+    # `x`, `y`: Metres east and north of the origin.
     x: float
     y: float
-    yaw: float | None
-    variance: float
+    yaw: float | None  # Viewing direction of the camera, radians from east towards north
+    variance: float  # Of x, and of y, square metres
 
     def covariance(self) -> list[float]:
         """Return the 36 numbers of a PoseWithCovariance; z, roll and pitch have variance 0."""

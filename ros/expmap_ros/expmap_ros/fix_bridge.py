@@ -69,12 +69,7 @@ class FixBridge(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Read the parameters.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Read the parameters. Raises ParameterError."""
         origin = numbers("origin", self._values["origin"], ("LAT", "LON"))
         scale = self._values["metres_per_pixel"] or None
         if origin is None and scale is None:

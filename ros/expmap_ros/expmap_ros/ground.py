@@ -18,19 +18,13 @@ class Pinhole:
 
 @dataclass(frozen=True, slots=True)
 class GroundCamera:
-    """A camera on a robot.
+    """A camera on a robot."""
 
-    Attributes
-    ----------
-    forward, left, up : float
-        Its position, metres from the robot's position on the ground.
-    pitch, yaw : float
-        Its viewing direction, radians below the horizon, and to the left.
-    """
-
+    # `forward`, `left`, `up`: Its position, metres from the robot's position on the ground.
     forward: float
     left: float
     up: float
+    # `pitch`, `yaw`: Its viewing direction, radians below the horizon, and to the left.
     pitch: float
     yaw: float
 
@@ -39,11 +33,9 @@ class GroundCamera:
     ) -> tuple[float, float] | None:
         """Intersect the ray of a pixel with the ground.
 
-        Returns
-        -------
-        (float, float) or None
+        Returns:
             Metres ahead and to the left of the robot; None if the ray does not meet the ground within
-            `farthest_m` of the camera.
+                `farthest_m` of the camera.
         """
         right, down = (column - lens.cx) / lens.fx, (row - lens.cy) / lens.fy
         ahead = math.cos(self.pitch) - down * math.sin(self.pitch)

@@ -39,12 +39,7 @@ class ImagePublisher(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Open the source.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Open the source. Raises ParameterError."""
         self._frames = self._all_frames()
         self.holds(self._frames.close)
         kind, ending = (CompressedImage, "/compressed") if self._compressed else (Image, "")

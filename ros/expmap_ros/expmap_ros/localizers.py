@@ -52,12 +52,7 @@ class Localizer(Protocol):
     origin: Origin | None
 
     def localize(self, question: Question) -> Localized:
-        """Localize an image.
-
-        Raises
-        ------
-        NoAnswer
-        """
+        """Localize an image. Raises NoAnswer."""
 
     def close(self) -> None:
         """Release resources."""
@@ -81,12 +76,7 @@ class MapLocalizer:
         self.origin = None if georeference is None else Origin(*georeference.latlon_of(centre))
 
     def localize(self, question: Question) -> Localized:
-        """Localize an image.
-
-        Raises
-        ------
-        NoAnswer
-        """
+        """Localize an image. Raises NoAnswer."""
         from webapp.api import ExpMapError
 
         photo = Path(self._folder.name) / f"image{question.ending}"
@@ -126,12 +116,7 @@ class ServerLocalizer:
         self._top = top
 
     def localize(self, question: Question) -> Localized:
-        """Localize an image; there is no picture of the matches.
-
-        Raises
-        ------
-        NoAnswer
-        """
+        """Localize an image; there is no picture of the matches. Raises NoAnswer."""
         fields = {"top": str(self._top)}
         if self._is_sequence:
             fields["sequence"] = self._name_of(question)

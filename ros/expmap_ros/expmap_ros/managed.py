@@ -40,12 +40,7 @@ class ManagedNode(LifecycleNode, ABC):
 
     @abstractmethod
     def configure(self) -> None:
-        """Acquire resources, and advertise topics.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Acquire resources, and advertise topics. Raises ParameterError."""
 
     @abstractmethod
     def activate(self) -> None:

@@ -96,12 +96,7 @@ class MissionBridge(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Open the spool, and start to send its content.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Open the spool, and start to send its content. Raises ParameterError."""
         start = numbers("start", self._values["start"], ("LAT", "LON", "HEADING"))
         self._robot = None if start is None else RobotFrame(*start)
         self._tf = names("tf", self._values["tf"], ("FRAME", "BODY"))

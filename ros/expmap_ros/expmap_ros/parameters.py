@@ -20,21 +20,13 @@ class ParameterError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter, as in the table in docs/ros.md.
-
-    Attributes
-    ----------
-    limits : (least, most), optional
-        Range of a number.
-    choices : tuple of str
-        Allowed values of a text; empty for any.
-    """
+    """A parameter, as in the table in docs/ros.md."""
 
     name: str
     default: Value
     description: str
-    limits: tuple[float, float] | None = None
-    choices: tuple[str, ...] = ()
+    limits: tuple[float, float] | None = None  # (least, most). Range of a number.
+    choices: tuple[str, ...] = ()  # Allowed values of a text; empty for any
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor for `ros2 param describe`; read-only, since parameters are read once."""
@@ -50,12 +42,7 @@ class Parameter:
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> Mapping[str, Any]:
-    """Declare parameters, and return their values.
-
-    Raises
-    ------
-    ParameterError
-    """
+    """Declare parameters, and return their values. Raises ParameterError."""
     values = {}
     for parameter in parameters:
         try:
@@ -88,9 +75,7 @@ def _limits(parameter: Parameter) -> str:
 def numbers(name: str, text: str, names: Sequence[str]) -> tuple[float, ...] | None:
     """Parse `50.0755,14.4378`, one number for each of `names`; return None for an empty text.
 
-    Raises
-    ------
-    ParameterError
+    Raises ParameterError.
     """
     if not text:
         return None
@@ -106,9 +91,7 @@ def numbers(name: str, text: str, names: Sequence[str]) -> tuple[float, ...] | N
 def names(name: str, text: str, parts: Sequence[str]) -> tuple[str, ...] | None:
     """Parse `odom,base_link`, one word for each of `parts`; return None for an empty text.
 
-    Raises
-    ------
-    ParameterError
+    Raises ParameterError.
     """
     if not text:
         return None
@@ -119,12 +102,7 @@ def names(name: str, text: str, parts: Sequence[str]) -> tuple[str, ...] | None:
 
 
 def file_of(name: str, text: str) -> Path:
-    """Return the path of the file given by a parameter.
-
-    Raises
-    ------
-    ParameterError
-    """
+    """Return the path of the file given by a parameter. Raises ParameterError."""
     path = Path(text).expanduser()
     if not text or not path.is_file():
         raise ParameterError(f"{name}: file {text!r} not found")
@@ -134,9 +112,7 @@ def file_of(name: str, text: str) -> Path:
 def token_of(text: str) -> str:
     """Read the token from the file `token_file`; it is not itself a parameter, since those are public.
 
-    Raises
-    ------
-    ParameterError
+    Raises ParameterError.
     """
     return file_of("token_file", text).read_text("utf-8").strip()
 

@@ -41,16 +41,10 @@ _ENCODINGS: dict[str, tuple[int, Callable[[Pixels], Pixels]]] = {
 
 
 def pixels_of(message: Image) -> Pixels:
-    """Read an image message.
+    """Read an image message. Raises UnusableImage.
 
-    Returns
-    -------
-    (height, width, 1 or 3) uint8
-        Grey, or red, green, blue.
-
-    Raises
-    ------
-    UnusableImage
+    Returns:
+        (height, width, 1 or 3) uint8: Grey, or red, green, blue.
     """
     if message.encoding not in _ENCODINGS:
         known = ", ".join(_ENCODINGS)
@@ -67,17 +61,11 @@ def pixels_of(message: Image) -> Pixels:
 
 
 def photo_of(message: Image | CompressedImage) -> tuple[bytes, str]:
-    """Convert an image message to a photo; a compressed image is returned unchanged.
+    """Convert an image message to a photo; a compressed image is returned unchanged. Raises UnusableImage.
 
-    Returns
-    -------
-    data : bytes
-    ending : str
-        Suffix of its file name.
-
-    Raises
-    ------
-    UnusableImage
+    Returns:
+        data:
+        ending: Suffix of its file name.
     """
     if isinstance(message, Image):
         return png_of(pixels_of(message)), ".png"

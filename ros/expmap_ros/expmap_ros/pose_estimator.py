@@ -64,12 +64,7 @@ class PoseEstimator(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Open the map or the connection to the server.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Open the map or the connection to the server. Raises ParameterError."""
         chosen = numbers("origin", self._values["origin"], ("LAT", "LON"))
         self._localizer = _open(self._values)
         self.holds(self._localizer.close)

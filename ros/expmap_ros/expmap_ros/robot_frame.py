@@ -33,46 +33,29 @@ _SHAPES = (
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A detected object.
-
-    Attributes
-    ----------
-    id : str
-        Empty if it has none.
-    x, y, z : float
-        Metres in the frame of the header.
-    size_m : tuple of float, optional
-        Length, width and height.
-    """
+    """A detected object."""
 
     header: Header
-    id: str
+    id: str  # Empty if it has none
     kind: str
+    # `x`, `y`, `z`: Metres in the frame of the header.
     x: float
     y: float
     z: float
     confidence: float | None = None
-    size_m: tuple[float, float, float] | None = None
+    size_m: tuple[float, float, float] | None = None  # Length, width and height
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A detection in an image.
-
-    Attributes
-    ----------
-    foot : (float, float)
-        Column and row of the middle of its lower edge, pixels.
-    size_m : None
-        Unknown for a detection in an image.
-    """
+    """A detection in an image."""
 
     header: Header
     id: str
     kind: str
-    foot: tuple[float, float]
+    foot: tuple[float, float]  # Column and row of the middle of its lower edge, pixels
     confidence: float | None
-    size_m: None = None
+    size_m: None = None  # Unknown for a detection in an image
 
 
 class Place(NamedTuple):
@@ -85,23 +68,15 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LocalPose:
-    """Pose of a robot in a local frame.
+    """Pose of a robot in a local frame."""
 
-    Attributes
-    ----------
-    frame, body : str
-        Names of that frame, and of the robot's body frame.
-    yaw : float or None
-        Radians.
-    covariance : sequence of 36 floats, or empty
-    """
-
+    # `frame`, `body`: Names of that frame, and of the robot's body frame.
     frame: str
     body: str
     x: float
     y: float
     z: float
-    yaw: float | None
+    yaw: float | None  # Radians
     covariance: Sequence[float] = ()
 
 
@@ -119,10 +94,8 @@ def pose_of(message: Odometry | TransformStamped) -> LocalPose:
 class RobotFrame:
     """The georeferenced odometry frame (x forward at the start, y left), and the robot's pose in it.
 
-    Parameters
-    ----------
-    lat, lon, heading : float
-        Of its origin, degrees; the heading is that of its x axis, clockwise from north.
+    Args:
+        lat, lon, heading: Of its origin, degrees; the heading is that of its x axis, clockwise from north.
     """
 
     def __init__(self, lat: float, lon: float, heading: float) -> None:

@@ -19,10 +19,8 @@ class SentMessages:
     Messages are identified by content, not by order of time: one that is late, or that was published while
     the bridge was down, is new.
 
-    Parameters
-    ----------
-    records : iterable of mapping
-        Records of the spool, newest first.
+    Args:
+        records: Records of the spool, newest first.
     """
 
     def __init__(self, records: Iterable[Mapping[str, Any]]) -> None:

@@ -59,12 +59,7 @@ class Visualizer(ManagedNode):
         self.start()
 
     def configure(self) -> None:
-        """Read the map.
-
-        Raises
-        ------
-        ParameterError
-        """
+        """Read the map. Raises ParameterError."""
         self._show_map(numbers("origin", self._values["origin"], ("LAT", "LON")))
         self._picture = self.advertise(Image, "~/map", running.KEPT)
         self._markers = self.advertise(MarkerArray, "~/markers", running.KEPT)

@@ -27,7 +27,7 @@ export class EditGestures {
     this.commands = commands;
     this.store = commands.store;
     /** @type {Array<{active: boolean, add: function(number[]): void}>} tools that receive the clicks while active */
-    this.takers = [];
+    this.interceptors = [];
     /** @type {?Object<string, *>} the present gesture */
     this.gesture = null;
     const { element } = view;
@@ -77,7 +77,7 @@ export class EditGestures {
 
   /** The active tool. */
   get _taker() {
-    return this.takers.find(({ active }) => active) ?? null;
+    return this.interceptors.find(({ active }) => active) ?? null;
   }
 
   /** The gesture that a press starts if it moves. */

@@ -61,7 +61,7 @@ const gestures = new EditGestures(view, dots, commands);
 const crosshair = new Crosshair(view, say);
 const measure = new Measure(view, say);
 const align = new AlignFloor({ store, server, view, say });
-gestures.takers = [measure, align];
+gestures.interceptors = [measure, align];
 new FloorSwitch(store, byId("map"));
 const page = { store, server, refresh, view, dots, gestures, crosshair, measure, northUp, commands, say, help: showHelp };
 

@@ -21,7 +21,7 @@ export function otherMissions(store, fit) {
         following.set(id, new Live(store, id));
         following.get(id).start();
       }
-      tellAddress(store);
+      updateAddress(store);
       fit();
     } catch (error) {
       toastError(error);
@@ -31,7 +31,7 @@ export function otherMissions(store, fit) {
     following.get(id)?.stop();
     following.delete(id);
     store.removeMission(id);
-    tellAddress(store);
+    updateAddress(store);
     byId("add-mission").focus();
   };
   byId("add-mission").addEventListener("click", () => choose(store, show));
@@ -65,7 +65,7 @@ function inAddress() {
   return [...new Set(text.split(",").map(Number).filter((id) => Number.isInteger(id) && id > 0))];
 }
 
-function tellAddress(store) {
+function updateAddress(store) {
   const others = [...store.missions.keys()].filter((id) => id !== store.id);
   history.replaceState(null, "", others.length ? `?with=${others.join(",")}` : location.pathname);
 }

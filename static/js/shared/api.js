@@ -44,7 +44,7 @@ export async function api(path, { method = "GET", json, body, headers = {}, sign
   }
   if (!SAFE.has(method)) sent["X-CSRFToken"] = csrfToken();
   const options = { method, headers: sent, body, signal, credentials: "same-origin" };
-  return read(await (patient ? patiently(path, options) : once(path, options)));
+  return read(await (patient ? withRetries(path, options) : once(path, options)));
 }
 
 /** @see api */
@@ -65,7 +65,7 @@ export const del = (path, options = {}) => api(path, { ...options, method: "DELE
  * @throws {ApiError}
  */
 export async function file(path) {
-  const response = await patiently(path, { credentials: "same-origin" });
+  const response = await withRetries(path, { credentials: "same-origin" });
   return response.ok ? response.blob() : read(response);
 }
 
@@ -76,7 +76,7 @@ export async function file(path) {
  * @throws {ApiError}
  */
 export async function page(address) {
-  const response = await patiently(address, { credentials: "same-origin" }, "");
+  const response = await withRetries(address, { credentials: "same-origin" }, "");
   if (response.redirected) location.reload();
   if (!response.ok) await read(response);
   return new DOMParser().parseFromString(await response.text(), "text/html");
@@ -148,7 +148,7 @@ async function once(path, options, base = BASE) {
 }
 
 /** Retry when the network fails, or when a busy server asks for it; for requests that change nothing. */
-async function patiently(path, options, base = BASE) {
+async function withRetries(path, options, base = BASE) {
   for (let wait of WAIT_MS) {
     try {
       const response = await once(path, options, base);

@@ -56,7 +56,7 @@ def test_three_control_points_lay_a_submodel_without_any_placed_photo(court, rng
     assert isinstance(found.aligned, AlignedSubmodel)
     assert np.abs(found.aligned.at - at).max() < 1e-6
     assert not found.problems
-    assert max(abs(fit.others_have - fit.at) for fit in found.points) < 1e-6
+    assert max(abs(fit.predicted - fit.at) for fit in found.points) < 1e-6
     assert not any(fit.contradicts for fit in found.points)
 
 
@@ -144,7 +144,7 @@ def test_a_control_point_at_a_wrong_place_of_the_map_is_named(court, rng):
     found = georegister(submodel, nothing(40), points=points)
     assert [fit.name for fit in found.points if fit.contradicts] == ["stone"]
     stone = found.points[3]
-    assert abs(stone.others_have - wrong.at) < 2.0
+    assert abs(stone.predicted - wrong.at) < 2.0
     assert np.abs(found.aligned.at - at).max() < 2.0
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from webapp.errors import UsageError
 from webapp.missions.store import query
-from webapp.missions.store.query import Question, understand
+from webapp.missions.store.query import Question, parse_question
 from webapp.missions.tasks import query as query_mission
 
 
@@ -189,7 +189,7 @@ def test_the_docs_name_all_columns(ask, new_mission):
 
 
 def test_values_are_bound(new_mission):
-    asked = understand(new_mission(), Question("objects", where="id = 'o1'' OR 1=1 --'"))
+    asked = parse_question(new_mission(), Question("objects", where="id = 'o1'' OR 1=1 --'"))
     compiled = asked.rows.compile()
     assert "o1" not in str(compiled)
     assert "o1' OR 1=1 --" in compiled.params.values()

@@ -197,7 +197,7 @@ def test_rows_of_removed_poses_go_in_blocks_and_after_a_kill_they_hide_until_the
     assert sizes == [1000, 700]
     with library.database.read() as session:
         assert thin_tracks.due(session, ENDS) == [id]
-        asked = query.understand(id, query.Question("poses", select="number"))
+        asked = query.parse_question(id, query.Question("poses", select="number"))
         assert list(query.answer(session, asked)) == [(0,), (1,)]
     with library.database.write() as session:
         (track,) = tracks.list_tracks(session, id)

@@ -159,7 +159,7 @@ def test_nobody_waits_an_hour_for_a_clock_that_went_back(do, take, at):
 
 def test_a_job_that_was_put_off_does_not_wait_an_hour_longer(do, take, at):
     do(jobs.enqueue, "x")
-    do(jobs.put_off, take(), **AWAY)
+    do(jobs.postpone, take(), **AWAY)
     at(-3600)
     assert do(jobs.anything_to_do)
     assert take().fence == 2
@@ -175,7 +175,7 @@ def test_who_lost_the_lease_writes_nothing(do, take, at, seen):
     assert not do(jobs.finish, old)
     assert not do(jobs.fail, old, error=ERROR)
     assert not do(jobs.stop, old)
-    assert not do(jobs.give_back, old)
+    assert not do(jobs.requeue, old)
     with pytest.raises(Conflict, match="taken over this job"):
         do(jobs.guard, old)
     do(jobs.guard, new)
@@ -224,7 +224,7 @@ def test_being_given_back_is_no_death(do, take, seen):
     for _ in range(5):
         held = take()
         assert held.job_id == id
-        assert do(jobs.give_back, held)
+        assert do(jobs.requeue, held)
         assert seen(id)["state"] == "queued"
 
 
@@ -235,7 +235,7 @@ def test_a_job_for_which_something_is_away_lets_others_go_first(do, take, at, se
     first, second = (do(jobs.enqueue, "x", key=str(n)).id for n in range(2))
     held = take()
     assert held.job_id == first
-    assert do(jobs.put_off, held, **AWAY)
+    assert do(jobs.postpone, held, **AWAY)
     assert (seen(first)["state"], seen(first)["note"]) == ("queued", AWAY["note"])
     assert (seen(first)["next_try_s"], seen(second)["next_try_s"]) == (10.0, None)
     at(4)
@@ -250,7 +250,7 @@ def test_a_job_for_which_something_is_away_lets_others_go_first(do, take, at, se
     third = do(jobs.enqueue, "x", key="2").id
     again = take()
     assert again.job_id == first
-    assert do(jobs.give_back, again)  # its worker is being stopped
+    assert do(jobs.requeue, again)  # its worker is being stopped
     assert [take().job_id, take().job_id] == [first, third]
 
 
@@ -258,7 +258,7 @@ def test_the_pause_doubles_up_to_five_minutes(do, take, at):
     do(jobs.enqueue, "x")
     for pause in (10, 20, 40, 80, 160, 300, 300):
         held = take()
-        do(jobs.put_off, held, **AWAY)
+        do(jobs.postpone, held, **AWAY)
         at(pause - 0.1)
         assert take() is None
         at(0.1)
@@ -266,14 +266,14 @@ def test_the_pause_doubles_up_to_five_minutes(do, take, at):
     assert last.fence == 8
     assert do(jobs.fail, last, error=ERROR)
     do(lambda s: jobs.retry(s, jobs.find(s, last.job_id)))
-    assert do(jobs.put_off, take(), **AWAY)
+    assert do(jobs.postpone, take(), **AWAY)
     at(10)
     assert take() is not None, "who asks for another try begins with the first pause"
 
 
 def test_who_cannot_wait_takes_a_job_in_its_pause(do, take):
     do(jobs.enqueue, "x")
-    do(jobs.put_off, take(), **AWAY)
+    do(jobs.postpone, take(), **AWAY)
     assert take() is None
     assert take(early=True).fence == 2
 
@@ -281,7 +281,7 @@ def test_who_cannot_wait_takes_a_job_in_its_pause(do, take):
 def test_a_lease_taken_by_the_version_before_ends_as_any(do, take, at):
     """The earlier version does not know pauses, and leaves them in the jobs that it takes."""
     id = do(jobs.enqueue, "x").id
-    do(jobs.put_off, take(), note="away", pause_s=200.0)
+    do(jobs.postpone, take(), note="away", pause_s=200.0)
     held = take(early=True)
     do(lambda s: setattr(jobs.find(s, id), "not_before", jobs.moment(s) + timedelta(seconds=200)))
     at(11)
@@ -293,19 +293,19 @@ def test_what_the_version_before_queues_has_no_pause(library, do, take):
     columns = "kind, key, arguments, state, done, total, note, attempts, cancel_wanted, fence, created_at"
     values = "'x', '', '{}', 'queued', 0, 0, '', 0, false, 0, CURRENT_TIMESTAMP"
     do(lambda s: s.connection().exec_driver_sql(f"INSERT INTO job ({columns}) VALUES ({values})"))
-    assert do(jobs.put_off, take(), **AWAY)
+    assert do(jobs.postpone, take(), **AWAY)
 
 
 def test_the_one_that_waits_already_takes_the_pause_over(do, take, at, park, seen):
     first = do(jobs.enqueue, "index", map_id=park).id
     held = take()
     second = do(jobs.enqueue, "index", map_id=park).id
-    assert do(jobs.put_off, held, **AWAY)
+    assert do(jobs.postpone, held, **AWAY)
     assert (seen(first)["state"], seen(second)["state"]) == ("cancelled", "queued")
     assert take() is None and seen(second)["note"] == AWAY["note"]
     at(10)
     held = take()
-    do(jobs.put_off, held, **AWAY)
+    do(jobs.postpone, held, **AWAY)
     at(19)
     assert take() is None
     at(1)
@@ -316,7 +316,7 @@ def test_given_back_while_one_like_it_waits_leaves_one(do, take, park, seen):
     first = do(jobs.enqueue, "index", map_id=park).id
     held = take()
     second = do(jobs.enqueue, "index", map_id=park).id
-    assert do(jobs.give_back, held)
+    assert do(jobs.requeue, held)
     assert (seen(first)["state"], seen(second)["state"]) == ("cancelled", "queued")
 
 

@@ -171,7 +171,7 @@ def test_a_photo_that_is_placed_wrongly_is_where_the_others_have_it(court):
     assert [one.id for one in report.checked if one.contradicts] == [3]
     (found,) = (one for one in report.checked if one.id == 3)
     assert found.residual_px == pytest.approx(90.0, abs=1.0)
-    assert np.hypot(*(found.others_have - court.at[3])) < 1.0
+    assert np.hypot(*(found.predicted - court.at[3])) < 1.0
     assert all(one.residual_px < 2.0 for one in report.checked if one.id != 3)
 
 

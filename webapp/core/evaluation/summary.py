@@ -21,18 +21,13 @@ TOP = 5
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """The results as arrays, one element per query; missing values are NaN, missing errors infinite.
+    """The results as arrays, one element per query; missing values are NaN, missing errors infinite."""
 
-    Attributes
-    ----------
-    errors, best_of_top : (n,) float64
-        Errors of the first hypothesis, and of the nearest of the first five; map pixels.
-    probabilities, radii : (n,) float64
-        Of the first hypothesis.
-    """
-
+    # `errors`, `best_of_top`: (n,) float64. Errors of the first hypothesis, and of the nearest of the first
+    # five; map pixels.
     errors: NDArray[np.float64]
     best_of_top: NDArray[np.float64]
+    # `probabilities`, `radii`: (n,) float64. Of the first hypothesis.
     probabilities: NDArray[np.float64]
     radii: NDArray[np.float64]
 
@@ -63,10 +58,8 @@ def outcomes(results: Sequence[QueryResult]) -> Outcomes:
 def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | None]]:
     """Return the functions that compute the metrics, by their names in JSON.
 
-    Parameters
-    ----------
-    place_radius_px : float
-        Largest error at which a hypothesis is right, map pixels.
+    Args:
+        place_radius_px: Largest error at which a hypothesis is right, map pixels.
     """
 
     def within(radius: int) -> Callable[[Outcomes], float | None]:
@@ -94,14 +87,10 @@ def figures(place_radius_px: float) -> dict[str, Callable[[Outcomes], float | No
 def summarise(results: Sequence[QueryResult], *, place_radius_px: float, rng: np.random.Generator) -> Summary:
     """Compute all metrics of an evaluation.
 
-    Parameters
-    ----------
-    results : sequence of QueryResult
-        At least one.
-    place_radius_px : float
-        Largest error at which a hypothesis is right, map pixels.
-    rng : numpy.random.Generator
-        For the bootstrap.
+    Args:
+        results: At least one.
+        place_radius_px: Largest error at which a hypothesis is right, map pixels.
+        rng: For the bootstrap.
     """
     found = outcomes(results)
     recipes = figures(place_radius_px)

@@ -18,30 +18,14 @@ _MATCHING_STAGES = ("retrieve", "verify", "position")
 
 @dataclass(frozen=True, slots=True)
 class QueryResult:
-    """One query: its true position, and the answer of localization.
+    """One query: its true position, and the answer of localization."""
 
-    Attributes
-    ----------
-    path : str
-        As in the list of queries.
-    truth : MapPixel
-        True position of the photo.
-    answer : Answer or None
-        None for a photo that could not be used.
-    error : str or None
-        Why there is no answer.
-    truth_heading_deg : float or None
-        True viewing direction, degrees clockwise from north, if known.
-    truth_floor : int or None
-        Id of the true floor, if known.
-    """
-
-    path: str
-    truth: MapPixel
-    answer: Answer | None
-    error: str | None = None
-    truth_heading_deg: float | None = None
-    truth_floor: int | None = None
+    path: str  # As in the list of queries
+    truth: MapPixel  # True position of the photo
+    answer: Answer | None  # None for a photo that could not be used
+    error: str | None = None  # Why there is no answer
+    truth_heading_deg: float | None = None  # True viewing direction, degrees clockwise from north, if known
+    truth_floor: int | None = None  # Id of the true floor, if known
 
     @property
     def errors_px(self) -> tuple[float, ...]:
@@ -83,64 +67,39 @@ class QueryResult:
 
 @dataclass(frozen=True, slots=True)
 class ReliabilityBin:
-    """Queries with a similar stated probability.
+    """Queries with a similar stated probability."""
 
-    Attributes
-    ----------
-    probability : float
-        Mean stated probability.
-    right : float
-        Share of right answers.
-    count : int
-        Queries in the bin.
-    """
-
-    probability: float
-    right: float
-    count: int
+    probability: float  # Mean stated probability
+    right: float  # Share of right answers
+    count: int  # Queries in the bin
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Metrics over all queries; None if undefined.
+    """Metrics over all queries; None if undefined."""
 
-    Attributes
-    ----------
-    queries, failed, abstained, second_looks : int
-        All queries; photos that could not be used; answers "not on this map"; photos with a second look.
-    median_px, mean_px : float or None
-        Error of the first hypothesis, over the queries that have one.
-    within : mapping of int to float
-        Share of all queries whose first hypothesis is at most this many map pixels off.
-    top5_within_50px : float
-        Share of all queries with one of the first five hypotheses at most 50 map pixels off.
-    ece : float or None
-        Expected calibration error of the first hypothesis' probability.
-    radius_coverage : float or None
-        Share of the right hypotheses whose `radius_px` contains the truth; ideally 0.68.
-    answered_at_99_precision : float
-        Share of all queries that can be answered, the most probable first, with 99 % of the answers right.
-    grades : mapping of str to int
-        Queries by the grade of their first hypothesis.
-    intervals : mapping of str to (float, float)
-        95 % bootstrap intervals, by the metric's name in JSON.
-    """
-
+    # `queries`, `failed`, `abstained`, `second_looks`: All queries; photos that could not be used; answers
+    # "not on this map"; photos with a second look.
     queries: int
     failed: int
     abstained: int
     second_looks: int
+    # `median_px`, `mean_px`: Error of the first hypothesis, over the queries that have one.
     median_px: float | None
     mean_px: float | None
+    # Share of all queries whose first hypothesis is at most this many map pixels off.
     within: Mapping[int, float]
+    # Share of all queries with one of the first five hypotheses at most 50 map pixels off.
     top5_within_50px: float
-    ece: float | None
+    ece: float | None  # Expected calibration error of the first hypothesis' probability
+    # Share of the right hypotheses whose `radius_px` contains the truth; ideally 0.68.
     radius_coverage: float | None
+    # Share of all queries that can be answered, the most probable first, with 99 % of the answers right.
     answered_at_99_precision: float
     seconds_per_query_p50: float | None
     seconds_per_query_p95: float | None
     extract_seconds_p50: float | None
     match_seconds_p50: float | None
-    grades: Mapping[Grade, int]
-    intervals: Mapping[str, Interval]
+    grades: Mapping[Grade, int]  # Queries by the grade of their first hypothesis
+    intervals: Mapping[str, Interval]  # 95 % bootstrap intervals, by the metric's name in JSON
     reliability: tuple[ReliabilityBin, ...]

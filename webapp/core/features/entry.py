@@ -11,28 +11,14 @@ from webapp.core.features.types import Extractor
 
 @dataclass(frozen=True, slots=True)
 class ModelFile:
-    """A file with weights.
+    """A file with weights."""
 
-    Attributes
-    ----------
-    name : str
-        File name.
-    bytes : int
-        Size; 0 for a file that the user supplies.
-    sha256 : str
-        Empty for a file that the user supplies: any file of this name is accepted.
-    source : str
-        Origin, in words.
-    address : str
-        URL to fetch it from; empty for a file that can only be copied from a folder.
-    """
-
-    name: str
-    bytes: int
-    sha256: str
+    name: str  # File name
+    bytes: int  # Size; 0 for a file that the user supplies
+    sha256: str  # Empty for a file that the user supplies: any file of this name is accepted
     licence: str
-    source: str
-    address: str
+    source: str  # Origin, in words
+    address: str  # URL to fetch it from; empty for a file that can only be copied from a folder
 
     @property
     def published(self) -> bool:

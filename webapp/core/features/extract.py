@@ -26,30 +26,19 @@ def extract(
 ) -> Features:
     """Detect and describe keypoints.
 
-    Parameters
-    ----------
-    gray : (h, w) uint8
-        The upright photo, scaled by `scale`.
-    keypoints : int
-        Maximum number; the strongest are kept.
-    scale : float
-        Size of `gray` over size of the photo.
-    photo_size : (int, int), optional
-        Width and height of the photo at full size; by default of `gray`.
-    network : object, optional
-        Network of `choice.model`, opened, if that is not None.
+    Args:
+        gray: (h, w) uint8. The upright photo, scaled by `scale`.
+        keypoints: Maximum number; the strongest are kept.
+        scale: Size of `gray` over size of the photo.
+        photo_size: Width and height of the photo at full size; by default of `gray`.
+        network: Network of `choice.model`, opened, if that is not None.
 
-    Returns
-    -------
-    Features
+    Returns:
         In pixels of the photo at full size. Empty for a photo without texture.
 
-    Raises
-    ------
-    MissingPart
-        The network is required but not given.
-    InputError
-        The network is from a file supplied by the user, and onnxruntime cannot run it.
+    Raises:
+        MissingPart: The network is required but not given.
+        InputError: The network is from a file supplied by the user, and onnxruntime cannot run it.
     """
     size = photo_size or (gray.shape[1], gray.shape[0])
     if choice.model is not None and EXTRACTORS[choice.model].enlarges_small and scale >= 1.0:

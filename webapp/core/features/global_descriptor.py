@@ -37,18 +37,13 @@ _INTERFACE = Interface("global descriptor", (), (), needs=_HINT)
 
 @dataclass(frozen=True, slots=True)
 class InputForm:
-    """How a photo is converted to the input of a network; None if not stated.
+    """How a photo is converted to the input of a network; None if not stated."""
 
-    Attributes
-    ----------
-    width, height : int or None
-        Pixels to which the whole photo is scaled.
-    mean, std : tuple of float or None
-        Of red, green and blue from 0 to 1: the mean is subtracted, and the result divided by `std`.
-    """
-
+    # `width`, `height`: Pixels to which the whole photo is scaled.
     width: int | None = None
     height: int | None = None
+    # `mean`, `std`: Of red, green and blue from 0 to 1: the mean is subtracted, and the result divided by
+    # `std`.
     mean: Triple | None = None
     std: Triple | None = None
 
@@ -59,10 +54,8 @@ _NAMES = tuple(field.name for field in fields(InputForm))
 def read_form(stated: object) -> InputForm:
     """Parse an input form from the values of a JSON file.
 
-    Raises
-    ------
-    ValueError
-        A field is unknown or its value is not valid; the message names it.
+    Raises:
+        ValueError: A field is unknown or its value is not valid; the message names it.
     """
     if not isinstance(stated, Mapping):
         raise ValueError("it is not an object")
@@ -102,23 +95,16 @@ def _is_number(value: object) -> bool:
 class GlobalDescriptor:
     """A network that describes a whole photo; threads may share it.
 
-    Parameters
-    ----------
-    model : bytes
-        Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). Values that the
-        form does not state are read from its shape and metadata; the default normalisation is ImageNet's.
-    file : str
-        Name of the file, for messages.
-    form : InputForm
-    weights : str
-        Identifies the content of the model file and the form.
+    Args:
+        model: Content of an ONNX file with one input, (1, 3, height, width), and one output, (1, d). Values
+            that the form does not state are read from its shape and metadata; the default normalisation is
+            ImageNet's.
+        file: Name of the file, for messages.
+        weights: Identifies the content of the model file and the form.
 
-    Raises
-    ------
-    InputError
-        The file contains another network, or none.
-    MissingPart
-        onnxruntime is not installed.
+    Raises:
+        InputError: The file contains another network, or none.
+        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, *, file: str, form: InputForm, weights: str) -> None:
@@ -137,20 +123,14 @@ class GlobalDescriptor:
     def describe(self, photo: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Describe an upright photo.
 
-        Parameters
-        ----------
-        photo : (h, w, 3) uint8
-            Blue, green, red.
+        Args:
+            photo: (h, w, 3) uint8. Blue, green, red.
 
-        Returns
-        -------
-        (d,) float32
-            Of length 1.
+        Returns:
+            (d,) float32: Of length 1.
 
-        Raises
-        ------
-        InputError
-            The model fails, or its output is not one finite, non-zero vector.
+        Raises:
+            InputError: The model fails, or its output is not one finite, non-zero vector.
         """
         smaller = self.width * self.height < photo.shape[0] * photo.shape[1]
         how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR

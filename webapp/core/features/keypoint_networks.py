@@ -23,47 +23,30 @@ from webapp.errors import MissingPart, UsageError
 
 
 class Points(NamedTuple):
-    """Keypoints that a network detected in an image.
+    """Keypoints that a network detected in an image."""
 
-    Attributes
-    ----------
-    xy : (n, 2) float32
-        Pixels; pixel centres have whole numbers.
-    score : (n,) float32
-    descriptors : (n, width) float32
-    """
-
-    xy: NDArray[np.float32]
-    score: NDArray[np.float32]
-    descriptors: NDArray[np.float32]
+    xy: NDArray[np.float32]  # (n, 2) float32. Pixels; pixel centres have whole numbers.
+    score: NDArray[np.float32]  # (n,) float32
+    descriptors: NDArray[np.float32]  # (n, width) float32
 
 
 class KeypointNetwork:
     """The network with its weights; threads may share it.
 
-    Parameters
-    ----------
-    model : bytes
-        Content of an ONNX file with the input `image` (1, 3, h, w), RGB from 0 to 1, and the outputs
-        `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, width), with or without a batch of one.
-    file : str
-        Name of the file, for messages.
+    Args:
+        model: Content of an ONNX file with the input `image` (1, 3, h, w), RGB from 0 to 1, and the outputs
+            `keypoints` (n, 2), `scores` (n,) and `descriptors` (n, width), with or without a batch of one.
+        file: Name of the file, for messages.
 
-    Attributes
-    ----------
-    name : str
-        Of the network, for messages.
-    width : int
-        Dimension of a descriptor.
-    sides : (int or None, int or None)
-        Width and height of its input images; None if any multiple of `multiple` is possible.
+    Attributes:
+        name: Of the network, for messages.
+        width: Dimension of a descriptor.
+        sides: (int or None, int or None). Width and height of its input images; None if any multiple of
+            `multiple` is possible.
 
-    Raises
-    ------
-    InputError
-        The file contains another network.
-    MissingPart
-        onnxruntime is not installed.
+    Raises:
+        InputError: The file contains another network.
+        MissingPart: onnxruntime is not installed.
     """
 
     name = ""
@@ -81,10 +64,8 @@ class KeypointNetwork:
     def points(self, image: NDArray[np.uint8]) -> Points:
         """Detect and describe keypoints in an (h, w) uint8 image of a size that the network takes.
 
-        Raises
-        ------
-        InputError
-            The model fails, or its outputs have other shapes.
+        Raises:
+            InputError: The model fails, or its outputs have other shapes.
         """
         gray = image.astype(np.float32) / np.float32(255.0)
         xy, score, descriptors = self._network.run(image=np.broadcast_to(gray, (1, 3, *gray.shape)))
@@ -120,12 +101,9 @@ class DiskNetwork(KeypointNetwork):
 class NetworkFeatures:
     """Detector and extractor around a network. It describes only its own keypoints.
 
-    Parameters
-    ----------
-    of : type
-        Class of the network.
-    network : KeypointNetwork, optional
-        Required for detection.
+    Args:
+        of: Class of the network.
+        network: Required for detection.
     """
 
     kind: Kind = "float"
@@ -166,12 +144,10 @@ def _letterbox(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """Resize and pad an (h, w) photo to a size that the network takes, undistorted.
 
-    Returns
-    -------
-    (height, width) uint8
-        The photo in the upper left corner; its last pixels are repeated, to avoid an edge at its border.
-    (2,) float64
-        Width and height of the photo in the image.
+    Returns:
+        (height, width) uint8: The photo in the upper left corner; its last pixels are repeated, to avoid an
+            edge at its border.
+        (2,) float64: Width and height of the photo in the image.
     """
     size = np.array(gray.shape[::-1], np.float64)
     fixed = [(side, own) for side, own in zip(network.sides, size, strict=True) if side]

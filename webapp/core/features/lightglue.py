@@ -28,44 +28,29 @@ LIGHTERGLUE = Interface("LighterGlue", _INPUTS, ("matches", "scores"))
 
 
 class PairMatcher(Protocol):
-    """Matches the keypoints of two photos.
+    """Matches the keypoints of two photos."""
 
-    Attributes
-    ----------
-    weights : str
-        Identifies the content of the model file.
-    """
-
-    weights: str
+    weights: str  # Identifies the content of the model file
 
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos, which have the features that the matcher is for.
 
-        Returns
-        -------
-        (m, 2) int64
-            Rows of `query` and of `photo`, each at most once; the most probable match first.
+        Returns:
+            (m, 2) int64: Rows of `query` and of `photo`, each at most once; the most probable match first.
         """
 
 
 class LightGlue:
     """LightGlue for one kind of features; threads may share it.
 
-    Parameters
-    ----------
-    model : bytes
-        Content of an ONNX file.
-    interface : Interface
-        `LIGHTGLUE` or `LIGHTERGLUE`.
-    file : str
-        Name of the file, for messages.
+    Args:
+        model: Content of an ONNX file.
+        interface: `LIGHTGLUE` or `LIGHTERGLUE`.
+        file: Name of the file, for messages.
 
-    Raises
-    ------
-    InputError
-        The file contains another network.
-    MissingPart
-        onnxruntime is not installed.
+    Raises:
+        InputError: The file contains another network.
+        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, interface: Interface, *, file: str) -> None:
@@ -75,10 +60,8 @@ class LightGlue:
     def match(self, query: Features, photo: Features) -> NDArray[np.int64]:
         """Match the keypoints of two photos: (m, 2) rows, the most probable match first.
 
-        Raises
-        ------
-        InputError
-            The model fails, or its outputs have other shapes.
+        Raises:
+            InputError: The model fails, or its outputs have other shapes.
         """
         if not (len(query) and len(photo)):
             return np.zeros((0, 2), np.int64)

@@ -26,22 +26,13 @@ _SILENT = 4
 
 @dataclass(frozen=True, slots=True)
 class Interface:
-    """Inputs and outputs that a network must have.
+    """Inputs and outputs that a network must have."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the network, for messages.
-    inputs, outputs : tuple of str
-        Their names; empty if there are no requirements.
-    needs : str
-        Hint for the requirements on a file, if they do not follow from the names.
-    """
-
-    name: str
+    name: str  # Name of the network, for messages
+    # `inputs`, `outputs`: Their names; empty if there are no requirements.
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    needs: str = ""
+    needs: str = ""  # Hint for the requirements on a file, if they do not follow from the names
 
     def error(self, file: str) -> InputError:
         """Create the error for a file that does not contain this network."""
@@ -58,26 +49,18 @@ class Network:
 
     It uses as many native threads as OpenCV may in this process (`cv2.setNumThreads`).
 
-    Parameters
-    ----------
-    model : bytes
-        Content of an ONNX file.
-    file : str
-        Name of the file, for messages.
+    Args:
+        model: Content of an ONNX file.
+        file: Name of the file, for messages.
 
-    Attributes
-    ----------
-    inputs, outputs : dict of str to tuple of (int or None)
-        Shape of each input and output.
-    metadata : dict of str to str
-        Custom metadata of the file.
+    Attributes:
+        inputs, outputs: dict of str to tuple of (int or None). Shape of each input and output.
+        metadata: Custom metadata of the file.
 
-    Raises
-    ------
-    InputError
-        onnxruntime cannot open the model, its weights are in other files, or it has other inputs or outputs.
-    MissingPart
-        onnxruntime is not installed.
+    Raises:
+        InputError: onnxruntime cannot open the model, its weights are in other files, or it has other inputs
+            or outputs.
+        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes, interface: Interface, *, file: str) -> None:
@@ -107,20 +90,14 @@ class Network:
     def run(self, **inputs: NDArray[np.float32]) -> list[NDArray[Any]]:
         """Run the network.
 
-        Parameters
-        ----------
-        **inputs : float32
-            By name.
+        Args:
+            **inputs: float32. By name.
 
-        Returns
-        -------
-        list of array
-            The outputs of the interface, in its order, or all if it names none.
+        Returns:
+            list of array: The outputs of the interface, in its order, or all if it names none.
 
-        Raises
-        ------
-        InputError
-            The model fails with these inputs.
+        Raises:
+            InputError: The model fails with these inputs.
         """
         try:
             names = [*(self._interface.outputs or self.outputs)]

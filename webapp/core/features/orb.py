@@ -26,11 +26,9 @@ _BORDER = 31
 class Orb:
     """Detector and extractor.
 
-    Parameters
-    ----------
-    points_per_test : {2, 4}
-        2: each bit compares two points, for Hamming distance. 4: each pair of bits is the index of the
-        brightest of four points, for Hamming2, which counts pairs of bits.
+    Args:
+        points_per_test: 2 or 4. 2: each bit compares two points, for Hamming distance. 4: each pair of bits
+            is the index of the brightest of four points, for Hamming2, which counts pairs of bits.
     """
 
     kind: Kind = "binary"

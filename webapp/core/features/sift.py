@@ -27,10 +27,8 @@ _ROOT_SCALE = 512.0
 class Sift:
     """Detector and extractor.
 
-    Parameters
-    ----------
-    root : bool
-        Describe as RootSIFT: the Euclidean distance then is the Hellinger distance of the histograms.
+    Args:
+        root: Describe as RootSIFT: the Euclidean distance then is the Hellinger distance of the histograms.
     """
 
     kind: Kind = "float"

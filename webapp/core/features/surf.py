@@ -52,33 +52,20 @@ _AT_ONCE = 256
 
 
 class Blobs(NamedTuple):
-    """Detected blobs, the strongest first.
+    """Detected blobs, the strongest first."""
 
-    Attributes
-    ----------
-    xy : (n, 2) float32
-        Pixels; pixel centres have whole numbers.
-    scale : (n,) float32
-        Sigma of the Gaussian that the filter approximates, pixels.
-    strength : (n,) float32
-    """
-
-    xy: NDArray[np.float32]
-    scale: NDArray[np.float32]
-    strength: NDArray[np.float32]
+    xy: NDArray[np.float32]  # (n, 2) float32. Pixels; pixel centres have whole numbers.
+    scale: NDArray[np.float32]  # (n,) float32. Sigma of the Gaussian that the filter approximates, pixels.
+    strength: NDArray[np.float32]  # (n,) float32
 
 
 def detect_blobs(integral: NDArray[np.int32], most: int, *, least: float) -> Blobs:
     """Detect blobs of all scales.
 
-    Parameters
-    ----------
-    integral : (h + 1, w + 1) int32
-        Sums of all pixels above and to the left.
-    most : int
-        Maximum number; the strongest are kept.
-    least : float
-        Minimum determinant of a keypoint, for grey values of 0 to 255.
+    Args:
+        integral: (h + 1, w + 1) int32. Sums of all pixels above and to the left.
+        most: Maximum number; the strongest are kept.
+        least: Minimum determinant of a keypoint, for grey values of 0 to 255.
     """
     known: dict[tuple[int, int], NDArray[np.float32]] = {}
     parts = []

@@ -75,20 +75,13 @@ _DEFAULT_MATCHERS = ("ivf", "hamming", "flann", "hamming2")
 
 @dataclass(frozen=True, slots=True)
 class FeatureChoice:
-    """A valid combination of detector, extractor and matcher.
+    """A valid combination of detector, extractor and matcher."""
 
-    Attributes
-    ----------
-    detector, extractor, matcher : str
-        Names in the tables of this module.
-    weights : str
-        SHA-256 of a model file supplied by the user, as another file gives other features.
-    """
-
+    # `detector`, `extractor`, `matcher`: Names in the tables of this module.
     detector: str
     extractor: str
     matcher: str
-    weights: str = ""
+    weights: str = ""  # SHA-256 of a model file supplied by the user, as another file gives other features
 
     @property
     def name(self) -> str:
@@ -136,18 +129,12 @@ def choose(
 ) -> FeatureChoice:
     """Resolve a request to a valid combination.
 
-    Parameters
-    ----------
-    method : Method
-    features : str
-        A bundle's name, or "auto".
-    detector, extractor, matcher : str, optional
-        Each overrides its part of the bundle.
+    Args:
+        features: A bundle's name, or "auto".
+        detector, extractor, matcher: Each overrides its part of the bundle.
 
-    Raises
-    ------
-    UsageError
-        A name is unknown or the parts are incompatible; the hint lists alternatives.
+    Raises:
+        UsageError: A name is unknown or the parts are incompatible; the hint lists alternatives.
     """
     bundle = _known(features, {"auto": None, **BUNDLES}, "features")
     base_detector, base_extractor = BUNDLES[_best(method) if bundle == "auto" else bundle]

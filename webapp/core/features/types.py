@@ -19,29 +19,19 @@ Engine = Literal["ivf", "vlad"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """Keypoints and descriptors of one photo, the strongest first.
+    """Keypoints and descriptors of one photo, the strongest first."""
 
-    Attributes
-    ----------
-    xy : (n, 2) float32
-        Pixels of the upright photo at full size; pixel centres have whole numbers, as in OpenCV.
-    size : (n,) float32
-        Diameter of the described neighbourhood, pixels of the photo at full size.
-    angle : (n,) float32
-        Orientation in degrees, clockwise in the image; all 0 if the detector computes none.
-    descriptors : (n, d) uint8
-        Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
-    photo_size : (int, int)
-        Width and height of the upright photo.
-    vector : (d,) float32 or None
-        Global descriptor of the photo, of length 1, if there is a model.
-    """
-
+    # (n, 2) float32. Pixels of the upright photo at full size; pixel centres have whole numbers, as in
+    # OpenCV.
     xy: NDArray[np.float32]
+    # (n,) float32. Diameter of the described neighbourhood, pixels of the photo at full size.
     size: NDArray[np.float32]
+    # (n,) float32. Orientation in degrees, clockwise in the image; all 0 if the detector computes none.
     angle: NDArray[np.float32]
+    # (n, d) uint8. Numbers 0 to 255 ("float" kind) or packed bits ("binary" kind).
     descriptors: NDArray[np.uint8]
-    photo_size: tuple[int, int]
+    photo_size: tuple[int, int]  # Width and height of the upright photo
+    # (d,) float32 or None. Global descriptor of the photo, of length 1, if there is a model.
     vector: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
@@ -101,13 +91,10 @@ def features_from_keypoints(
 ) -> Features:
     """Convert OpenCV's keypoints of a scaled image to features of the photo at full size.
 
-    Parameters
-    ----------
-    descriptors : (n, d) uint8
-    scale : float
-        Size of the image over size of the photo.
-    photo_size : (int, int)
-        Width and height of the photo at full size.
+    Args:
+        descriptors: (n, d) uint8
+        scale: Size of the image over size of the photo.
+        photo_size: Width and height of the photo at full size.
     """
     table = np.array([(*k.pt, k.size, k.angle) for k in keypoints], np.float32).reshape(-1, 4)
     # OpenCV's origin is a pixel centre, but scaling acts on distances from the image's outer corner.
@@ -140,18 +127,12 @@ def detect_with_fallback_threshold(
     The usual threshold suppresses noise in well-lit photos, which have enough keypoints; in a dim photo it
     would reject nearly all of them. There half the number is enough, because the rest is mostly noise.
 
-    Parameters
-    ----------
-    detect : callable
-        Takes a maximum number and a threshold, and returns the strongest keypoints above it.
-    keypoints : int
-        Number wanted.
-    thresholds : (float, float)
-        The usual one and the lower one.
+    Args:
+        detect: Takes a maximum number and a threshold, and returns the strongest keypoints above it.
+        keypoints: Number wanted.
+        thresholds: The usual one and the lower one.
 
-    Returns
-    -------
-    tuple
+    Returns:
         As from `detect`; with the lower threshold at most half the number.
     """
     usual, lower = thresholds

@@ -24,10 +24,8 @@ _NMS_WINDOW = np.ones((5, 5), np.uint8)
 class XFeat:
     """Detector and extractor. Its keypoints have one scale and no orientation.
 
-    Parameters
-    ----------
-    network : XFeatNetwork, optional
-        Required for detection and description.
+    Args:
+        network: Required for detection and description.
     """
 
     kind: Kind = "float"

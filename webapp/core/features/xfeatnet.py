@@ -38,35 +38,23 @@ _ENLARGED = {"/Resize_output_0": 2.0, "/Resize_1_output_0": 4.0}
 
 
 class Maps(NamedTuple):
-    """Output of the network for a photo of w x h cells.
+    """Output of the network for a photo of w x h cells."""
 
-    Attributes
-    ----------
-    descriptors : (64, h, w) float32
-        Not normalised.
-    logits : (65, h, w) float32
-        Of a keypoint at each of the 64 pixels of the cell, row by row, and of no keypoint.
-    reliability : (h, w) float32
-        Probability that the descriptor can be matched, 0 to 1.
-    """
-
-    descriptors: NDArray[np.float32]
+    descriptors: NDArray[np.float32]  # (64, h, w) float32. Not normalised.
+    # (65, h, w) float32. Of a keypoint at each of the 64 pixels of the cell, row by row, and of no keypoint.
     logits: NDArray[np.float32]
+    # (h, w) float32. Probability that the descriptor can be matched, 0 to 1.
     reliability: NDArray[np.float32]
 
 
 class XFeatNetwork:
     """The network with its weights; threads may share it.
 
-    Parameters
-    ----------
-    model : bytes
-        A published model file, already checked.
+    Args:
+        model: A published model file, already checked.
 
-    Raises
-    ------
-    MissingPart
-        onnxruntime is not installed.
+    Raises:
+        MissingPart: onnxruntime is not installed.
     """
 
     def __init__(self, model: bytes) -> None:
@@ -76,10 +64,8 @@ class XFeatNetwork:
     def maps(self, image: NDArray[np.float32]) -> Maps:
         """Run the network.
 
-        Parameters
-        ----------
-        image : (h, w) float32
-            Zero mean and unit variance; sides are multiples of `MULTIPLE`.
+        Args:
+            image: (h, w) float32. Zero mean and unit variance; sides are multiples of `MULTIPLE`.
         """
         descriptors, logits, reliability = self._network.run(input=image[None, None])
         return Maps(descriptors[0], logits[0], 1.0 / (1.0 + np.exp(-reliability[0, 0])))

@@ -25,17 +25,10 @@ _NEVER_OUTLIER_M = 300.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoArea:
-    """The surroundings of photos.
+    """The surroundings of photos."""
 
-    Attributes
-    ----------
-    box : GeoBox
-        Includes a margin.
-    inside, outside : int
-        Number of photos in it, and of outliers far away.
-    """
-
-    box: GeoBox
+    box: GeoBox  # Includes a margin
+    # `inside`, `outside`: Number of photos in it, and of outliers far away.
     inside: int
     outside: int
 
@@ -43,10 +36,8 @@ class PhotoArea:
 def area_around(latlon: ArrayLike) -> PhotoArea:
     """Return a box around photos, robust to some wrong GPS positions.
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        At least one position; degrees north, degrees east.
+    Args:
+        latlon: (n, 2) float64. At least one position; degrees north, degrees east.
     """
     positions = np.asarray(latlon, dtype=np.float64).reshape(-1, 2)
     frame = LocalFrame(_most_central(positions))

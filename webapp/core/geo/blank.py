@@ -23,20 +23,14 @@ _BACKGROUND, _LINE, _STRONG, _INK = (240, 244, 245), (222, 228, 230), (200, 208,
 
 @dataclass(frozen=True, slots=True)
 class BlankPlan:
-    """Size and position of a blank plan; north is up.
-
-    Attributes
-    ----------
-    width, height : int
-        Pixels.
-    east_m, north_m : float
-        Of the top-left corner, metres from the plan's own origin.
-    """
+    """Size and position of a blank plan; north is up."""
 
     georeference: Georeference
+    # `width`, `height`: Pixels.
     width: int
     height: int
     metres_per_pixel: float
+    # `east_m`, `north_m`: Of the top-left corner, metres from the plan's own origin.
     east_m: float
     north_m: float
 
@@ -44,14 +38,11 @@ class BlankPlan:
 def plan_around(latlon: ArrayLike) -> BlankPlan:
     """Return a plan around positions, with a margin of 5 % of their extent on each side.
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        At least one position; degrees north, degrees east. Extents below 50 m give a plan of 50 m x 50 m.
+    Args:
+        latlon: (n, 2) float64. At least one position; degrees north, degrees east. Extents below 50 m give a
+            plan of 50 m x 50 m.
 
-    Returns
-    -------
-    BlankPlan
+    Returns:
         The longer side has 1000 to 2000 pixels of a round size in metres, the shorter at least half as many.
     """
     frame = LocalFrame(centre_of(latlon))
@@ -77,10 +68,8 @@ def round_up(value: float) -> float:
 def draw(plan: BlankPlan) -> NDArray[np.uint8]:
     """Draw a plan: light background, a grid in metres, a scale bar and a north arrow.
 
-    Returns
-    -------
-    (height, width, 3) uint8
-        Blue, green, red.
+    Returns:
+        (height, width, 3) uint8: Blue, green, red.
     """
     image = np.full((plan.height, plan.width, 3), _BACKGROUND, dtype=np.uint8)
     step = round_up(max(plan.width, plan.height) * plan.metres_per_pixel / 20.0)
@@ -99,10 +88,8 @@ def draw(plan: BlankPlan) -> NDArray[np.uint8]:
 def draw_sheet(width: int, height: int) -> NDArray[np.uint8]:
     """Draw a plan without a position on the Earth: light background with a grid in pixels.
 
-    Returns
-    -------
-    (height, width, 3) uint8
-        Blue, green, red.
+    Returns:
+        (height, width, 3) uint8: Blue, green, red.
     """
     image = np.full((height, width, 3), _BACKGROUND, dtype=np.uint8)
     step = int(round_up(max(width, height) / 20.0))

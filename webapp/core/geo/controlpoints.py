@@ -37,29 +37,22 @@ def from_control_points(
 ) -> GeoreferenceFit:
     """Fit a georeference to control points, by least squares in local metres.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the image, pixels.
-    model : {"similarity", "affine", "projective"}, optional
-        Default: the one with the most parameters that the number of points allows (2, 3, 4 or more).
+    Args:
+        width, height: Of the image, pixels.
+        model: "similarity", "affine" or "projective". Default: the one with the most parameters that the
+            number of points allows (2, 3, 4 or more).
 
-    Returns
-    -------
-    GeoreferenceFit
+    Returns:
         Residuals in metres, one per point; warnings for points nearly on a line (with the ratio of the
-        singular values of their coordinates: 1 isotropic, 0 a line) and for a fit without redundancy.
+            singular values of their coordinates: 1 isotropic, 0 a line) and for a fit without redundancy.
 
-    Raises
-    ------
-    GeoreferenceError
-        Too few points, an invalid position, coincident points, points on a line, a mirrored image, a
-        horizon across the image.
+    Raises:
+        GeoreferenceError: Too few points, an invalid position, coincident points, points on a line, a
+            mirrored image, a horizon across the image.
 
-    Notes
-    -----
-    Coordinates are normalised before solving; the projective fit is the normalised direct linear transform of
-    Hartley and Zisserman, "Multiple View Geometry", algorithm 4.2.
+    Notes:
+        Coordinates are normalised before solving; the projective fit is the normalised direct linear
+        transform of Hartley and Zisserman, "Multiple View Geometry", algorithm 4.2.
     """
     chosen = model or _richest(len(points))
     if len(points) < NEEDED[chosen]:

@@ -34,22 +34,16 @@ def from_corners(corners: Corners, *, width: int, height: int) -> GeoreferenceFi
 
     Four corners that form a rectangle in latitude and longitude are equivalent to two.
 
-    Parameters
-    ----------
-    corners : Corners
-        With both or none of `top_right` and `bottom_left`.
-    width, height : int
-        Of the image, pixels.
+    Args:
+        corners: With both or none of `top_right` and `bottom_left`.
+        width, height: Of the image, pixels.
 
-    Returns
-    -------
-    GeoreferenceFit
+    Returns:
         Without residuals, as it fits the corners exactly. With a warning if the pixels are far from square.
 
-    Raises
-    ------
-    GeoreferenceError
-        Three corners are given, or positions are invalid, coincident, on one line, mirrored or folded.
+    Raises:
+        GeoreferenceError: Three corners are given, or positions are invalid, coincident, on one line,
+            mirrored or folded.
     """
     given = [corners.top_left, corners.top_right, corners.bottom_right, corners.bottom_left]
     known = [c for c in given if c is not None]

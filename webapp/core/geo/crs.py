@@ -42,20 +42,15 @@ _WKT_PROJ = re.compile(r"PROJ[ -]|.*(proj|init|grids)\s*=", re.DOTALL | re.IGNOR
 def parse_crs(plane: str) -> CRS:
     """Read the name of a coordinate system.
 
-    Parameters
-    ----------
-    plane : str
-        An authority code (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
+    Args:
+        plane: An authority code (`EPSG:4326`, `EPSG:32633`), a PROJ string, or WKT.
 
-    Returns
-    -------
-    pyproj.CRS
+    Returns:
         Two-dimensional, geographic or projected.
 
-    Raises
-    ------
-    GeoreferenceError
-        PROJ does not know it, it is neither geographic nor projected, or it may name a file.
+    Raises:
+        GeoreferenceError: PROJ does not know it, it is neither geographic nor projected, or it may name a
+            file.
     """
     from pyproj import CRS  # imported lazily: only needed for positions on the Earth
     from pyproj.exceptions import CRSError
@@ -87,10 +82,8 @@ def _is_plain(plane: str) -> bool:
 def crs_name(text: str) -> str:
     """Return the EPSG code of a coordinate system (`EPSG:32633`) if it is exactly that, else the text itself.
 
-    Raises
-    ------
-    GeoreferenceError
-        As `parse_crs`.
+    Raises:
+        GeoreferenceError: As `parse_crs`.
     """
     code = parse_crs(text).to_epsg(min_confidence=100)
     return f"EPSG:{code}" if code else text
@@ -113,17 +106,12 @@ def _transformer(plane: str) -> Transformer:
 def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
     """Convert points of a plane to latitude and longitude.
 
-    Parameters
-    ----------
-    plane : str
-        Coordinate system.
-    xy : (n, 2) float64
-        East (or longitude), north (or latitude), in the plane's unit.
+    Args:
+        plane: Coordinate system.
+        xy: (n, 2) float64. East (or longitude), north (or latitude), in the plane's unit.
 
-    Returns
-    -------
-    (n, 2) float64
-        Degrees north, degrees east in [-180, 180]; NaN outside the domain of the plane.
+    Returns:
+        (n, 2) float64: Degrees north, degrees east in [-180, 180]; NaN outside the domain of the plane.
     """
     x, y = np.asarray(xy, dtype=np.float64).reshape(-1, 2).T
     lon, lat = _transformer(plane).transform(x, y)
@@ -136,17 +124,13 @@ def latlon_from_plane(plane: str, xy: ArrayLike) -> NDArray[np.float64]:
 def plane_from_latlon(plane: str, latlon: ArrayLike) -> NDArray[np.float64]:
     """Convert latitude and longitude to points of a plane.
 
-    Parameters
-    ----------
-    plane : str
-        Coordinate system.
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
+    Args:
+        plane: Coordinate system.
+        latlon: (n, 2) float64. Degrees north, degrees east.
 
-    Returns
-    -------
-    (n, 2) float64
-        East (or longitude), north (or latitude), in the plane's unit; NaN outside the domain of the plane.
+    Returns:
+        (n, 2) float64: East (or longitude), north (or latitude), in the plane's unit; NaN outside the domain
+            of the plane.
     """
     lat, lon = np.asarray(latlon, dtype=np.float64).reshape(-1, 2).T
     x, y = _transformer(plane).transform(lon, lat, direction="INVERSE")

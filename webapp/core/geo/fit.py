@@ -19,28 +19,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class GeoreferenceFit:
-    """A georeference, and how well it fits its input.
-
-    Attributes
-    ----------
-    residuals_m : tuple of float
-        Distance of each point between the fit and the given position, metres.
-    warnings : tuple of str
-        Messages for the user.
-    """
+    """A georeference, and how well it fits its input."""
 
     georeference: Georeference
+    # Distance of each point between the fit and the given position, metres.
     residuals_m: tuple[float, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # Messages for the user
 
 
 def check_positions(positions: Iterable[LatLon]) -> None:
     """Reject invalid latitudes and longitudes.
 
-    Raises
-    ------
-    GeoreferenceError
-        Not finite or out of range; the hint says when latitude and longitude seem to be swapped.
+    Raises:
+        GeoreferenceError: Not finite or out of range; the hint says when latitude and longitude seem to be
+            swapped.
     """
     for lat, lon in positions:
         if abs(lat) <= 90.0 and abs(lon) <= 180.0:
@@ -52,12 +44,7 @@ def check_positions(positions: Iterable[LatLon]) -> None:
 
 
 def check_on_image(georeference: Georeference, *, width: int, height: int) -> None:
-    """Reject a georeference that is undefined on part of the image, or mirrored.
-
-    Raises
-    ------
-    GeoreferenceError
-    """
+    """Reject a georeference that is undefined on part of the image, or mirrored. Raises GeoreferenceError."""
     corners = [MapPixel(0, 0), MapPixel(width, 0), MapPixel(width, height), MapPixel(0, height)]
     if not np.isfinite(georeference.latlon_from_pixel(corners)).all():
         raise GeoreferenceError(
@@ -75,20 +62,15 @@ def check_on_image(georeference: Georeference, *, width: int, height: int) -> No
 def solve_homography(source: Array, target: Array) -> Array:
     """Estimate a homography by the normalised direct linear transform.
 
-    Parameters
-    ----------
-    source, target : (n, 2) float64
-        At least four points.
+    Args:
+        source, target: (n, 2) float64. At least four points.
 
-    Returns
-    -------
-    (3, 3) float64
-        `target` from `source`, third homogeneous coordinate positive on the points.
+    Returns:
+        (3, 3) float64: `target` from `source`, third homogeneous coordinate positive on the points.
 
-    Raises
-    ------
-    GeoreferenceError
-        The points do not determine it (three of four on a line), or are on both sides of its horizon.
+    Raises:
+        GeoreferenceError: The points do not determine it (three of four on a line), or are on both sides of
+            its horizon.
     """
     to_source, to_target = _normaliser(source), _normaliser(target)
     x, y = (source * to_source[0, 0] + to_source[:2, 2]).T

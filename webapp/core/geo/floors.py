@@ -22,48 +22,26 @@ LARGEST_LEVEL = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class FloorImage:
-    """The image of a floor.
+    """The image of a floor."""
 
-    Attributes
-    ----------
-    path : str
-        Relative to the map's folder, with forward slashes.
-    width, height : int
-        Pixels.
-    map_from_image : Affine
-        Transformation from its pixels to map pixels.
-    """
-
-    path: str
+    path: str  # Relative to the map's folder, with forward slashes
+    # `width`, `height`: Pixels.
     width: int
     height: int
-    map_from_image: Affine
+    map_from_image: Affine  # Transformation from its pixels to map pixels
 
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """One floor of a map.
+    """One floor of a map."""
 
-    Attributes
-    ----------
-    id : int
-        Unique in the map; `BASE_FLOOR` is that of the map's own image.
-    name : str
-        One line.
-    level : float
-        Orders the floors, and labels the floor switch: 0 is at ground level, halves are between floors, as in
-        OpenStreetMap's `level`.
-    height_m : float or None
-        Above any reference level common to all floors.
-    image : FloorImage or None
-        None if the map's own image shows this floor.
-    """
-
-    id: int
-    name: str
+    id: int  # Unique in the map; `BASE_FLOOR` is that of the map's own image
+    name: str  # One line
+    # Orders the floors, and labels the floor switch: 0 is at ground level, halves are between floors, as in
+    # OpenStreetMap's `level`.
     level: float
-    height_m: float | None = None
-    image: FloorImage | None = None
+    height_m: float | None = None  # Above any reference level common to all floors
+    image: FloorImage | None = None  # None if the map's own image shows this floor
 
 
 def stretched(width: int, height: int, *, over: tuple[int, int]) -> Affine:

@@ -22,27 +22,20 @@ class Georeference:
     (beyond the horizon of a projective image or the domain of the coordinate system, or NaN) becomes NaN; no
     method raises for a position.
 
-    Attributes
-    ----------
-    plane : str
-        Coordinate system that PROJ understands: `EPSG:4326` for longitude and latitude, a projected one,
-        or a local one (`LocalFrame.plane`).
-    plane_from_pixel : tuple of 9 float
-        Row-major 3x3 homography from map pixels (outer-corner convention) to plane coordinates
-        x = east or longitude, y = north or latitude. The sign is chosen so that the third
-        homogeneous coordinate is positive on the image.
-    method : str
-        How it was made: `corners`, `similarity`, `affine`, `projective`, `worldfile`, `geotiff`, `blank`,
-        `tiles`.
-
-    Raises
-    ------
-    GeoreferenceError
-        On construction: unknown plane, or a matrix that is not nine finite numbers or has no inverse.
+    Raises:
+        GeoreferenceError: On construction: unknown plane, or a matrix that is not nine finite numbers or has
+            no inverse.
     """
 
+    # Coordinate system that PROJ understands: `EPSG:4326` for longitude and latitude, a projected one, or a
+    # local one (`LocalFrame.plane`).
     plane: str
+    # Row-major 3x3 homography from map pixels (outer-corner convention) to plane coordinates x = east or
+    # longitude, y = north or latitude. The sign is chosen so that the third homogeneous coordinate is
+    # positive on the image.
     plane_from_pixel: tuple[float, ...]
+    # How it was made: `corners`, `similarity`, `affine`, `projective`, `worldfile`, `geotiff`, `blank`,
+    # `tiles`.
     method: str
 
     def __post_init__(self) -> None:
@@ -64,30 +57,22 @@ class Georeference:
     def latlon_from_pixel(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Convert map pixels to latitude and longitude.
 
-        Parameters
-        ----------
-        pixels : (n, 2) float64
-            x, y.
+        Args:
+            pixels: (n, 2) float64. x, y.
 
-        Returns
-        -------
-        (n, 2) float64
-            Degrees north, degrees east; NaN where there is none.
+        Returns:
+            (n, 2) float64: Degrees north, degrees east; NaN where there is none.
         """
         return latlon_from_plane(self.plane, _project(self.matrix, pixels))
 
     def pixel_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
         """Convert latitude and longitude to map pixels.
 
-        Parameters
-        ----------
-        latlon : (n, 2) float64
-            Degrees north, degrees east.
+        Args:
+            latlon: (n, 2) float64. Degrees north, degrees east.
 
-        Returns
-        -------
-        (n, 2) float64
-            x, y; NaN where there is none.
+        Returns:
+            (n, 2) float64: x, y; NaN where there is none.
         """
         return _project(_inverse(self.matrix), plane_from_latlon(self.plane, latlon))
 
@@ -108,11 +93,10 @@ class Georeference:
     def jacobian(self, pixel: MapPixel) -> NDArray[np.float64]:
         """Return the Jacobian of east and north by x and y at one map pixel.
 
-        Returns
-        -------
-        (2, 2) float64
-            [[d east / dx, d east / dy], [d north / dx, d north / dy]], metres a pixel; central differences
-            over one pixel. The determinant is negative for an image seen from above (y points down).
+        Returns:
+            (2, 2) float64: [[d east / dx, d east / dy], [d north / dx, d north / dy]], metres a pixel;
+                central differences over one pixel. The determinant is negative for an image seen from above
+                (y points down).
         """
         x, y = pixel
         around = [(x + 0.5, y), (x - 0.5, y), (x, y + 0.5), (x, y - 0.5)]
@@ -160,19 +144,14 @@ def _project(homography: NDArray[np.float64], points: ArrayLike) -> NDArray[np.f
 
 @dataclass(frozen=True, slots=True)
 class LatLonGrid:
-    """Latitude and longitude of the corners of equal cells that cover a map image.
+    """Latitude and longitude of the corners of equal cells that cover a map image."""
 
-    Attributes
-    ----------
-    columns, rows : int
-        Number of cells across and down; there is one more corner in each direction.
-    latlon : tuple of (lat, lon) or None
-        Degrees, row by row from the top-left corner of the image; None where there is no position. Longitudes
-        are continuous across the 180th meridian, beyond 180, so that they can be interpolated.
-    """
-
+    # `columns`, `rows`: Number of cells across and down; there is one more corner in each direction.
     columns: int
     rows: int
+    # tuple of (lat, lon) or None. Degrees, row by row from the top-left corner of the image; None where there
+    # is no position. Longitudes are continuous across the 180th meridian, beyond 180, so that they can be
+    # interpolated.
     latlon: tuple[tuple[float, float] | None, ...]
 
 
@@ -182,12 +161,9 @@ def latlon_grid(georeference: Georeference, size: tuple[int, int], *, cells: int
     Without perspective, linear interpolation in a cell of size s has an error of about s^2 / (8 R), R being
     the Earth's radius: 2 mm for an image of 5 km with 16 cells.
 
-    Parameters
-    ----------
-    size : tuple of (int, int)
-        Width and height of the image, pixels.
-    cells : int
-        Number of cells along each side.
+    Args:
+        size: Width and height of the image, pixels.
+        cells: Number of cells along each side.
     """
     width, height = size
     x, y = np.meshgrid(np.linspace(0.0, width, cells + 1), np.linspace(0.0, height, cells + 1))

@@ -28,20 +28,12 @@ _DIGITS = 5
 
 @dataclass(frozen=True, slots=True)
 class Utm:
-    """A position on the UTM grid.
+    """A position on the UTM grid."""
 
-    Attributes
-    ----------
-    zone : int
-        1 to 60.
-    band : str
-        Letter of the band of latitude: C to M are south, N to X north of the equator.
-    easting, northing : float
-        Metres; the northing is measured from the equator, which is at 10 000 000 for the southern hemisphere.
-    """
-
-    zone: int
-    band: str
+    zone: int  # 1 to 60
+    band: str  # Letter of the band of latitude: C to M are south, N to X north of the equator
+    # `easting`, `northing`: Metres; the northing is measured from the equator, which is at 10 000 000 for the
+    # southern hemisphere.
     easting: float
     northing: float
 
@@ -53,9 +45,7 @@ class Utm:
 def utm(position: LatLon) -> Utm | None:
     """Convert a position to UTM.
 
-    Returns
-    -------
-    Utm or None
+    Returns:
         None outside the latitudes of the grid, and for an invalid position.
     """
     lat, lon = position

@@ -37,30 +37,22 @@ class LocalFrame:
     def enu_from_latlon(self, latlon: ArrayLike) -> NDArray[np.float64]:
         """Convert latitude and longitude to metres east and north of the origin.
 
-        Parameters
-        ----------
-        latlon : (n, 2) float64
-            Degrees north, degrees east.
+        Args:
+            latlon: (n, 2) float64. Degrees north, degrees east.
 
-        Returns
-        -------
-        (n, 2) float64
-            East, north; NaN for an invalid position.
+        Returns:
+            (n, 2) float64: East, north; NaN for an invalid position.
         """
         return plane_from_latlon(self.plane, latlon)
 
     def latlon_from_enu(self, enu: ArrayLike) -> NDArray[np.float64]:
         """Convert metres east and north of the origin to latitude and longitude.
 
-        Parameters
-        ----------
-        enu : (n, 2) float64
-            Metres east, metres north.
+        Args:
+            enu: (n, 2) float64. Metres east, metres north.
 
-        Returns
-        -------
-        (n, 2) float64
-            Latitude, longitude; distances beyond the antipode continue around the Earth.
+        Returns:
+            (n, 2) float64: Latitude, longitude; distances beyond the antipode continue around the Earth.
         """
         return latlon_from_plane(self.plane, enu)
 
@@ -78,14 +70,10 @@ class LocalFrame:
 def centre_of(latlon: ArrayLike) -> LatLon:
     """Return the mean of positions, also across the 180th meridian and around a pole.
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        At least one; degrees north, degrees east.
+    Args:
+        latlon: (n, 2) float64. At least one; degrees north, degrees east.
 
-    Returns
-    -------
-    LatLon
+    Returns:
         Direction of the sum of unit vectors on a sphere; the first position if that sum is zero.
     """
     lat, lon = np.radians(np.asarray(latlon, dtype=np.float64).reshape(-1, 2)).T

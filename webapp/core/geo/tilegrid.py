@@ -49,19 +49,14 @@ class Tile(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TileCut:
-    """A rectangle of whole pixels at a zoom.
-
-    Attributes
-    ----------
-    left, top : int
-        Its outer corner in the pixel grid of the whole Earth; `left` is less than the grid's width.
-    width, height : int
-        Pixels.
-    """
+    """A rectangle of whole pixels at a zoom."""
 
     zoom: int
+    # `left`, `top`: Its outer corner in the pixel grid of the whole Earth; `left` is less than the grid's
+    # width.
     left: int
     top: int
+    # `width`, `height`: Pixels.
     width: int
     height: int
 
@@ -109,20 +104,15 @@ class TileCut:
 def cut_of(box: GeoBox, zoom: int) -> TileCut:
     """Cut an area out of the grid, with its edges at the nearest pixel boundaries.
 
-    Parameters
-    ----------
-    zoom : int
-        0 to 24.
+    Args:
+        zoom: 0 to 24.
 
-    Returns
-    -------
-    TileCut
+    Returns:
         At least one pixel wide and high.
 
-    Raises
-    ------
-    GeoreferenceError
-        The area is empty, invalid or beyond the square of web Mercator, or the zoom level does not exist.
+    Raises:
+        GeoreferenceError: The area is empty, invalid or beyond the square of web Mercator, or the zoom level
+            does not exist.
     """
     if not 0 <= zoom <= MAX_ZOOM:
         raise GeoreferenceError(f"zoom {zoom} does not exist", hint=f"choose 0 to {MAX_ZOOM}")

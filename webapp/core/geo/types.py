@@ -34,10 +34,8 @@ class EnuMetres(NamedTuple):
 def round_half_up(value: float) -> int:
     """Round to the nearest integer, halves upwards: 0.5 -> 1, -0.5 -> 0.
 
-    Parameters
-    ----------
-    value : float
-        Finite.
+    Args:
+        value: Finite.
     """
     return math.floor(value + 0.5)
 

@@ -17,24 +17,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampsonError:
-    """Residuals of m matches and their derivatives.
+    """Residuals of m matches and their derivatives."""
 
-    Attributes
-    ----------
-    value : (m,) float64
-        Sampson error, in the unit of rays at depth 1.
-    sigma : (m,) float64
-        Standard deviation of `value` for a right match.
-    d_first, d_second : (m, 3) float64
-        Derivatives by world rotations of the first and the second camera, radians.
-    d_height : (m,) float64
-        Derivative by the second camera's height (down), in units of the baseline.
-    """
-
-    value: Array
-    sigma: Array
+    value: Array  # (m,) float64. Sampson error, in the unit of rays at depth 1.
+    sigma: Array  # (m,) float64. Standard deviation of `value` for a right match.
+    # `d_first`, `d_second`: (m, 3) float64. Derivatives by world rotations of the first and the second
+    # camera, radians.
     d_first: Array
     d_second: Array
+    # (m,) float64. Derivative by the second camera's height (down), in units of the baseline.
     d_height: Array
 
 
@@ -43,16 +34,11 @@ def sampson_error(
 ) -> SampsonError:
     """Compute Sampson errors of m matches.
 
-    Parameters
-    ----------
-    a, b : (m, 3) float64
-        Rays in the world, of depth 1 in their cameras.
-    baseline : (m, 3) float64
-        Unit vectors from the first camera to the second.
-    cameras : two (m, 3, 3) float64
-        Camera from world.
-    sigmas : two (m,) float64
-        Standard deviations of the rays at depth 1.
+    Args:
+        a, b: (m, 3) float64. Rays in the world, of depth 1 in their cameras.
+        baseline: (m, 3) float64. Unit vectors from the first camera to the second.
+        cameras: two (m, 3, 3) float64. Camera from world.
+        sigmas: two (m,) float64. Standard deviations of the rays at depth 1.
     """
     b_baseline, baseline_a, a_b = np.cross(b, baseline), np.cross(baseline, a), np.cross(a, b)
     in_first = (np.einsum("mij,mj->mi", cameras[0], b_baseline)[:, :2] ** 2).sum(1)

@@ -17,17 +17,11 @@ _DIAGONAL_35MM = math.hypot(36.0, 24.0)
 
 @dataclass(frozen=True, slots=True)
 class ViewSize:
-    """Size of views of 4:3, whose field of view EXIF can state exactly.
-
-    Attributes
-    ----------
-    focal_35mm : int
-        35 mm equivalent focal length, by the diagonal, mm.
-    """
+    """Size of views of 4:3, whose field of view EXIF can state exactly."""
 
     width: int
     height: int
-    focal_35mm: int
+    focal_35mm: int  # 35 mm equivalent focal length, by the diagonal, mm
 
     @property
     def camera(self) -> Camera:
@@ -47,10 +41,8 @@ def panorama_size(view_width: int, focal_35mm: int) -> tuple[int, int]:
 def view_size(panorama_width: int, focal_35mm: int) -> ViewSize:
     """Compute the size at which a view has as many pixels per degree in its centre as the panorama.
 
-    Parameters
-    ----------
-    panorama_width : int
-        Pixels of 360 degrees.
+    Args:
+        panorama_width: Pixels of 360 degrees.
     """
     focal_px = panorama_width / (2.0 * math.pi)
     quarter = focal_px / focal_35mm * _DIAGONAL_35MM / 5.0
@@ -62,20 +54,14 @@ def view_pixels(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Compute the positions in a panorama of all pixels of a level view.
 
-    Parameters
-    ----------
-    panorama : (int, int)
-        Its width and height.
-    turn_deg : float
-        Clockwise rotation of the view from the centre of the panorama.
+    Args:
+        panorama: Its width and height.
+        turn_deg: Clockwise rotation of the view from the centre of the panorama.
 
-    Returns
-    -------
-    x, y : (h, w) float32
-        Pixels, centres at whole numbers; x may be beyond an edge, where the panorama wraps around. As the
-        view is level, x is the same in all rows.
-    elevation_deg : (h, w) float32
-        Above the horizon.
+    Returns:
+        x, y: (h, w) float32. Pixels, centres at whole numbers; x may be beyond an edge, where the panorama
+            wraps around. As the view is level, x is the same in all rows.
+        elevation_deg: (h, w) float32. Above the horizon.
     """
     longest = np.arange(max(size.width, size.height), dtype=np.float64)
     right, down, _ = size.camera.rays(np.stack([longest, longest], 1)).astype(np.float32).T
@@ -90,16 +76,12 @@ def panorama_pixels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the positions in a panorama of some pixels of a level view.
 
-    Parameters
-    ----------
-    xy : (n, 2) float64
+    Args:
+        xy: (n, 2) float64
 
-    Returns
-    -------
-    (n, 2) float64
-        As from `view_pixels`.
-    elevation_deg : (n,) float64
-        Above the horizon.
+    Returns:
+        (n, 2) float64: As from `view_pixels`.
+        elevation_deg: (n,) float64. Above the horizon.
     """
     right, down, _ = size.camera.rays(xy).T
     x, y, elevation = _pixels_of_rays(right, down, panorama=panorama, turn_deg=turn_deg)
@@ -109,10 +91,8 @@ def panorama_pixels(
 def ray_of_panorama(x: float, y: float) -> NDArray[np.float64]:
     """Return the unit vector (3,) to a point of a panorama: right, down and forward from its centre.
 
-    Parameters
-    ----------
-    x, y : float
-        Shares of its width and height, from the top-left corner.
+    Args:
+        x, y: Shares of its width and height, from the top-left corner.
     """
     longitude, elevation = 2.0 * math.pi * (x - 0.5), math.pi * (0.5 - y)
     level = math.cos(elevation)
@@ -135,16 +115,12 @@ def cut_view(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Cut a level view out of a panorama.
 
-    Parameters
-    ----------
-    pixels : (H, W) or (H, W, 3) uint8
-        The whole sphere.
+    Args:
+        pixels: (H, W) or (H, W, 3) uint8. The whole sphere.
 
-    Returns
-    -------
-    view : (h, w) or (h, w, 3) uint8
-    elevation_deg : (h, w) float32
-        As from `view_pixels`.
+    Returns:
+        view: (h, w) or (h, w, 3) uint8
+        elevation_deg: (h, w) float32. As from `view_pixels`.
     """
     x, y, elevation = view_pixels(size, panorama=(pixels.shape[1], pixels.shape[0]), turn_deg=turn_deg)
     return sample(pixels, x, y), elevation

@@ -13,24 +13,12 @@ MIN_TRUST = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeypointDepths:
-    """Depths of d keypoints along their photos' viewing directions.
+    """Depths of d keypoints along their photos' viewing directions."""
 
-    Attributes
-    ----------
-    photo : (d,) int32
-        Ascending.
-    row : (d,) int32
-        Number of the keypoint in the photo, ascending within it.
-    inverse_depth : (d,) float32
-        One over the depth, per map pixel.
-    sigma : (d,) float32
-        Standard deviation of `inverse_depth`.
-    """
-
-    photo: NDArray[np.int32]
-    row: NDArray[np.int32]
-    inverse_depth: NDArray[np.float32]
-    sigma: NDArray[np.float32]
+    photo: NDArray[np.int32]  # (d,) int32. Ascending.
+    row: NDArray[np.int32]  # (d,) int32. Number of the keypoint in the photo, ascending within it.
+    inverse_depth: NDArray[np.float32]  # (d,) float32. One over the depth, per map pixel.
+    sigma: NDArray[np.float32]  # (d,) float32. Standard deviation of `inverse_depth`.
 
     def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Look up inverse depths of a photo's keypoints (m,) and their sigmas (m,); NaN where unknown."""
@@ -65,27 +53,15 @@ def empty_depths() -> KeypointDepths:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapExtrinsics:
-    """Extrinsics of p photos, and depths of their keypoints.
+    """Extrinsics of p photos, and depths of their keypoints."""
 
-    Attributes
-    ----------
-    rotation : (p, 3, 3) float64
-        Camera from world.
-    height : (p,) float64
-        Downwards, relative to the other photos, map pixels.
-    trust : (p,) float64
-        Sum of the trust in the pairs that agree with the rotation; 0 if it is unknown.
-    depths : KeypointDepths
-        Depths of keypoints that several photos see.
-    partner : (p,) int64
-        For each photo that certainly shows the same scene as another, the number of the one with which it
-        shares most inliers; -1 for the rest, and by default for all.
-    """
-
-    rotation: NDArray[np.float64]
-    height: NDArray[np.float64]
+    rotation: NDArray[np.float64]  # (p, 3, 3) float64. Camera from world.
+    height: NDArray[np.float64]  # (p,) float64. Downwards, relative to the other photos, map pixels.
+    # (p,) float64. Sum of the trust in the pairs that agree with the rotation; 0 if it is unknown.
     trust: NDArray[np.float64]
-    depths: KeypointDepths
+    depths: KeypointDepths  # Depths of keypoints that several photos see
+    # (p,) int64. For each photo that certainly shows the same scene as another, the number of the one with
+    # which it shares most inliers; -1 for the rest, and by default for all.
     partner: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:

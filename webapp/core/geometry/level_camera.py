@@ -12,29 +12,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LevelPrior:
-    """Zero-mean Gaussians over the sines of roll and pitch.
+    """Zero-mean Gaussians over the sines of roll and pitch."""
 
-    Attributes
-    ----------
-    roll_sigma, pitch_sigma : float
-        Standard deviations, radians.
-    weight : float
-        Factor on the information, below 1 if other terms are weighted down as well.
-    """
-
+    # `roll_sigma`, `pitch_sigma`: Standard deviations, radians.
     roll_sigma: float
     pitch_sigma: float
-    weight: float = 1.0
+    weight: float = 1.0  # Factor on the information, below 1 if other terms are weighted down as well
 
     def normal_equations(self, rotation: Array) -> tuple[Array, Array]:
         """Linearize the prior about (n, 3, 3) camera-from-world rotations.
 
-        Returns
-        -------
-        matrix : (n, 3, 3) float64
-            Information of a rotation of the world, radians.
-        vector : (n, 3) float64
-            Negative gradient.
+        Returns:
+            matrix: (n, 3, 3) float64. Information of a rotation of the world, radians.
+            vector: (n, 3) float64. Negative gradient.
         """
         matrix, vector = np.zeros((len(rotation), 3, 3)), np.zeros((len(rotation), 3))
         sigmas = (self.roll_sigma, self.pitch_sigma)
@@ -48,10 +38,9 @@ class LevelPrior:
 def roll_pitch_sines(rotation: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Compute the sines of roll, then pitch, of (n, 3, 3) camera-from-world rotations, with derivatives.
 
-    Returns
-    -------
-    two pairs of (n,) and (n, 3) float64
-        The sine of the angle, and its derivative by a rotation of the world, radians.
+    Returns:
+        two pairs of (n,) and (n, 3) float64: The sine of the angle, and its derivative by a rotation of the
+            world, radians.
     """
     right, forward = rotation[:, 0, :], rotation[:, 2, :]
     none = np.zeros(len(rotation))

@@ -35,19 +35,12 @@ _BUNDLE = {"max_iterations": 5}
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """An upright photo's camera: a pinhole in its centre, square pixels.
+    """An upright photo's camera: a pinhole in its centre, square pixels."""
 
-    Attributes
-    ----------
-    width, height : int
-        Pixels.
-    fov_deg : float
-        Horizontal field of view.
-    """
-
+    # `width`, `height`: Pixels.
     width: int
     height: int
-    fov_deg: float
+    fov_deg: float  # Horizontal field of view
 
     @property
     def focal_px(self) -> float:
@@ -57,12 +50,9 @@ class Camera:
     def ray_sigma(self, sigma_px: float, *, extract_side_px: float) -> float:
         """Convert the noise of keypoints to that of their rays at depth 1.
 
-        Parameters
-        ----------
-        sigma_px : float
-            Standard deviation, pixels of the photo as extracted.
-        extract_side_px : float
-            Photos are scaled down to this longer side before keypoints are detected.
+        Args:
+            sigma_px: Standard deviation, pixels of the photo as extracted.
+            extract_side_px: Photos are scaled down to this longer side before keypoints are detected.
         """
         scale = min(1.0, extract_side_px / max(self.width, self.height))
         return sigma_px / (self.focal_px * scale)
@@ -78,27 +68,17 @@ class RelativePose:
     """Relative pose of the query's camera and a map photo's.
 
     Rotation and translation are three-dimensional; `bearing` assumes that both cameras are level.
-
-    Attributes
-    ----------
-    bearing : float
-        Direction from the query to the map photo's camera, radians clockwise from the query's viewing
-        direction, -pi to pi.
-    parallax : float
-        Median angle between the rays of a match after undoing the rotation, radians. If it is small, the
-        baseline is short compared with the depths, and the bearing is unreliable.
-    inlier : (n,) bool
-        Which matches agree.
-    rotation : (3, 3) float64
-        Map photo's camera from the query's.
-    translation : (3,) float64
-        Direction from the map photo's camera to the query's, in the map photo's frame.
     """
 
+    # Direction from the query to the map photo's camera, radians clockwise from the query's viewing
+    # direction, -pi to pi.
     bearing: float
+    # Median angle between the rays of a match after undoing the rotation, radians. If it is small, the
+    # baseline is short compared with the depths, and the bearing is unreliable.
     parallax: float
-    inlier: NDArray[np.bool_]
-    rotation: NDArray[np.float64]
+    inlier: NDArray[np.bool_]  # (n,) bool. Which matches agree.
+    rotation: NDArray[np.float64]  # (3, 3) float64. Map photo's camera from the query's.
+    # (3,) float64. Direction from the map photo's camera to the query's, in the map photo's frame.
     translation: NDArray[np.float64]
 
     @property
@@ -125,10 +105,8 @@ def relative_pose(
 ) -> RelativePose | NoPose:
     """Estimate the relative pose of two photos by the five-point method in a RANSAC (PoseLib).
 
-    Parameters
-    ----------
-    query_xy, photo_xy : (n, 2) float32
-        Matched points, pixels of the upright photos.
+    Args:
+        query_xy, photo_xy: (n, 2) float32. Matched points, pixels of the upright photos.
     """
     if len(query_xy) < MIN_MATCHES:
         return NoPose(f"{len(query_xy)} matches, {MIN_MATCHES} needed")

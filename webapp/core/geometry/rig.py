@@ -21,24 +21,12 @@ _ROWS = 64
 
 @dataclass(frozen=True, slots=True)
 class RigCamera:
-    """How a camera of a rig is mounted.
+    """How a camera of a rig is mounted."""
 
-    Attributes
-    ----------
-    yaw_deg : float
-        Clockwise from the rig's front, which is the centre of the panorama.
-    pitch_deg : float
-        Angle of the line of sight above the horizon.
-    roll_deg : float
-        Clockwise, about the line of sight.
-    fov_deg : float
-        Horizontal field of view of the upright photo.
-    """
-
-    yaw_deg: float
-    pitch_deg: float
-    roll_deg: float
-    fov_deg: float
+    yaw_deg: float  # Clockwise from the rig's front, which is the centre of the panorama
+    pitch_deg: float  # Angle of the line of sight above the horizon
+    roll_deg: float  # Clockwise, about the line of sight
+    fov_deg: float  # Horizontal field of view of the upright photo
 
     def rotation(self) -> NDArray[np.float64]:
         """Return the rotation from the rig (x right, y down, z front) to the camera."""
@@ -76,16 +64,12 @@ def join(photos: Sequence[RigPhoto], width: int) -> tuple[NDArray[np.uint8], NDA
 
     Where photos overlap, the one whose edge is farther away has more weight.
 
-    Parameters
-    ----------
-    width : int
-        Even, pixels; the height is half of it.
+    Args:
+        width: Even, pixels; the height is half of it.
 
-    Returns
-    -------
-    panorama : (width / 2, width, 3) uint8
-        Equirectangular; black where no camera looks.
-    seen : (width / 2, width) bool
+    Returns:
+        panorama: (width / 2, width, 3) uint8. Equirectangular; black where no camera looks.
+        seen: (width / 2, width) bool
     """
     panorama = np.zeros((width // 2, width, 3), np.uint8)
     seen = np.zeros((width // 2, width), np.bool_)

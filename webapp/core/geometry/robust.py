@@ -42,20 +42,11 @@ class Annealing:
 
     Blake and Zisserman, "Visual Reconstruction", 1987; Yang, Antonante, Tzoumas, Carlone, "Graduated
     Non-Convexity for Robust Spatial Perception", 2020.
-
-    Attributes
-    ----------
-    rounds : int
-        Iterations in all.
-    start : float
-        Factor on sigma in the first round.
-    decay : float
-        Ratio of the factors of consecutive rounds, until the factor is 1.
     """
 
-    rounds: int
-    start: float
-    decay: float
+    rounds: int  # Iterations in all
+    start: float  # Factor on sigma in the first round
+    decay: float  # Ratio of the factors of consecutive rounds, until the factor is 1
 
     def factors(self) -> Iterator[float]:
         """Yield the factor on sigma of each round."""

@@ -21,16 +21,11 @@ _CERTAIN = 1e-6
 def probabilities_over_maps(on_map: Sequence[float]) -> tuple[list[float], float]:
     """Combine the probabilities of several maps for a photo.
 
-    Parameters
-    ----------
-    on_map : sequence of float
-        For each map by itself, the probability that the photo was taken on it.
+    Args:
+        on_map: For each map by itself, the probability that the photo was taken on it.
 
-    Returns
-    -------
-    list of float
+    Returns:
         Probability of each map; they and the next value add up to 1.
-    float
         That it was taken on none of them.
     """
     p = np.clip(np.asarray(on_map, dtype=np.float64), _CERTAIN, 1.0 - _CERTAIN)

@@ -24,17 +24,15 @@ NEARBY_SHARE = 0.5
 def reweight(answer: Answer, likelihood: Sequence[float]) -> Answer:
     """Reweight the hypotheses of an answer.
 
-    Parameters
-    ----------
-    likelihood : sequence of float
-        Likelihood of an observation given each hypothesis, relative to its average over all places.
+    Args:
+        likelihood: Likelihood of an observation given each hypothesis, relative to its average over all
+            places.
 
-    Returns
-    -------
-    Answer
+    Returns:
         Its probabilities add up to 1 again; hypotheses are ranked by them. The odds between places that were
-        cut and "not on this map" do not change. Observations often fit wrong hypotheses, too, because these
-        are near the truth: therefore the odds of a single hypothesis against none being right at most double.
+            cut and "not on this map" do not change. Observations often fit wrong hypotheses, too, because
+            these are near the truth: therefore the odds of a single hypothesis against none being right at
+            most double.
     """
     listed = sum(h.probability for h in answer.hypotheses)
     if not listed:

@@ -29,28 +29,15 @@ _CONVERGED = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Coefficients of a map and a method.
-
-    Attributes
-    ----------
-    offset : float
-        Log-odds of a place without any evidence, against "not on this map".
-    radius_scale : float
-        68 % radius over the standard deviation of an estimated position.
-    photo_sigma : float
-        Standard deviation of a query's distance from the best-matching photo, place radii.
-    schematic : bool
-        Whether computed positions contradict the map, so that answers name photos.
-    cases : int
-        Number of photos that it was fitted on; 0 for the default.
-    """
+    """Coefficients of a map and a method."""
 
     slope: tuple[float, ...]
-    offset: float
-    radius_scale: float
+    offset: float  # Log-odds of a place without any evidence, against "not on this map"
+    radius_scale: float  # 68 % radius over the standard deviation of an estimated position
+    # Standard deviation of a query's distance from the best-matching photo, place radii.
     photo_sigma: float = 1.5
-    schematic: bool = False
-    cases: int = 0
+    schematic: bool = False  # Whether computed positions contradict the map, so that answers name photos
+    cases: int = 0  # Number of photos that it was fitted on; 0 for the default
 
 
 DEFAULT = Calibration(slope=(0.7, 0.3, 2.7, 0.6, 1.2, 0.0), offset=-3.0, radius_scale=1.0)
@@ -60,17 +47,11 @@ The weight of a global descriptor depends on its model and is fitted on the map'
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """One photo with known place, and the places found for it.
+    """One photo with known place, and the places found for it."""
 
-    Attributes
-    ----------
-    evidence : (h, EVIDENCE) float64
-        Evidence of each hypothesis.
-    right : (h,) bool
-        Whether each is within the place radius of the truth; all False when the photo's place was hidden.
-    """
-
-    evidence: NDArray[np.float64]
+    evidence: NDArray[np.float64]  # (h, EVIDENCE) float64. Evidence of each hypothesis.
+    # (h,) bool. Whether each is within the place radius of the truth; all False when the photo's place was
+    # hidden.
     right: NDArray[np.bool_]
     weight: float = 1.0
 
@@ -95,15 +76,12 @@ def probabilities(
 ) -> tuple[NDArray[np.float64], float]:
     """Convert evidence to probabilities.
 
-    Parameters
-    ----------
-    evidence : (h, EVIDENCE) float64
+    Args:
+        evidence: (h, EVIDENCE) float64
 
-    Returns
-    -------
-    place : (h,) float64
-    off_map : float
-        It and `place` add up to 1.
+    Returns:
+        place: (h,) float64
+        off_map: It and `place` add up to 1.
     """
     odds = weigh(evidence, calibration) + calibration.offset
     top = max(0.0, float(odds.max(initial=0.0)))
@@ -115,15 +93,11 @@ def probabilities(
 def fit(cases: Sequence[Case], *, start: Calibration = DEFAULT) -> tuple[tuple[float, ...], float]:
     """Fit slope and offset by penalised maximum likelihood (projected Newton, Bertsekas 1982).
 
-    Parameters
-    ----------
-    start : Calibration
-        The fit is regularised towards it, so that few cases change it little.
+    Args:
+        start: The fit is regularised towards it, so that few cases change it little.
 
-    Returns
-    -------
-    slope : tuple of float
-        Not negative: more evidence never makes a place less probable.
+    Returns:
+        slope: Not negative: more evidence never makes a place less probable.
     """
     used = _used(start, [c.evidence for c in cases])
     total = sum(c.weight for c in cases)
@@ -153,20 +127,15 @@ class _Stack:
     """All cases, padded to arrays of one shape: twenty times as fast as a loop over the cases.
 
     Sums use einsum, so that they do not depend on the number of BLAS threads.
-
-    Attributes
-    ----------
-    design : (n, h + 1, k) float64
-        Evidence and 1 of each place; zeros for "not on this map", which is last, and for padding.
-    places, right : (n, h + 1) bool
-        Which entries are not padding, and which are right.
-    weight : (n,) float64
     """
 
+    # (n, h + 1, k) float64. Evidence and 1 of each place; zeros for "not on this map", which is last, and for
+    # padding.
     design: NDArray[np.float64]
+    # `places`, `right`: (n, h + 1) bool. Which entries are not padding, and which are right.
     places: NDArray[np.bool_]
     right: NDArray[np.bool_]
-    weight: NDArray[np.float64]
+    weight: NDArray[np.float64]  # (n,) float64
 
     @classmethod
     def of(cls, cases: Sequence[Case], used: int) -> _Stack:

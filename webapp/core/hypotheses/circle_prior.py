@@ -41,14 +41,10 @@ def apply_circle_prior(answer: Answer, near: CirclePrior, *, paths: PathPrior) -
     The circle restricts the prior over places from the whole map to its surroundings, except for the tenth of
     circles without information. It says little about whether the photo is on the map: see `reweight`.
 
-    Parameters
-    ----------
-    paths : PathPrior
-        Paths of the map.
+    Args:
+        paths: Paths of the map.
 
-    Returns
-    -------
-    Answer
+    Returns:
         Its probabilities add up to 1 again; hypotheses are ranked by them.
     """
     if not answer.hypotheses:

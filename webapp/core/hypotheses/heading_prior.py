@@ -47,16 +47,11 @@ def apply_compass(
     The reading is normally distributed about the true heading, or in a tenth of the cases uniform. It is
     uniform, too, for hypotheses without a heading and for "not on this map".
 
-    Parameters
-    ----------
-    heading_deg : float
-        Degrees clockwise from north.
-    looked_deg : mapping of int to float
-        Known headings of the map's photos, by id: used for hypotheses without a heading.
+    Args:
+        heading_deg: Degrees clockwise from north.
+        looked_deg: Known headings of the map's photos, by id: used for hypotheses without a heading.
 
-    Returns
-    -------
-    Answer
+    Returns:
         Its probabilities add up to 1 again; hypotheses are ranked by them.
     """
     return reweight(answer, [_likelihood(h, heading_deg, looked_deg) for h in answer.hypotheses])

@@ -44,20 +44,14 @@ class PlaceCluster:
 def combine(answers: Sequence[Answer], *, paths: PathPrior, top: int) -> Answer:
     """Combine the answers about photos taken at one spot.
 
-    Parameters
-    ----------
-    answers : sequence of Answer
-        At least one, all by the same method.
-    paths : PathPrior
-        Paths of the map.
-    top : int
-        Maximum number of hypotheses.
+    Args:
+        answers: At least one, all by the same method.
+        paths: Paths of the map.
+        top: Maximum number of hypotheses.
 
-    Returns
-    -------
-    Answer
-        The evidence is that of the photo that is most certain of the first place. Each heading is that of
-        the most probable hypothesis about the place, since photos of one spot look in several directions.
+    Returns:
+        The evidence is that of the photo that is most certain of the first place. Each heading is that of the
+            most probable hypothesis about the place, since photos of one spot look in several directions.
     """
     if len(answers) == 1:
         return truncate(answers[0], top)
@@ -125,12 +119,9 @@ def cluster(hypotheses: Sequence[tuple[int, Hypothesis]], radius_px: float) -> l
 def _log_odds(spot: PlaceCluster, missed: Mapping[int, float], *, expected: float) -> float:
     """Compute the log-odds of a place against no place being right.
 
-    Parameters
-    ----------
-    missed : mapping of int to float
-        For each photo with hypotheses, the probability that none of them is right.
-    expected : float
-        Prior log-odds of a place.
+    Args:
+        missed: For each photo with hypotheses, the probability that none of them is right.
+        expected: Prior log-odds of a place.
     """
     says = []
     for number, miss in missed.items():

@@ -22,45 +22,26 @@ STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
 
 @dataclass(frozen=True, slots=True)
 class AnswerSource:
-    """Map and method that an answer comes from.
+    """Map and method that an answer comes from."""
 
-    Attributes
-    ----------
-    method, features : str
-        Values of `--method` and `--features`, the latter resolved.
-    georeference : Georeference or None
-        Of the map.
-    map_kind : MapKind
-        Kind of the map.
-    place_radius_px : float or None
-        Distance within which a hypothesis counts as right.
-    sequence : bool
-        Whether the photo was one of a sequence, whose earlier photos count, too.
-    floors : tuple of Floor
-        Floors of the map.
-    """
-
+    # `method`, `features`: Values of `--method` and `--features`, the latter resolved.
     method: str
     features: str
-    georeference: Georeference | None
+    georeference: Georeference | None  # Of the map
     map_revision: int
-    map_kind: MapKind = "metric"
-    place_radius_px: float | None = None
-    sequence: bool = False
-    floors: tuple[Floor, ...] = ()
+    map_kind: MapKind = "metric"  # Kind of the map
+    place_radius_px: float | None = None  # Distance within which a hypothesis counts as right
+    sequence: bool = False  # Whether the photo was one of a sequence, whose earlier photos count, too
+    floors: tuple[Floor, ...] = ()  # Floors of the map
 
 
 def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[str, Any]:
     """Make the object that `localize --json` prints for one photo.
 
-    Parameters
-    ----------
-    query : str
-        Name of the photo, as given.
+    Args:
+        query: Name of the photo, as given.
 
-    Returns
-    -------
-    dict
+    Returns:
         Plain values only; None if unknown.
     """
     return {

@@ -45,20 +45,14 @@ def evidence_of_looks(
 ) -> tuple[list[list[tuple[int, Hypothesis]]], NDArray[np.float64]]:
     """Collect the evidence of the looks for each place.
 
-    Parameters
-    ----------
-    looks : sequence of sequence of Hypothesis
-        All hypotheses of each look.
-    off_map : sequence of float
-        Each look's probability of "not on this map".
-    radius_px : float
-        Hypotheses within this distance are one place.
+    Args:
+        looks: All hypotheses of each look.
+        off_map: Each look's probability of "not on this map".
+        radius_px: Hypotheses within this distance are one place.
 
-    Returns
-    -------
-    places : list of list of (int, Hypothesis)
-        Hypotheses about each place with the numbers of their looks, the most probable first.
-    evidence : (h, LOOKS) float64
+    Returns:
+        places: Hypotheses about each place with the numbers of their looks, the most probable first.
+        evidence: (h, LOOKS) float64
     """
     named = [(n, h) for n, look in enumerate(looks) for h in look if h.probability > 1.0 / _LARGEST]
     spots = cluster(named, radius_px)
@@ -90,18 +84,12 @@ def combine_looks(
 ) -> Answer:
     """Combine all looks at one photo.
 
-    Parameters
-    ----------
-    answers : sequence of Answer
-        `LOOKS` of them, with all their hypotheses.
-    calibration : Calibration
-        Calibration of the combination: a slope for each look.
-    top : int
-        Maximum number of hypotheses.
+    Args:
+        answers: `LOOKS` of them, with all their hypotheses.
+        calibration: Calibration of the combination: a slope for each look.
+        top: Maximum number of hypotheses.
 
-    Returns
-    -------
-    Answer
+    Returns:
         Statistics are those of the look that is most certain of the first place; its evidence comes first.
     """
     off_map = [a.off_map_probability or 0.0 for a in answers]

@@ -15,10 +15,8 @@ def limit_accuracy(answer: Answer, position_radius_px: Mapping[int, float]) -> A
     Photos placed by the GPS of one phone on one walk may all be off in the same direction, so that the mean
     of several is not better than each.
 
-    Parameters
-    ----------
-    position_radius_px : mapping of int to float
-        68 % radii of the positions of experiences, by id; all other positions are exact.
+    Args:
+        position_radius_px: 68 % radii of the positions of experiences, by id; all other positions are exact.
     """
     if not position_radius_px:
         return answer

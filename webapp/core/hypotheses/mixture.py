@@ -23,28 +23,17 @@ _ALIKE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One component of the mixture.
+    """One component of the mixture."""
 
-    Attributes
-    ----------
-    weight : float
-        Probability.
-    x, y : (float, float)
-        Position and velocity, map pixels and map pixels per frame.
-    covariance : (3,) float
-        Variance of position, covariance of position and velocity, variance of velocity; for both axes.
-    hypothesis : Hypothesis
-        The latest one that supported it.
-    seen : bool
-        Whether that was in the latest frame.
-    """
-
-    weight: float
+    weight: float  # Probability
+    # `x`, `y`: Position and velocity, map pixels and map pixels per frame.
     x: tuple[float, float]
     y: tuple[float, float]
+    # (3,) float. Variance of position, covariance of position and velocity, variance of velocity; for both
+    # axes.
     covariance: tuple[float, float, float]
-    hypothesis: Hypothesis
-    seen: bool
+    hypothesis: Hypothesis  # The latest one that supported it
+    seen: bool  # Whether that was in the latest frame
 
     @property
     def spread(self) -> float:
@@ -53,7 +42,6 @@ class Component:
 
     @property
     def position(self) -> MapPixel:
-        """Position, map pixels."""
         return MapPixel(self.x[0], self.y[0])
 
 
@@ -69,10 +57,8 @@ def predict(component: Component, *, speed_px: float, steps: float) -> Component
 
     The velocity is an Ornstein-Uhlenbeck process: nearly constant, yet bounded after a gap of any length.
 
-    Parameters
-    ----------
-    speed_px : float
-        Root mean square of the speed, map pixels per frame.
+    Args:
+        speed_px: Root mean square of the speed, map pixels per frame.
     """
     rate = 1.0 / _MEMORY
     fade = math.exp(-rate * steps)
@@ -98,12 +84,10 @@ def reverse_time(component: Component) -> Component:
 def kalman_update(component: Component, hypothesis: Hypothesis, *, mass: float, variance: float) -> Component:
     """Update a component with a hypothesis (Kalman filter).
 
-    Parameters
-    ----------
-    mass : float
-        Integral of its likelihood, map pixels squared; it and the predicted density multiply the weight.
-    variance : float
-        Variance of its position along an axis, map pixels squared.
+    Args:
+        mass: Integral of its likelihood, map pixels squared; it and the predicted density multiply the
+            weight.
+        variance: Variance of its position along an axis, map pixels squared.
     """
     pp, pv, vv = component.covariance
     total = pp + variance

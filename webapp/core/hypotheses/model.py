@@ -16,44 +16,23 @@ from webapp.core.geometry.estimate import NoPose
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One place where the photo may have been taken.
+    """One place where the photo may have been taken."""
 
-    Attributes
-    ----------
-    rank : int
-        From 1, most probable first.
-    kind : {"position", "photo", "area"}
-        "position": computed from matches with map photos; "photo": only the position of a matching photo is
-        known; "area": the area as a whole, whose photos share one position.
-    probability : float
-        That the truth lies within the map's `place_radius_px` of `position`; 0 to 1.
-    radius_px : float or None
-        Radius that contains the truth in 68 % of cases, given that the hypothesis is right; map pixels.
-    heading_deg : float or None
-        Viewing direction, degrees clockwise from north.
-    experiences : tuple of int
-        Ids of the map photos that support it, the best first.
-    inliers : int or None
-        Matches with the best photo that agree on one geometry; None where no geometry was checked.
-    matches : int
-        Matches that support it, before geometric verification.
-    camera : CameraPose or None
-        Height and orientation of the camera, if solved from landmarks.
-    floor : int
-        Id of its floor.
-    """
-
-    rank: int
+    rank: int  # From 1, most probable first
+    # "position": computed from matches with map photos; "photo": only the position of a matching photo is
+    # known; "area": the area as a whole, whose photos share one position.
     kind: Literal["position", "photo", "area"]
     position: MapPixel
-    probability: float
+    probability: float  # That the truth lies within the map's `place_radius_px` of `position`; 0 to 1
+    # Radius that contains the truth in 68 % of cases, given that the hypothesis is right; map pixels.
     radius_px: float | None
-    heading_deg: float | None
-    experiences: tuple[int, ...]
+    heading_deg: float | None  # Viewing direction, degrees clockwise from north
+    experiences: tuple[int, ...]  # Ids of the map photos that support it, the best first
+    # Matches with the best photo that agree on one geometry; None where no geometry was checked.
     inliers: int | None
-    matches: int
-    camera: CameraPose | None = None
-    floor: int = BASE_FLOOR
+    matches: int  # Matches that support it, before geometric verification
+    camera: CameraPose | None = None  # Height and orientation of the camera, if solved from landmarks
+    floor: int = BASE_FLOOR  # Id of its floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,16 +40,11 @@ class MatchStatistics:
     """Statistics of the raw matches.
 
     Distances are in the units of the matcher's norm, over all matches; None if there was no match.
-
-    Attributes
-    ----------
-    matches_pruned : int
-        Matches left after pruning.
     """
 
     keypoints: int
     matches: int
-    matches_pruned: int
+    matches_pruned: int  # Matches left after pruning
     distance_min: float | None
     distance_max: float | None
     distance_mean: float | None
@@ -79,78 +53,47 @@ class MatchStatistics:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """The matches between the query and one map photo.
+    """The matches between the query and one map photo."""
 
-    Attributes
-    ----------
-    experience : int
-        Id of the map photo.
-    query_xy, photo_xy : (n, 2) float32
-        Matched points, pixels of the upright query and of the upright map photo, both at full size.
-    inlier : (n,) bool
-        Which of them agree on one geometry; all False if none was found or sought.
-    """
-
-    experience: int
+    experience: int  # Id of the map photo
+    # `query_xy`, `photo_xy`: (n, 2) float32. Matched points, pixels of the upright query and of the upright
+    # map photo, both at full size.
     query_xy: NDArray[np.float32]
     photo_xy: NDArray[np.float32]
+    # (n,) bool. Which of them agree on one geometry; all False if none was found or sought.
     inlier: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class FieldOfView:
-    """Horizontal field of view of an upright photo, and its source.
-
-    Attributes
-    ----------
-    source : {"option", "exif", "guess"}
-    """
+    """Horizontal field of view of an upright photo, and its source."""
 
     degrees: float
-    source: Literal["option", "exif", "guess"]
+    source: Literal["option", "exif", "guess"]  #
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """All hypotheses about one photo, and the evidence for them.
+    """All hypotheses about one photo, and the evidence for them."""
 
-    Attributes
-    ----------
-    hypotheses : tuple of Hypothesis
-        The most probable first; may be empty.
-    off_map_probability : float or None
-        That the photo was not taken on this map. None if the method does not estimate it (`vote`).
-        The hypotheses' probabilities, `other_probability` and this add up to 1.
-    other_probability : float
-        Total of the places that the caller's limit cut from the list.
-    no_pose : NoPose or None
-        Why there is no hypothesis, if there is none.
-    evidence : tuple of Evidence
-        The matches with the best hypothesis' photos, the best first; then those with the best photo of each
-        further hypothesis, if the method has them.
-    seconds : dict of str to float
-        Time of each stage: read, extract, retrieve, verify, position, total.
-    fov : FieldOfView or None
-        Of the query; None if the method does not use it.
-    looks : tuple of str
-        Features of each look, in order; there is no further look after a certain one.
-    quarter_turns : int
-        Clockwise quarter turns that bring the query upright; 0 if its keypoints show none.
-    note : str
-        Why the answer is less than was requested; else empty.
-    """
-
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[Hypothesis, ...]  # The most probable first; may be empty
+    # That the photo was not taken on this map. None if the method does not estimate it (`vote`). The
+    # hypotheses' probabilities, `other_probability` and this add up to 1.
     off_map_probability: float | None
-    other_probability: float
-    no_pose: NoPose | None
+    other_probability: float  # Total of the places that the caller's limit cut from the list
+    no_pose: NoPose | None  # Why there is no hypothesis, if there is none
     statistics: MatchStatistics
+    # The matches with the best hypothesis' photos, the best first; then those with the best photo of each
+    # further hypothesis, if the method has them.
     evidence: tuple[Evidence, ...] = ()
+    # Time of each stage: read, extract, retrieve, verify, position, total.
     seconds: dict[str, float] = field(default_factory=dict)
-    fov: FieldOfView | None = None
+    fov: FieldOfView | None = None  # Of the query; None if the method does not use it
+    # Features of each look, in order; there is no further look after a certain one.
     looks: tuple[str, ...] = ()
+    # Clockwise quarter turns that bring the query upright; 0 if its keypoints show none.
     quarter_turns: int = 0
-    note: str = ""
+    note: str = ""  # Why the answer is less than was requested; else empty
 
     @property
     def abstained(self) -> bool:
@@ -162,11 +105,8 @@ class Answer:
 def is_off_map(best: float | None, off: float | None) -> bool:
     """Decide whether an answer says "not on this map".
 
-    Parameters
-    ----------
-    best : float or None
-        Probability of its first hypothesis; None without one.
-    off : float or None
-        Probability that the photo was not taken on this map; None if unknown.
+    Args:
+        best: Probability of its first hypothesis; None without one.
+        off: Probability that the photo was not taken on this map; None if unknown.
     """
     return best is None or (off is not None and off > best)

@@ -44,22 +44,12 @@ _DOUBT = 2.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPrior:
-    """Positions of a map's photos, as a prior.
+    """Positions of a map's photos, as a prior."""
 
-    Attributes
-    ----------
-    photos : (n, 2) float64
-        Their distinct positions, map pixels.
-    floor : (n,) int64
-        Ids of their floors.
-    area_px2 : float
-        Area in which a camera can be.
-    """
-
-    photos: Array
-    floor: NDArray[np.int64]
+    photos: Array  # (n, 2) float64. Their distinct positions, map pixels.
+    floor: NDArray[np.int64]  # (n,) int64. Ids of their floors.
     place_radius_px: float
-    area_px2: float
+    area_px2: float  # Area in which a camera can be
 
     @property
     def places(self) -> float:
@@ -89,21 +79,15 @@ def apply_path_prior(
 ) -> tuple[MapPixel, Array]:
     """Combine a position with the prior.
 
-    Parameters
-    ----------
-    position : MapPixel
-        Estimate from one photo.
-    variance : float
-        Its variance along an axis, map pixels squared.
-    weight : (n,) float64, optional
-        Prior weight of the surroundings of each of `paths.photos`; uniform by default.
-    floor : int
-        Floor of the position; photos on other floors are ignored.
+    Args:
+        position: Estimate from one photo.
+        variance: Its variance along an axis, map pixels squared.
+        weight: (n,) float64. Prior weight of the surroundings of each of `paths.photos`; uniform by default.
+        floor: Floor of the position; photos on other floors are ignored.
 
-    Returns
-    -------
-    variance : (2,) float64
-        Of the result, along the more and the less certain axis: a path constrains positions only across it.
+    Returns:
+        variance: (2,) float64. Of the result, along the more and the less certain axis: a path constrains
+            positions only across it.
     """
     at = np.array(position)
     off = paths.photos - at
@@ -135,10 +119,8 @@ def apply_path_prior(
 def apply_path_prior_to_answer(answer: Answer, paths: PathPrior, *, weight: Array | None = None) -> Answer:
     """Combine each computed position with the prior, and update its radius.
 
-    Parameters
-    ----------
-    weight : (n,) float64, optional
-        As for `apply_path_prior`.
+    Args:
+        weight: (n,) float64. As for `apply_path_prior`.
     """
     hypotheses = tuple(_on_paths(h, paths, weight) for h in answer.hypotheses)
     return replace(answer, hypotheses=hypotheses)

@@ -51,34 +51,21 @@ _FEW, _MOST = 0.1, 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPlaces:
-    """Kind of a map, its areas and its place radius.
-
-    Attributes
-    ----------
-    area : (p,) int64
-        Number of each photo's area; -1 for a photo at the position where it was taken.
-    radius_px : float
-        Place radius: maximum error of an answer that names the right place.
-    """
+    """Kind of a map, its areas and its place radius."""
 
     kind: MapKind
+    # (p,) int64. Number of each photo's area; -1 for a photo at the position where it was taken.
     area: NDArray[np.int64]
-    radius_px: float
+    radius_px: float  # Place radius: maximum error of an answer that names the right place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoGroups:
-    """Experience and floor of each photo.
+    """Experience and floor of each photo."""
 
-    Attributes
-    ----------
-    experience : (p,) int64
-        Number of each photo's experience: all views of a panorama are one.
-    floor : (p,) int64
-        Id of each photo's floor: positions above each other are different places.
-    """
-
+    # (p,) int64. Number of each photo's experience: all views of a panorama are one.
     experience: NDArray[np.int64]
+    # (p,) int64. Id of each photo's floor: positions above each other are different places.
     floor: NDArray[np.int64]
 
 
@@ -98,20 +85,14 @@ def describe_places(
     they agree. If there are enough of them, only photos that certainly match one elsewhere decide: on a
     sparse map most photos have no such match, which is no contradiction.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Positions of the map's photos, map pixels.
-    trust : (p,) float64 or None
-        As in `MapExtrinsics`; None while relative poses are unknown.
-    size : (int, int)
-        Width and height of the satellite image.
-    kind : MapKind, optional
-        Kind stated by the user.
-    partner : (p,) int64, optional
-        As in `MapExtrinsics`: where positions are noisy, e.g. from GPS, photos of one view are far apart.
-    groups : PhotoGroups, optional
-        By default each photo is a separate experience, and all are on one floor.
+    Args:
+        position: (p, 2) float64. Positions of the map's photos, map pixels.
+        trust: (p,) float64 or None. As in `MapExtrinsics`; None while relative poses are unknown.
+        size: Width and height of the satellite image.
+        kind: Kind stated by the user.
+        partner: (p,) int64. As in `MapExtrinsics`: where positions are noisy, e.g. from GPS, photos of one
+            view are far apart.
+        groups: By default each photo is a separate experience, and all are on one floor.
     """
     if groups is None:
         groups = PhotoGroups(np.arange(len(position)), np.zeros(len(position), np.int64))
@@ -176,10 +157,9 @@ def _are_confirmed(
 ) -> bool:
     """Check whether relative poses confirm the shared positions of the photos `stands`, (p,).
 
-    Parameters
-    ----------
-    sure : (p,) bool or None
-        Photos with certain matches: if enough of them are in `stands`, only they decide.
+    Args:
+        sure: (p,) bool or None. Photos with certain matches: if enough of them are in `stands`, only they
+            decide.
     """
     if trust is None or not stands.any():
         return True
@@ -207,18 +187,12 @@ def spacing_px(
 ) -> float | None:
     """Compute the median distance from each distinct position to its nearest neighbour.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Map pixels.
-    of : (p,) bool, optional
-        Only from these positions.
-    floor : (p,) int64, optional
-        Ids of their floors: neighbours are on the same floor.
+    Args:
+        position: (p, 2) float64. Map pixels.
+        of: (p,) bool. Only from these positions.
+        floor: (p,) int64. Ids of their floors: neighbours are on the same floor.
 
-    Returns
-    -------
-    float or None
+    Returns:
         None if no floor has two distinct positions.
     """
     on = np.zeros(len(position), np.int64) if floor is None else floor
@@ -248,20 +222,14 @@ def place_radius_px(
 ) -> float:
     """Compute the place radius of a map whose positions are where the photos were taken.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Positions of the map's photos, map pixels.
-    width, height : int
-        Size of the satellite image.
-    floor : (p,) int64, optional
-        Ids of their floors.
+    Args:
+        position: (p, 2) float64. Positions of the map's photos, map pixels.
+        width, height: Size of the satellite image.
+        floor: (p,) int64. Ids of their floors.
 
-    Returns
-    -------
-    float
-        Twice the median distance between neighbouring distinct positions; with fewer than two positions
-        a twentieth of the image's longer side.
+    Returns:
+        Twice the median distance between neighbouring distinct positions; with fewer than two positions a
+            twentieth of the image's longer side.
     """
     spacing = spacing_px(position, floor=floor)
     if spacing is None:

@@ -69,16 +69,10 @@ _TRACKS, _LEAST_WEIGHT = 40, 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionModel:
-    """Paths of the map and speed of the camera.
-
-    Attributes
-    ----------
-    speed_px : float
-        Typical distance that the camera moves between consecutive frames, map pixels.
-    """
+    """Paths of the map and speed of the camera."""
 
     paths: PathPrior
-    speed_px: float
+    speed_px: float  # Typical distance that the camera moves between consecutive frames, map pixels
 
     @property
     def place_radius_px(self) -> float:
@@ -88,21 +82,13 @@ class MotionModel:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Estimate of the camera's position after some frames.
-
-    Attributes
-    ----------
-    lost : float
-        Probability, in the filter, that no component is right; it and their weights add up to 1.
-    frames : int
-        Number of frames so far.
-    named, off : float
-        Odds that a component is right, and odds of being off the map.
-    """
+    """Estimate of the camera's position after some frames."""
 
     components: tuple[Component, ...] = ()
+    # Probability, in the filter, that no component is right; it and their weights add up to 1.
     lost: float = 1.0
-    frames: int = 0
+    frames: int = 0  # Number of frames so far
+    # `named`, `off`: Odds that a component is right, and odds of being off the map.
     named: float = 1.0
     off: float = 1.0
 
@@ -110,12 +96,9 @@ class Belief:
 def motion_model(position: Array, *, place_radius_px: float, speed_px: float | None = None) -> MotionModel:
     """Build the motion model of a map.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Positions of the map's photos, map pixels.
-    speed_px : float, optional
-        Typical distance between consecutive frames; by default the place radius.
+    Args:
+        position: (p, 2) float64. Positions of the map's photos, map pixels.
+        speed_px: Typical distance between consecutive frames; by default the place radius.
     """
     return motion_model_on(fit_path_prior(position, place_radius_px=place_radius_px), speed_px=speed_px)
 
@@ -130,21 +113,15 @@ def filter_step(
 ) -> tuple[Belief, Answer]:
     """Update the belief with the answer about the next frame.
 
-    Parameters
-    ----------
-    belief : Belief
-        `Belief()` before the first frame.
-    answer : Answer
-        Answer about this frame alone.
-    top : int
-        Maximum number of hypotheses.
-    steps : float
-        Time since the frame before, in usual frame intervals.
+    Args:
+        belief: `Belief()` before the first frame.
+        answer: Answer about this frame alone.
+        top: Maximum number of hypotheses.
+        steps: Time since the frame before, in usual frame intervals.
 
-    Returns
-    -------
-    answer : Answer
-        Answer about this frame, from it and all earlier ones. Statistics and seconds are those of the frame.
+    Returns:
+        answer: Answer about this frame, from it and all earlier ones. Statistics and seconds are those of the
+            frame.
     """
     predicted = _predict(belief, motion, steps)
     temper = 1.0 if belief.frames == 0 else _TEMPER
@@ -157,16 +134,11 @@ def smooth(
 ) -> list[Answer]:
     """Compute an answer about each frame of a sequence from all frames, including later ones.
 
-    Parameters
-    ----------
-    answers : sequence of Answer
-        Answers about each frame alone, in the order in which the frames were taken.
-    steps : sequence of float, optional
-        Time of each frame since the one before, in usual frame intervals; the first has no effect.
+    Args:
+        answers: Answers about each frame alone, in the order in which the frames were taken.
+        steps: Time of each frame since the one before, in usual frame intervals; the first has no effect.
 
-    Returns
-    -------
-    list of Answer
+    Returns:
         One per frame, as from `filter_step`.
     """
     steps = steps or [1.0] * len(answers)
@@ -358,10 +330,8 @@ def belief_to_json(belief: Belief) -> dict[str, Any]:
 def belief_from_json(form: dict[str, Any]) -> Belief:
     """Parse the output of `belief_to_json`.
 
-    Raises
-    ------
-    KeyError, TypeError
-        The values have another form.
+    Raises:
+        KeyError, TypeError: The values have another form.
     """
     numbers = (float(form[name]) for name in ("named", "off"))
     components = tuple(_component(t) for t in form["tracks"])

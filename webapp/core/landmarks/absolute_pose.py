@@ -47,19 +47,13 @@ _UNDISTORT_ROUNDS, _LEAST_WIDENING = 10, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """Intrinsics of a camera whose principal point is the image centre.
+    """Intrinsics of a camera whose principal point is the image centre."""
 
-    Attributes
-    ----------
-    width, height : int
-        Pixels of the upright photo.
-    distortion : float
-        Radial coefficient of the squared distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
-    """
-
+    # `width`, `height`: Pixels of the upright photo.
     width: int
     height: int
     focal_px: float
+    # Radial coefficient of the squared distance from the centre at depth 1 (COLMAP's SIMPLE_RADIAL).
     distortion: float = 0.0
 
     @property
@@ -70,26 +64,14 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AbsolutePose:
-    """Pose of a camera in the world of a cloud.
+    """Pose of a camera in the world of a cloud."""
 
-    Attributes
-    ----------
-    centre : (3,) float64
-    rotation : (3, 3) float64
-        Camera from world.
-    covariance : (6, 6) float64
-        Of the centre, and of a small rotation in the camera's own frame, radians.
-    inlier : (m,) bool
-        Which matches agree.
-    score : float
-        MSAC score, in matches.
-    """
-
-    centre: Array
-    rotation: Array
+    centre: Array  # (3,) float64
+    rotation: Array  # (3, 3) float64. Camera from world.
+    # (6, 6) float64. Of the centre, and of a small rotation in the camera's own frame, radians.
     covariance: Array
-    inlier: NDArray[np.bool_]
-    score: float
+    inlier: NDArray[np.bool_]  # (m,) bool. Which matches agree.
+    score: float  # MSAC score, in matches
 
 
 def match_points(
@@ -97,18 +79,14 @@ def match_points(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Match descriptors to points, by a ratio test between different points.
 
-    Parameters
-    ----------
-    query : (n, d) uint8
-    descriptors : (m, d) uint8
-        Of observations.
-    point : (m,) int32
-        Point of each observation.
+    Args:
+        query: (n, d) uint8
+        descriptors: (m, d) uint8. Of observations.
+        point: (m,) int32. Point of each observation.
 
-    Returns
-    -------
-    query_row, row : (k,) int64
-        Rows of `query`, and the nearest observation of each; a point is matched once.
+    Returns:
+        query_row, row: (k,) int64. Rows of `query`, and the nearest observation of each; a point is matched
+            once.
     """
     if len(query) == 0 or len(descriptors) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -138,12 +116,9 @@ def solve_camera(
 ) -> SolvedCamera:
     """Match a query with some observations of a cloud and estimate its camera pose.
 
-    Parameters
-    ----------
-    rows : (n,) int64
-        The observations.
-    lenses : sequence of Lens
-        Candidates for the query's camera; the one with the best score is chosen.
+    Args:
+        rows: (n,) int64. The observations.
+        lenses: Candidates for the query's camera; the one with the best score is chosen.
     """
     row, near = match_points(query.descriptors, cloud.descriptors[rows], point=cloud.seen_point[rows])
     seen = rows[near]
@@ -156,11 +131,9 @@ def solve_camera(
 def absolute_pose(xy: Array, points: Array, *, lens: Lens) -> AbsolutePose | NoPose:
     """Estimate a camera pose from pixels and the points that they show.
 
-    Parameters
-    ----------
-    xy : (m, 2) float64
-        Pixels, centres at whole numbers.
-    points : (m, 3) float64
+    Args:
+        xy: (m, 2) float64. Pixels, centres at whole numbers.
+        points: (m, 3) float64
     """
     if len(xy) < MIN_INLIERS:
         return NoPose(f"{len(xy)} landmarks, {MIN_INLIERS} needed")
@@ -227,10 +200,8 @@ def _covariance(off: Array, points: Array, *, lens: Lens, rotation: Array, centr
 def projection_jacobian(own: Array, *, focal_px: Array | float, distortion: Array | float) -> Array:
     """Return the derivatives (n, 2, 3) of projections, pixels, by the points (n, 3) in their camera frames.
 
-    Parameters
-    ----------
-    focal_px, distortion : float or (n,) float64
-        See `Lens`.
+    Args:
+        focal_px, distortion: float or (n,) float64. See `Lens`.
     """
     focal, radial = (np.broadcast_to(value, len(own))[:, None, None] for value in (focal_px, distortion))
     depth = own[:, 2]

@@ -20,33 +20,18 @@ _LEAST_SHARED = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkCloud:
-    """k points in the worlds of their submodels, seen m times by p photos.
+    """k points in the worlds of their submodels, seen m times by p photos."""
 
-    Attributes
-    ----------
-    contents : tuple of str
-        SHA-256 of the photos' files.
-    point : (k, 3) float64
-    submodel : (k,) int32
-        Number of each point's submodel.
-    first : (p + 1,) int64
-        Observations of photo i are `first[i]` to `first[i + 1]`.
-    seen_point : (m,) int32
-        Point of each observation; a photo observes a point at most once.
-    seen_xy : (m, 2) float32
-        Position of each observation, pixels of the upright photo.
-    descriptors : (m, d) uint8
-    focal_px, distortion : (p,) float64
-        Intrinsics of the photos' cameras in the reconstruction; the distortion is COLMAP's radial one.
-    """
-
-    contents: tuple[str, ...]
-    point: NDArray[np.float64]
-    submodel: NDArray[np.int32]
-    first: NDArray[np.int64]
+    contents: tuple[str, ...]  # SHA-256 of the photos' files
+    point: NDArray[np.float64]  # (k, 3) float64
+    submodel: NDArray[np.int32]  # (k,) int32. Number of each point's submodel.
+    first: NDArray[np.int64]  # (p + 1,) int64. Observations of photo i are `first[i]` to `first[i + 1]`.
+    # (m,) int32. Point of each observation; a photo observes a point at most once.
     seen_point: NDArray[np.int32]
-    seen_xy: NDArray[np.float32]
-    descriptors: NDArray[np.uint8]
+    seen_xy: NDArray[np.float32]  # (m, 2) float32. Position of each observation, pixels of the upright photo.
+    descriptors: NDArray[np.uint8]  # (m, d) uint8
+    # `focal_px`, `distortion`: (p,) float64. Intrinsics of the photos' cameras in the reconstruction; the
+    # distortion is COLMAP's radial one.
     focal_px: NDArray[np.float64]
     distortion: NDArray[np.float64]
 
@@ -66,27 +51,15 @@ class PhotoGroup(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlignedCloud:
-    """A cloud on a map; p photos.
-
-    Attributes
-    ----------
-    key : str
-        Identifies the data that the cloud was made from.
-    map_photo : (p,) int64
-        Number of each photo on the map; -1 if it is no longer placed there.
-    submodels : tuple of Submodel
-        With the photo numbers of the cloud.
-    aligned : tuple of AlignedSubmodel or NotAligned
-        One for each submodel.
-    times_seen : (k,) int64
-        Number of photos that see each point; computed from the cloud.
-    """
+    """A cloud on a map; p photos."""
 
     cloud: LandmarkCloud
-    key: str
+    key: str  # Identifies the data that the cloud was made from
+    # (p,) int64. Number of each photo on the map; -1 if it is no longer placed there.
     map_photo: NDArray[np.int64]
-    submodels: tuple[Submodel, ...]
-    aligned: tuple[AlignedSubmodel | NotAligned, ...]
+    submodels: tuple[Submodel, ...]  # With the photo numbers of the cloud
+    aligned: tuple[AlignedSubmodel | NotAligned, ...]  # One for each submodel
+    # (k,) int64. Number of photos that see each point; computed from the cloud.
     times_seen: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -100,14 +73,10 @@ class AlignedCloud:
     def groups(self, photos: NDArray[np.int64], *, visible: NDArray[np.bool_], most: int) -> list[PhotoGroup]:
         """Group covisible photos.
 
-        Parameters
-        ----------
-        photos : (n,) int64
-            Numbers on the map, the best first.
-        visible : (p,) bool
-            Photos of the cloud that may be used.
-        most : int
-            Largest number of groups; those with the best photos are returned.
+        Args:
+            photos: (n,) int64. Numbers on the map, the best first.
+            visible: (p,) bool. Photos of the cloud that may be used.
+            most: Largest number of groups; those with the best photos are returned.
         """
         own = {
             int(number): photo

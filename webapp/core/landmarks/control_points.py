@@ -35,67 +35,35 @@ _MOST_PAIRS = 500
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPoint:
-    """A control point; m clicks.
-
-    Attributes
-    ----------
-    at : complex
-        Map pixels, x + iy.
-    sigma_px : float
-        Standard deviation along both axes, map pixels.
-    height_px : float
-        Above any reference level common to all points, map pixels; NaN where unknown.
-    photo : (m,) int64
-        Numbers of the pictures that show it, as in `Submodel.photo`.
-    shown_by : tuple of str
-        Names of these pictures; the views of a panorama share one name.
-    ray : (m, 3) float64
-        Unit vectors to it in the frames of their cameras: right, down, front.
-    """
+    """A control point; m clicks."""
 
     name: str
-    at: complex
-    sigma_px: float
-    height_px: float
-    photo: NDArray[np.int64]
-    shown_by: tuple[str, ...]
-    ray: Array
+    at: complex  # Map pixels, x + iy
+    sigma_px: float  # Standard deviation along both axes, map pixels
+    height_px: float  # Above any reference level common to all points, map pixels; NaN where unknown
+    photo: NDArray[np.int64]  # (m,) int64. Numbers of the pictures that show it, as in `Submodel.photo`.
+    shown_by: tuple[str, ...]  # Names of these pictures; the views of a panorama share one name
+    ray: Array  # (m, 3) float64. Unit vectors to it in the frames of their cameras: right, down, front.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangulated:
-    """A control point in the world of a submodel.
-
-    Attributes
-    ----------
-    at : (3,) float64
-    covariance : (3, 3) float64
-    row : (r,) int64
-        Rows of the submodel's photos whose clicks agree.
-    wrong : tuple of str
-        Names of the photos whose clicks disagree.
-    """
+    """A control point in the world of a submodel."""
 
     point: KnownPoint
-    at: Array
-    covariance: Array
-    row: NDArray[np.int64]
-    wrong: tuple[str, ...]
+    at: Array  # (3,) float64
+    covariance: Array  # (3, 3) float64
+    row: NDArray[np.int64]  # (r,) int64. Rows of the submodel's photos whose clicks agree.
+    wrong: tuple[str, ...]  # Names of the photos whose clicks disagree
 
 
 @dataclass(frozen=True, slots=True)
 class NotTriangulated:
-    """A control point that could not be triangulated in a submodel, and the reason. Falsy.
-
-    Attributes
-    ----------
-    clicks : int
-        Number of photos of the submodel in which it is clicked.
-    """
+    """A control point that could not be triangulated in a submodel, and the reason. Falsy."""
 
     point: KnownPoint
     reason: str
-    clicks: int
+    clicks: int  # Number of photos of the submodel in which it is clicked
 
     def __bool__(self) -> bool:
         """Return False: it was not triangulated."""
@@ -167,15 +135,11 @@ def sigma_by_points(submodel: Submodel, points: Sequence[KnownPoint]) -> Array:
 
     The information of a point is divided equally among the photos that show it, so that it counts once.
 
-    Parameters
-    ----------
-    submodel : Submodel
-        In the world of the map: x and y are map pixels.
+    Args:
+        submodel: In the world of the map: x and y are map pixels.
 
-    Returns
-    -------
-    (n,) float64
-        Standard deviations along both axes, map pixels; infinite for photos that show none.
+    Returns:
+        (n,) float64: Standard deviations along both axes, map pixels; infinite for photos that show none.
     """
     information = np.zeros(len(submodel))
     for point in points:

@@ -32,42 +32,22 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True)
 class PointFit:
-    """A control point on the map.
-
-    Attributes
-    ----------
-    at : complex
-        Known position, map pixels.
-    others_have : complex
-        Position predicted from the other known positions; NaN if there are too few.
-    contradicts : bool
-        It was left out because the others agree on another position.
-    wrong : tuple of str
-        Names of the photos whose clicks disagree.
-    """
+    """A control point on the map."""
 
     name: str
-    at: complex
-    others_have: complex
-    contradicts: bool
-    wrong: tuple[str, ...]
+    at: complex  # Known position, map pixels
+    predicted: complex  # Position predicted from the other known positions; NaN if there are too few
+    contradicts: bool  # It was left out because the others agree on another position
+    wrong: tuple[str, ...]  # Names of the photos whose clicks disagree
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Georegistration:
-    """A submodel on the map, or why it could not be aligned.
-
-    Attributes
-    ----------
-    points : tuple of PointFit
-        Of the control points that were triangulated.
-    problems : tuple of NotTriangulated
-        Control points that could not be triangulated, and why.
-    """
+    """A submodel on the map, or why it could not be aligned."""
 
     aligned: AlignedSubmodel | NotAligned
-    points: tuple[PointFit, ...]
-    problems: tuple[NotTriangulated, ...]
+    points: tuple[PointFit, ...]  # Of the control points that were triangulated
+    problems: tuple[NotTriangulated, ...]  # Control points that could not be triangulated, and why
 
 
 def georegister(
@@ -171,23 +151,20 @@ class _Extended:
         aligned = align_submodel(self.submodel, replace(self.known, at=kept), view=self.view)
         if isinstance(aligned, NotAligned) or not len(wrong):
             return aligned
-        residual, others = aligned.residual_px.copy(), aligned.others_have.copy()
+        residual, others = aligned.residual_px.copy(), aligned.predicted.copy()
         contradicting = aligned.contradicting.copy()
         residual[wrong], others[wrong] = np.abs(at - aligned.at)[wrong], aligned.at[wrong]
         contradicting[wrong] = True
-        return replace(aligned, residual_px=residual, others_have=others, contradicting=contradicting)
+        return replace(aligned, residual_px=residual, predicted=others, contradicting=contradicting)
 
 
 def outlying_positions(plan: Points, at: Points, *, sigma: Array) -> NDArray[np.int64]:
     """Find the positions to leave out so that the others fit one similarity within their accuracy.
 
-    Parameters
-    ----------
-    plan : (n,) complex128
-        Positions in the plan view of the submodel.
-    at : (n,) complex128
-        Positions on the map; NaN where unknown.
-    sigma : (n,) float64
+    Args:
+        plan: (n,) complex128. Positions in the plan view of the submodel.
+        at: (n,) complex128. Positions on the map; NaN where unknown.
+        sigma: (n,) float64
     """
     kept = np.flatnonzero(np.isfinite(at))
     most, odd = len(kept) // 3, list[int]()
@@ -239,7 +216,7 @@ def _of_photos(aligned: AlignedSubmodel, submodel: Submodel) -> AlignedSubmodel:
         aligned.radius_px[:photos] if radius is None else radius,
         aligned.angle_deg[:photos],
         aligned.residual_px[:photos],
-        aligned.others_have[:photos],
+        aligned.predicted[:photos],
         aligned.contradicting[:photos],
         transform,
     )
@@ -255,7 +232,7 @@ def _fits(aligned: AlignedSubmodel, found: Sequence[Triangulated], *, first: int
         PointFit(
             one.point.name,
             one.point.at,
-            complex(aligned.others_have[row]),
+            complex(aligned.predicted[row]),
             bool(aligned.contradicting[row]),
             one.wrong,
         )

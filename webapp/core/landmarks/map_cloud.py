@@ -32,15 +32,10 @@ class CloudFrame:
     """A frame of metres east, north and up from the middle of the image.
 
     On a map without a georeference its unit is the map pixel: to the right, towards image-up, and up.
-
-    Attributes
-    ----------
-    size : tuple of (int, int)
-        Width and height of the image.
     """
 
     georeference: Georeference | None
-    size: tuple[int, int]
+    size: tuple[int, int]  # Width and height of the image
 
     @property
     def _middle(self) -> MapPixel:
@@ -76,29 +71,17 @@ class CloudFrame:
 
 
 class MapCloud(NamedTuple):
-    """k points and n cameras on a map.
+    """k points and n cameras on a map."""
 
-    Attributes
-    ----------
-    point : (k,) int64
-        Numbers in the cloud; points that are far off are left out.
-    xyz : (k, 3) float64
-        In the frame of the map. Up is 0 at the height of the placed cameras, as maps have no heights.
-    photo : (n,) int64
-        Numbers in the cloud.
-    centre : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        The rows are the directions of a camera's right, down and front axes.
-    ground : float
-        Height at which the image is drawn.
-    """
-
-    point: NDArray[np.int64]
+    point: NDArray[np.int64]  # (k,) int64. Numbers in the cloud; points that are far off are left out.
+    # (k, 3) float64. In the frame of the map. Up is 0 at the height of the placed cameras, as maps have no
+    # heights.
     xyz: Array
-    photo: NDArray[np.int64]
-    centre: Array
+    photo: NDArray[np.int64]  # (n,) int64. Numbers in the cloud.
+    centre: Array  # (n, 3) float64
+    # (n, 3, 3) float64. The rows are the directions of a camera's right, down and front axes.
     rotation: Array
-    ground: float
+    ground: float  # Height at which the image is drawn
 
 
 def align_cloud(

@@ -29,17 +29,10 @@ Pairs = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """Which photo, and which view of a panorama, each of p pictures is.
+    """Which photo, and which view of a panorama, each of p pictures is."""
 
-    Attributes
-    ----------
-    photo : (p,) int64
-        Ascending, without gaps.
-    turn_deg : (p,) int64
-        Turn of a view from the middle of its panorama; -1 for a photo that is not a panorama.
-    """
-
-    photo: NDArray[np.int64]
+    photo: NDArray[np.int64]  # (p,) int64. Ascending, without gaps.
+    # (p,) int64. Turn of a view from the middle of its panorama; -1 for a photo that is not a panorama.
     turn_deg: NDArray[np.int64]
 
     @classmethod
@@ -61,14 +54,11 @@ def choose_pairs(
 ) -> Pairs:
     """Choose the pairs to match; never two views of one panorama, whose relative rotation is known.
 
-    Parameters
-    ----------
-    descriptors : sequence of (n, d) uint8
-        Of each photo, the strongest first; the photos in the order in which they were taken.
-    at : (p,) complex128
-        Positions, map pixels; NaN where unknown.
-    views : Views, optional
-        By default each picture is a photo of its own.
+    Args:
+        descriptors: sequence of (n, d) uint8. Of each photo, the strongest first; the photos in the order in
+            which they were taken.
+        at: (p,) complex128. Positions, map pixels; NaN where unknown.
+        views: By default each picture is a photo of its own.
     """
     count = len(descriptors)
     if count < 2:
@@ -120,14 +110,11 @@ def _voted(descriptors: Sequence[NDArray[np.uint8]], of_photo: NDArray[np.int64]
 def match_mutually(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.uint32]:
     """Match mutual nearest neighbours that pass the ratio test.
 
-    Parameters
-    ----------
-    first, second : (n, d), (m, d) uint8
+    Args:
+        first, second: (n, d), (m, d) uint8
 
-    Returns
-    -------
-    (k, 2) uint32
-        Rows of `first` and of `second`.
+    Returns:
+        (k, 2) uint32: Rows of `first` and of `second`.
     """
     if len(first) < 2 or len(second) < 2:
         return np.zeros((0, 2), np.uint32)

@@ -54,90 +54,46 @@ is less than this fraction of that error."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPositions:
-    """Known positions of p photos, in the order of their numbers.
+    """Known positions of p photos, in the order of their numbers."""
 
-    Attributes
-    ----------
-    at : (p,) complex128
-        Map pixels, x + iy; NaN where unknown.
-    sigma_px : (p,) float64
-        Standard deviation of each.
-    derived : (p,) bool
-        Whether it was a suggestion from the photos that was accepted: a prior, but no measure of errors.
-    """
-
-    at: Points
-    sigma_px: Array
+    at: Points  # (p,) complex128. Map pixels, x + iy; NaN where unknown.
+    sigma_px: Array  # (p,) float64. Standard deviation of each.
+    # (p,) bool. Whether it was a suggestion from the photos that was accepted: a prior, but no measure of
+    # errors.
     derived: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlignedSubmodel:
-    """A submodel on the map; n photos.
+    """A submodel on the map; n photos."""
 
-    Attributes
-    ----------
-    at : (n,) complex128
-        Map pixels, also of the photos that are placed.
-    radius_px : (n,) float64
-        68 % radius.
-    angle_deg : (n,) float64
-        Viewing direction, clockwise from image-up.
-    residual_px : (n,) float64
-        Distance of each placed photo from its position predicted from the others; NaN for photos that are not
-        placed, and where too few are.
-    others_have : (n,) complex128
-        The predicted positions, of photos with a residual.
-    contradicting : (n,) bool
-        Placed photos that were left out, because they contradict the others.
-    transform : PlanTransform
-        Maps further points and cameras of the submodel's world.
-    """
-
-    at: Points
-    radius_px: Array
-    angle_deg: Array
+    at: Points  # (n,) complex128. Map pixels, also of the photos that are placed.
+    radius_px: Array  # (n,) float64. 68 % radius.
+    angle_deg: Array  # (n,) float64. Viewing direction, clockwise from image-up.
+    # (n,) float64. Distance of each placed photo from its position predicted from the others; NaN for photos
+    # that are not placed, and where too few are.
     residual_px: Array
-    others_have: Points
+    predicted: Points  # (n,) complex128. The predicted positions, of photos with a residual.
+    # (n,) bool. Placed photos that were left out, because they contradict the others.
     contradicting: NDArray[np.bool_]
-    transform: PlanTransform
+    transform: PlanTransform  # Maps further points and cameras of the submodel's world
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanTransform:
-    """Transformation from the world of a submodel to the map, by k placed photos.
+    """Transformation from the world of a submodel to the map, by k placed photos."""
 
-    Attributes
-    ----------
-    frame : (3, 3) float64
-        See `PlanView`.
-    row : (k,) int64
-        Their rows in the submodel; -1 for a control point.
-    centre : (k, 3) float64
-        Their positions in the world of the submodel.
-    at : (k,) complex128
-        Map pixels.
-    sigma_px : (k,) float64
-    derived : (k,) bool
-        See `KnownPositions`.
-    exponent : float
-        Power of the squared distance by which their weight falls.
-    relative : (k,) float64
-        Leave-one-out errors over the distance to the nearest other one; NaN where not measured; may be
-        empty.
-    least_rate : float
-        See `Submodel.error_rate`.
-    """
-
-    frame: Array
-    row: NDArray[np.int64]
-    centre: Array
-    at: Points
-    sigma_px: Array
-    derived: NDArray[np.bool_]
-    exponent: float
+    frame: Array  # (3, 3) float64. See `PlanView`.
+    row: NDArray[np.int64]  # (k,) int64. Their rows in the submodel; -1 for a control point.
+    centre: Array  # (k, 3) float64. Their positions in the world of the submodel.
+    at: Points  # (k,) complex128. Map pixels.
+    sigma_px: Array  # (k,) float64
+    derived: NDArray[np.bool_]  # (k,) bool. See `KnownPositions`.
+    exponent: float  # Power of the squared distance by which their weight falls
+    # (k,) float64. Leave-one-out errors over the distance to the nearest other one; NaN where not measured;
+    # may be empty.
     relative: Array
-    least_rate: float
+    least_rate: float  # See `Submodel.error_rate`
 
     @property
     def error_rate(self) -> float:
@@ -204,16 +160,10 @@ class MapPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NotAligned:
-    """A submodel cannot be aligned with the map, and the reason. Falsy.
-
-    Attributes
-    ----------
-    photos : tuple of int
-        Numbers of the placed photos that the reason concerns.
-    """
+    """A submodel cannot be aligned with the map, and the reason. Falsy."""
 
     reason: str
-    photos: tuple[int, ...] = ()
+    photos: tuple[int, ...] = ()  # Numbers of the placed photos that the reason concerns
 
     def __bool__(self) -> bool:
         """Return False: it is not on the map."""
@@ -242,7 +192,7 @@ def align_submodel(
         return NotAligned(problem, tuple(submodel.photo[placed].tolist()))
     own = submodel.photo[placed]
     fields = (np.flatnonzero(placed), at[placed], known.sigma_px[own], known.derived[own])
-    return _lay(submodel, view, PlacedPhotos(*fields))
+    return _align(submodel, view, PlacedPhotos(*fields))
 
 
 def _misfit(plan: Points, at: Points) -> str | None:
@@ -264,7 +214,7 @@ def _global_rms(plan: Points, at: Points) -> float:
     return float(np.sqrt(np.mean(np.abs(wanted - factor * off) ** 2)))
 
 
-def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubmodel:
+def _align(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubmodel:
     judges, kept = known.judges, np.ones(len(known.row), np.bool_)
     exponent, moved, error, relative = _leave_one_out(view.position, known.subset(judges))
     while len(error) >= _FEW:
@@ -278,15 +228,15 @@ def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubm
     used = known.subset(kept)
     at, factor = _moved(view.position, used, exponent=exponent, plan=view.position)
     residual = np.full(len(view.position), np.nan)
-    others_have = np.full(len(view.position), complex(np.nan, np.nan))
+    predicted = np.full(len(view.position), complex(np.nan, np.nan))
     measured = known.row[judges & kept]
     if len(measured) > 2:
-        residual[measured], others_have[measured] = error, moved
+        residual[measured], predicted[measured] = error, moved
         measures = np.full(len(view.position), np.nan)
         measures[measured] = relative
         relative = measures[used.row]
     wrong = known.row[~kept]
-    residual[wrong], others_have[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
+    residual[wrong], predicted[wrong] = np.abs(known.at[~kept] - at[wrong]), at[wrong]
     contradicting = np.zeros(len(at), np.bool_)
     contradicting[wrong] = True
     radius = radius_by_covariance(submodel, used)
@@ -298,7 +248,7 @@ def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubm
         radius,
         np.degrees(np.arctan2((look := factor * view.forward).real, -look.imag)) % 360.0,
         residual,
-        others_have,
+        predicted,
         contradicting,
         PlanTransform(
             view.frame,
@@ -317,15 +267,12 @@ def _lay(submodel: Submodel, view: PlanView, known: PlacedPhotos) -> AlignedSubm
 def _leave_one_out(plan: Points, known: PlacedPhotos) -> tuple[float, Points, Array, Array]:
     """Choose the exponent with the least leave-one-out error of the placed photos.
 
-    Returns
-    -------
-    exponent : float
-    moved : (k,) complex128
-        Position of each predicted from the others, map pixels.
-    error : (k,) float64
-        Distance of that from the known position.
-    relative : (k,) float64
-        Error over the distance to the nearest other placed photo. The arrays are empty for fewer than three.
+    Returns:
+        exponent:
+        moved: (k,) complex128. Position of each predicted from the others, map pixels.
+        error: (k,) float64. Distance of that from the known position.
+        relative: (k,) float64. Error over the distance to the nearest other placed photo. The arrays are
+            empty for fewer than three.
     """
     if len(known.row) < 3:
         return 0.0, np.zeros(0, np.complex128), np.zeros(0), np.zeros(0)
@@ -347,16 +294,12 @@ def _moved(
 ) -> tuple[Points, Points]:
     """Map points, each by a weighted similarity of its own.
 
-    Parameters
-    ----------
-    targets : (t,) complex128
-    leave_out : bool
-        Target i is placed photo i, which is not used for it.
+    Args:
+        targets: (t,) complex128
+        leave_out: Target i is placed photo i, which is not used for it.
 
-    Returns
-    -------
-    at, factor : (t,) complex128
-        Their positions on the map, and the local rotation and scale.
+    Returns:
+        at, factor: (t,) complex128. Their positions on the map, and the local rotation and scale.
     """
     source = plan[known.row]
     weight = _weights(targets, known, exponent=exponent, plan=plan, leave_out=leave_out)

@@ -60,14 +60,10 @@ def error_rate_of(relative: Array) -> float:
 def radius_by_distance(plan: Points, known: PlacedPhotos, *, factor: Points, rate: float) -> Array:
     """Compute 68 % radii (n,), map pixels, from the distance to the nearest placed photo.
 
-    Parameters
-    ----------
-    plan : (n,) complex128
-        Plan view of the submodel.
-    factor : (n,) complex128
-        Rotation and scale from the plan view to the map.
-    rate : float
-        Error over that distance.
+    Args:
+        plan: (n,) complex128. Plan view of the submodel.
+        factor: (n,) complex128. Rotation and scale from the plan view to the map.
+        rate: Error over that distance.
     """
     apart = np.abs(plan[:, None] - plan[known.row])
     nearest = apart.argmin(1)
@@ -87,10 +83,8 @@ def radius_by_covariance(submodel: Submodel, known: PlacedPhotos) -> Array | Non
 
     The errors of the known positions themselves are subtracted.
 
-    Returns
-    -------
-    array or None
-        None for a submodel without covariances, or with too few placed photos.
+    Returns:
+        array or None: None for a submodel without covariances, or with too few placed photos.
     """
     if submodel.covariance is None:
         return None

@@ -21,13 +21,10 @@ def rigid_parts(
 ) -> list[NDArray[np.int64]]:
     """Split photos into rigidly connected parts, the largest first; smaller ones are left out.
 
-    Parameters
-    ----------
-    shared : (n, n) int32
-        Number of points that two photos share.
-    frame : (n,) int64, optional
-        Photos with the same frame, views of a panorama, are always connected and count as one photo. By
-        default each photo has its own.
+    Args:
+        shared: (n, n) int32. Number of points that two photos share.
+        frame: (n,) int64. Photos with the same frame, views of a panorama, are always connected and count as
+            one photo. By default each photo has its own.
     """
     own = np.arange(len(shared)) if frame is None else frame
     strong = (shared >= _LEAST_SHARED) | (own[:, None] == own)

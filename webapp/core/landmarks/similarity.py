@@ -19,18 +19,11 @@ _FLAT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Similarity:
-    """Maps x to `scale * rotation @ x + shift`.
-
-    Attributes
-    ----------
-    rotation : (d, d) float64
-        Proper, never a reflection.
-    shift : (d,) float64
-    """
+    """Maps x to `scale * rotation @ x + shift`."""
 
     scale: float
-    rotation: Array
-    shift: Array
+    rotation: Array  # (d, d) float64. Proper, never a reflection.
+    shift: Array  # (d,) float64
 
     def apply(self, points: Array) -> Array:
         """Map (n, d) points."""
@@ -52,11 +45,9 @@ class NoSimilarity:
 def fit_similarity(source: Array, target: Array, *, weight: Array | None = None) -> Similarity | NoSimilarity:
     """Fit a similarity by least squares.
 
-    Parameters
-    ----------
-    source, target : (n, d) float64
-    weight : (n,) float64, optional
-        At least 0; by default all count the same.
+    Args:
+        source, target: (n, d) float64
+        weight: (n,) float64. At least 0; by default all count the same.
     """
     dimensions = source.shape[1]
     share = np.full(len(source), 1.0) if weight is None else weight

@@ -33,28 +33,16 @@ _MUCH_BETTER = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Submodel:
-    """n photos with relative poses from structure from motion.
+    """n photos with relative poses from structure from motion."""
 
-    Attributes
-    ----------
-    photo : (n,) int64
-        Numbers of the photos.
-    centre : (n, 3) float64
-        Camera centres, in the world of the submodel.
-    rotation : (n, 3, 3) float64
-        Camera from world.
-    error_rate : float
-        Lower limit of the error over the distance to the nearest placed photo, measured before the submodel
-        was adjusted by known positions; 0 if there is none.
-    covariance : (n, 2, 2) float64 or None
-        Of the positions on the map, map pixels squared; only for a submodel that was adjusted by known
-        positions, whose world is that of the map: see `position_covariances`.
-    """
-
-    photo: NDArray[np.int64]
-    centre: Array
-    rotation: Array
+    photo: NDArray[np.int64]  # (n,) int64. Numbers of the photos.
+    centre: Array  # (n, 3) float64. Camera centres, in the world of the submodel.
+    rotation: Array  # (n, 3, 3) float64. Camera from world.
+    # Lower limit of the error over the distance to the nearest placed photo, measured before the submodel was
+    # adjusted by known positions; 0 if there is none.
     error_rate: float = 0.0
+    # (n, 2, 2) float64 or None. Of the positions on the map, map pixels squared; only for a submodel that was
+    # adjusted by known positions, whose world is that of the map: see `position_covariances`.
     covariance: Array | None = None
 
     def __len__(self) -> int:
@@ -71,12 +59,10 @@ def view_rotation(turn_deg: float) -> Array:
 def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray[np.int64]) -> Submodel:
     """Merge the views of each panorama of a submodel into one camera that looks towards its middle.
 
-    Parameters
-    ----------
-    photo : (n,) int64
-        Number of the photo of each picture of the submodel.
-    turn_deg : (n,) int64
-        Clockwise turn of each picture from the middle of its panorama; 0 for a photo that is not a panorama.
+    Args:
+        photo: (n,) int64. Number of the photo of each picture of the submodel.
+        turn_deg: (n,) int64. Clockwise turn of each picture from the middle of its panorama; 0 for a photo
+            that is not a panorama.
     """
     first = np.sort(np.unique(photo, return_index=True)[1])
     middle = np.array([view_rotation(turn_deg[row]).T @ submodel.rotation[row] for row in first])
@@ -88,21 +74,12 @@ def of_photos(submodel: Submodel, *, photo: NDArray[np.int64], turn_deg: NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanView:
-    """A submodel seen from above; positions are complex numbers, x to the right and y down as in an image.
+    """A submodel seen from above; positions are complex numbers, x to the right and y down as in an image."""
 
-    Attributes
-    ----------
-    position : (n,) complex128
-        In an arbitrary frame and unit.
-    forward : (n,) complex128
-        Viewing direction of each camera.
-    frame : (3, 3) float64
-        Proper rotation from the world of the submodel: its first row is the x of the view, the second its y,
-        and the third points down.
-    """
-
-    position: Points
-    forward: Points
+    position: Points  # (n,) complex128. In an arbitrary frame and unit.
+    forward: Points  # (n,) complex128. Viewing direction of each camera.
+    # (3, 3) float64. Proper rotation from the world of the submodel: its first row is the x of the view, the
+    # second its y, and the third points down.
     frame: Array
 
 
@@ -128,11 +105,9 @@ def view_by_level_cameras(submodel: Submodel) -> PlanView | None:
 def view_by_positions(submodel: Submodel, *, known: NDArray[np.bool_], position: Points) -> PlanView | None:
     """Project a submodel along the vertical of a fit to known positions; None for fewer than three or a line.
 
-    Parameters
-    ----------
-    known : (n,) bool
-    position : (n,) complex128
-        Map pixels, of those that are known.
+    Args:
+        known: (n,) bool
+        position: (n,) complex128. Map pixels, of those that are known.
     """
     at = np.stack([position.real, np.zeros(len(position)), -position.imag], 1)
     fit = fit_similarity(submodel.centre[known], at[known])
@@ -147,14 +122,10 @@ def view_by_heights(submodel: Submodel, *, centre: Array, position: Points, heig
     That is if they are fewer than three, nearly on a line, or fit no similarity. Of four or more, one that
     contradicts all others is ignored.
 
-    Parameters
-    ----------
-    centre : (n, 3) float64
-        In the world of the submodel.
-    position : (n,) complex128
-        Map pixels.
-    height : (n,) float64
-        Map pixels; NaN where unknown.
+    Args:
+        centre: (n, 3) float64. In the world of the submodel.
+        position: (n,) complex128. Map pixels.
+        height: (n,) float64. Map pixels; NaN where unknown.
     """
     known = np.flatnonzero(np.isfinite(height))
     there = np.stack([position.real, -height, -position.imag], 1)

@@ -31,27 +31,16 @@ _DAMPING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustedCameras:
-    """Cameras and their observations: n cameras on f frames, m points, o observations.
+    """Cameras and their observations: n cameras on f frames, m points, o observations."""
 
-    Attributes
-    ----------
-    frame : (n,) int64
-        Frame of each camera, which moves as one: a photo, or all views of a panorama.
-    centre : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        Camera from world.
-    focal_px, distortion : (n,) float64
-    point : (m, 3) float64
-    camera_row, point_row : (o,) int64
-        Camera and point of each observation.
-    """
-
-    frame: Rows
-    centre: Array
-    rotation: Array
+    frame: Rows  # (n,) int64. Frame of each camera, which moves as one: a photo, or all views of a panorama.
+    centre: Array  # (n, 3) float64
+    rotation: Array  # (n, 3, 3) float64. Camera from world.
+    # `focal_px`, `distortion`: (n,) float64
     focal_px: Array
     distortion: Array
-    point: Array
+    point: Array  # (m, 3) float64
+    # `camera_row`, `point_row`: (o,) int64. Camera and point of each observation.
     camera_row: Rows
     point_row: Rows
 
@@ -61,20 +50,16 @@ def position_covariances(
 ) -> Array | None:
     """Compute the covariances of frame positions along the first two axes of the world.
 
-    Parameters
-    ----------
-    prior_sigma : (f, 3) float64
-        Standard deviations of the known positions of frames, infinite where unknown.
+    Args:
+        prior_sigma: (f, 3) float64. Standard deviations of the known positions of frames, infinite where
+            unknown.
 
-    Returns
-    -------
-    (f, 2, 2) float64 or None
-        None for no frames, for more than `MOST_CAMERAS`, and where the equations are singular.
+    Returns:
+        (f, 2, 2) float64 or None: None for no frames, for more than `MOST_CAMERAS`, and where the equations
+            are singular.
 
-    Raises
-    ------
-    MissingPart
-        The extra `sfm` is not installed.
+    Raises:
+        MissingPart: The extra `sfm` is not installed.
     """
     count = len(prior_sigma)
     if not 0 < count <= MOST_CAMERAS:

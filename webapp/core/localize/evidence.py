@@ -31,20 +31,11 @@ _AGREED_SCALE, _TRUST_SCALE = 20.0, 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Voters:
-    """The photos with most votes.
+    """The photos with most votes."""
 
-    Attributes
-    ----------
-    photo : (n,) int64
-        Their numbers, most votes first.
-    votes : (n,) float64
-    trust : (n,) float64
-        Trust in the relative pose to the query, 0 to 1; 0 if not verified.
-    """
-
-    photo: NDArray[np.int64]
-    votes: Array
-    trust: Array
+    photo: NDArray[np.int64]  # (n,) int64. Their numbers, most votes first.
+    votes: Array  # (n,) float64
+    trust: Array  # (n,) float64. Trust in the relative pose to the query, 0 to 1; 0 if not verified.
 
     def with_votes(self) -> Voters:
         """Leave out photos without votes, which were shortlisted for other reasons."""
@@ -54,20 +45,11 @@ class Voters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spots:
-    """n points on the map that are compared as places.
+    """n points on the map that are compared as places."""
 
-    Attributes
-    ----------
-    position : (n, 2) float64
-        Map pixels.
-    area : (n,) int64
-        The number of an area, or -1.
-    floor : (n,) int64
-        Ids of their floors; by default all are on one.
-    """
-
-    position: Array
-    area: NDArray[np.int64]
+    position: Array  # (n, 2) float64. Map pixels.
+    area: NDArray[np.int64]  # (n,) int64. The number of an area, or -1.
+    # (n,) int64. Ids of their floors; by default all are on one.
     floor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def __post_init__(self) -> None:
@@ -94,15 +76,11 @@ def nearness(first: Spots, second: Spots, *, reach_px: float) -> Array:
 def support(indexed: IndexedMap, voters: Voters, *, at: Spots, reach: float) -> Array:
     """Compute the share of the squared votes around spots, summed over the photos of a place.
 
-    Parameters
-    ----------
-    reach : float
-        Standard deviation of the window, place radii.
+    Args:
+        reach: Standard deviation of the window, place radii.
 
-    Returns
-    -------
-    (m,) float64
-        0 to 1.
+    Returns:
+        (m,) float64: 0 to 1.
     """
     squared = voters.votes**2
     if not squared.any():
@@ -128,15 +106,12 @@ def chance_support(indexed: IndexedMap, voters: Voters, *, reach: float) -> floa
 def similarity_around(indexed: IndexedMap, alike: Array | None, *, at: Spots) -> Array:
     """Compute the highest similarity of the photos around spots, by global descriptors.
 
-    Parameters
-    ----------
-    alike : (p,) float64 or None
-        Standard scores of the map's photos, -inf for those that are left out; None without a model.
+    Args:
+        alike: (p,) float64 or None. Standard scores of the map's photos, -inf for those that are left out;
+            None without a model.
 
-    Returns
-    -------
-    (m,) float64
-        Not negative; 0 if no photo around is more similar than the mean, and without a model.
+    Returns:
+        (m,) float64: Not negative; 0 if no photo around is more similar than the mean, and without a model.
     """
     if alike is None:
         return np.zeros(len(at.area))
@@ -156,21 +131,15 @@ def evidence_vectors(
 ) -> NDArray[np.float64]:
     """Compute the evidence of each place, from which its probability follows.
 
-    Parameters
-    ----------
-    at : Spots
-        The h places.
-    score : sequence of float
-        Score of the pose at each, in photos that agree; 0 without a pose.
-    alike : (p,) float64, optional
-        Standard scores of the map's photos by their global descriptors.
+    Args:
+        at: The h places.
+        score: Score of the pose at each, in photos that agree; 0 without a pose.
+        alike: (p,) float64. Standard scores of the map's photos by their global descriptors.
 
-    Returns
-    -------
-    (h, EVIDENCE) float64
-        Logarithms: of the score; of the support close to the place and in its surroundings, each over that by
-        chance; of the trust in the photos around it; of the most votes of a photo over the median; of the
-        similarity of the most similar photo around it, 0 without a model.
+    Returns:
+        (h, EVIDENCE) float64: Logarithms: of the score; of the support close to the place and in its
+            surroundings, each over that by chance; of the trust in the photos around it; of the most votes of
+            a photo over the median; of the similarity of the most similar photo around it, 0 without a model.
     """
     if not len(at.area):
         return np.zeros((0, EVIDENCE))

@@ -68,15 +68,11 @@ def find_by_landmarks(
 ) -> PlaceSearch:
     """Find the places where a photo may have been taken, by the landmarks that it shows.
 
-    Parameters
-    ----------
-    indexed : IndexedMap
-        Indexed with the features of the cloud: SIFT.
-    fov_deg : float
-        Horizontal field of view of the upright query.
-    hide : collection of int
-        Experience ids to leave out. Landmarks that fewer than two other photos see are left out, too; the
-        positions of the remaining landmarks were estimated with the hidden photos.
+    Args:
+        indexed: Indexed with the features of the cloud: SIFT.
+        fov_deg: Horizontal field of view of the upright query.
+        hide: Experience ids to leave out. Landmarks that fewer than two other photos see are left out, too;
+            the positions of the remaining landmarks were estimated with the hidden photos.
     """
     clock = [time.perf_counter()]
     retrieved = retrieve(indexed, query, hide=hide)

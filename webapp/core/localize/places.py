@@ -31,26 +31,18 @@ _SCHEMATIC_SIGMA = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedPhoto:
-    """A shortlisted photo after geometric verification.
-
-    Attributes
-    ----------
-    query_ray, photo_ray : (m, 3) float64
-        Rays of its matches in the camera frames, at depth 1.
-    inverse_depth, sigma : (m,) float64
-        Inverse depths of the matched points in the photo's frame, per map pixel, and their standard
-        deviations; NaN where unknown.
-    ray_sigma : (float, float)
-        Standard deviations of the query's and the photo's rays at depth 1.
-    """
+    """A shortlisted photo after geometric verification."""
 
     matched: ShortlistedPhoto
     pose: RelativePose | NoPose
+    # `query_ray`, `photo_ray`: (m, 3) float64. Rays of its matches in the camera frames, at depth 1.
     query_ray: NDArray[np.float64]
     photo_ray: NDArray[np.float64]
+    # `inverse_depth`, `sigma`: (m,) float64. Inverse depths of the matched points in the photo's frame, per
+    # map pixel, and their standard deviations; NaN where unknown.
     inverse_depth: NDArray[np.float64]
     sigma: NDArray[np.float64]
-    ray_sigma: tuple[float, float]
+    ray_sigma: tuple[float, float]  # Standard deviations of the query's and the photo's rays at depth 1
 
     @classmethod
     def by_votes(cls, listed: ShortlistedPhoto) -> VerifiedPhoto:
@@ -71,39 +63,18 @@ class VerifiedPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCandidate:
-    """A candidate place, without probability.
+    """A candidate place, without probability."""
 
-    Attributes
-    ----------
-    kind : {"position", "photo", "area"}
-    heading : float or None
-        Radians.
-    sigma_px : float
-        Uncertainty of the estimate itself, before calibration.
-    photos : list of VerifiedPhoto
-        Photos that support it, the best first.
-    score : float
-        Sum of the trust in the photos that agree on it.
-    anchor : MapPixel
-        Position of the best-matching of these photos.
-    area : int
-        Number of the area; -1 for a place in none.
-    camera : CameraPose or None
-        Height and orientation of the camera, if solved from landmarks.
-    floor : int
-        Id of its floor.
-    """
-
-    kind: Literal["position", "photo", "area"]
+    kind: Literal["position", "photo", "area"]  #
     position: MapPixel
-    heading: float | None
-    sigma_px: float
-    photos: list[VerifiedPhoto]
-    score: float
-    anchor: MapPixel
-    area: int = -1
-    camera: CameraPose | None = None
-    floor: int = BASE_FLOOR
+    heading: float | None  # Radians
+    sigma_px: float  # Uncertainty of the estimate itself, before calibration
+    photos: list[VerifiedPhoto]  # Photos that support it, the best first
+    score: float  # Sum of the trust in the photos that agree on it
+    anchor: MapPixel  # Position of the best-matching of these photos
+    area: int = -1  # Number of the area; -1 for a place in none
+    camera: CameraPose | None = None  # Height and orientation of the camera, if solved from landmarks
+    floor: int = BASE_FLOOR  # Id of its floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,19 +117,14 @@ def estimate_places(
 ) -> list[PlaceCandidate]:
     """Cluster the photos of the shortlist into candidate places.
 
-    Parameters
-    ----------
-    further : sequence of VerifiedPhoto
-        Photos that have only votes.
-    alike : (p,) float64, optional
-        Standard scores of the map's photos by their global descriptors.
+    Args:
+        further: Photos that have only votes.
+        alike: (p,) float64. Standard scores of the map's photos by their global descriptors.
 
-    Returns
-    -------
-    list of PlaceCandidate
+    Returns:
         Those from geometry first, then others by votes and similarity around them until there are eight
-        places, or half as many as checked photos if that is more. Places of one floor are more than a
-        minimum distance apart (`tuning.places.apart` place radii).
+            places, or half as many as checked photos if that is more. Places of one floor are more than a
+            minimum distance apart (`tuning.places.apart` place radii).
     """
     places: list[PlaceCandidate] = []
     by_pose, by_bearing = _by_floor(indexed, checked)

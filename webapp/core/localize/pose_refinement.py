@@ -36,28 +36,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
-    """A pose of the query that explains many matches.
+    """A pose of the query that explains many matches."""
 
-    Attributes
-    ----------
-    x, y : float
-        Map pixels.
-    heading : float
-        Radians clockwise from up.
-    score : float
-        Approximate number of photos that agree.
-    covariance_px2 : (2, 2) float64
-        Of (x, y), from the matches alone, as if their errors were independent.
-    agreement : (n,) float64
-        Agreement of each view, 0 to 1.
-    """
-
+    # `x`, `y`: Map pixels.
     x: float
     y: float
-    heading: float
-    score: float
+    heading: float  # Radians clockwise from up
+    score: float  # Approximate number of photos that agree
+    # (2, 2) float64. Of (x, y), from the matches alone, as if their errors were independent.
     covariance_px2: Array
-    agreement: Array
+    agreement: Array  # (n,) float64. Agreement of each view, 0 to 1.
 
 
 def estimate_poses(
@@ -70,18 +58,12 @@ def estimate_poses(
 ) -> list[PoseEstimate]:
     """Estimate poses of the query.
 
-    Parameters
-    ----------
-    views : sequence of VerifiedView
-        n verified photos.
-    position : (p, 2) float64
-        Positions of the map's photos, map pixels.
-    extrinsics : MapExtrinsics
-        Of the map's photos.
+    Args:
+        views: n verified photos.
+        position: (p, 2) float64. Positions of the map's photos, map pixels.
+        extrinsics: Of the map's photos.
 
-    Returns
-    -------
-    list of PoseEstimate
+    Returns:
         The best first; empty if no photo of known extrinsics was verified.
     """
     world = extrinsics.centres(position)
@@ -144,12 +126,9 @@ def _initial_poses(
 def _distance_from_depths(view: VerifiedView, photo: Array, to_query: Array) -> list[float]:
     """Estimate the distance from a photo to the query as a weighted median over the known depths.
 
-    Parameters
-    ----------
-    photo : (3, 3) float64
-        Rotation, photo's camera from world.
-    to_query : (3,) float64
-        Direction, world.
+    Args:
+        photo: (3, 3) float64. Rotation, photo's camera from world.
+        to_query: (3,) float64. Direction, world.
     """
     if not view.has_depths:
         return []

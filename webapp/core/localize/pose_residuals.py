@@ -33,28 +33,18 @@ MIN_DEPTHS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VerifiedView:
-    """A verified photo as input of pose estimation.
+    """A verified photo as input of pose estimation."""
 
-    Attributes
-    ----------
-    photo : int
-        Its number in the map.
-    query_ray, photo_ray : (m, 3) float64
-        Rays of all its matches in the camera frames, at depth 1.
-    inverse_depth, sigma : (m,) float64
-        Inverse depths of the points in the photo's frame, per map pixel, and their standard deviations; NaN
-        where unknown.
-    ray_sigma : (float, float)
-        Standard deviations of the query's and the photo's rays at depth 1.
-    """
-
-    photo: int
+    photo: int  # Its number in the map
     pose: RelativePose
+    # `query_ray`, `photo_ray`: (m, 3) float64. Rays of all its matches in the camera frames, at depth 1.
     query_ray: Array
     photo_ray: Array
+    # `inverse_depth`, `sigma`: (m,) float64. Inverse depths of the points in the photo's frame, per map
+    # pixel, and their standard deviations; NaN where unknown.
     inverse_depth: Array
     sigma: Array
-    ray_sigma: tuple[float, float]
+    ray_sigma: tuple[float, float]  # Standard deviations of the query's and the photo's rays at depth 1
 
     @property
     def has_depths(self) -> bool:
@@ -64,39 +54,22 @@ class VerifiedView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correspondences:
-    """The m matches with all oriented photos, those of known depth first.
+    """The m matches with all oriented photos, those of known depth first."""
 
-    Attributes
-    ----------
-    query : (m, 3) float64
-        Rays in the query's frame.
-    photo : (m, 3) float64
-        Rays of the map's photos, rotated into the world.
-    centre : (m, 3) float64
-        Camera centres of the photos, world.
-    view : (m,) int64
-        Number of the view.
-    inverse_depth, depth_sigma : (d,) float64
-        Of the first d matches: inverse depths in the photos, per map pixel.
-    query_ray_sigma, photo_ray_sigma : (m,) float64
-        Standard deviations of the rays, at depth 1.
-    radius : float
-        The place radius, map pixels.
-    min_depth : float
-        Minimum depth of a matched point, map pixels.
-    """
-
-    query: Array
-    photo: Array
-    centre: Array
-    view: NDArray[np.int64]
+    query: Array  # (m, 3) float64. Rays in the query's frame.
+    photo: Array  # (m, 3) float64. Rays of the map's photos, rotated into the world.
+    centre: Array  # (m, 3) float64. Camera centres of the photos, world.
+    view: NDArray[np.int64]  # (m,) int64. Number of the view.
+    # `inverse_depth`, `depth_sigma`: (d,) float64. Of the first d matches: inverse depths in the photos, per
+    # map pixel.
     inverse_depth: Array
     depth_sigma: Array
+    # `query_ray_sigma`, `photo_ray_sigma`: (m,) float64. Standard deviations of the rays, at depth 1.
     query_ray_sigma: Array
     photo_ray_sigma: Array
     views: int
-    radius: float
-    min_depth: float
+    radius: float  # The place radius, map pixels
+    min_depth: float  # Minimum depth of a matched point, map pixels
 
 
 def collect_correspondences(
@@ -110,14 +83,10 @@ def collect_correspondences(
 ) -> Correspondences:
     """Collect the matches of the usable views.
 
-    Parameters
-    ----------
-    usable : list of int
-        Numbers of the views whose photos have extrinsics.
-    world : (p, 3) float64
-        Camera centres of the map's photos.
-    radius, min_depth : float
-        Map pixels.
+    Args:
+        usable: Numbers of the views whose photos have extrinsics.
+        world: (p, 3) float64. Camera centres of the map's photos.
+        radius, min_depth: Map pixels.
     """
     chosen = [views[n] for n in usable]
     lengths = [len(v.query_ray) for v in chosen]
@@ -168,20 +137,11 @@ def _rows(rotation: Array) -> list[_Vectors]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpipolarResidual:
-    """Residuals of m matches across their epipolar lines under s poses; all arrays are (s, m).
+    """Residuals of m matches across their epipolar lines under s poses; all arrays are (s, m)."""
 
-    Attributes
-    ----------
-    value : array
-        Sampson error at depth 1.
-    sigma : array
-        Standard deviation of `value` for a right match.
-    in_front : array
-        1 where the point is in front of both cameras and not too near, or too far to decide; else 0.
-    """
-
-    value: Array
-    sigma: Array
+    value: Array  # array. Sampson error at depth 1.
+    sigma: Array  # array. Standard deviation of `value` for a right match.
+    # array. 1 where the point is in front of both cameras and not too near, or too far to decide; else 0.
     in_front: Array
     _query: _Vectors
     """The query's rays in the world."""
@@ -238,21 +198,11 @@ def epipolar_residual(matches: Correspondences, *, rotation: Array, centre: Arra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthResidual:
-    """Residuals of the d matches of known depth along their epipolar lines; all arrays are (s, d).
+    """Residuals of the d matches of known depth along their epipolar lines; all arrays are (s, d)."""
 
-    Attributes
-    ----------
-    value : array
-        At depth 1.
-    sigma : array
-        Standard deviation of `value` for a right match, from both keypoints and the depth.
-    in_front : array
-        1 where the point is in front of the query; else 0.
-    """
-
-    value: Array
-    sigma: Array
-    in_front: Array
+    value: Array  # array. At depth 1.
+    sigma: Array  # array. Standard deviation of `value` for a right match, from both keypoints and the depth.
+    in_front: Array  # array. 1 where the point is in front of the query; else 0.
     _point: _Vectors
     """Vector from the query to the point, times the inverse depth."""
     _slope: _Vectors

@@ -54,50 +54,25 @@ _FINE = 13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearings:
-    """Bearings from the query to n verified photos.
+    """Bearings from the query to n verified photos."""
 
-    Attributes
-    ----------
-    position : (n, 2) float64
-        Positions of the photos, map pixels.
-    bearing : (n,) float64
-        Radians clockwise from the query's viewing direction.
-    parallax : (n,) float64
-        Radians.
-    weight : (n,) float64
-        Trust in each, 0 to 1.
-    """
-
-    position: NDArray[np.float64]
-    bearing: NDArray[np.float64]
-    parallax: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    position: NDArray[np.float64]  # (n, 2) float64. Positions of the photos, map pixels.
+    bearing: NDArray[np.float64]  # (n,) float64. Radians clockwise from the query's viewing direction.
+    parallax: NDArray[np.float64]  # (n,) float64. Radians.
+    weight: NDArray[np.float64]  # (n,) float64. Trust in each, 0 to 1.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resection:
-    """A position that explains the bearings.
+    """A position that explains the bearings."""
 
-    Attributes
-    ----------
-    x, y : float
-        Map pixels.
-    heading : float
-        Radians clockwise from up.
-    score : float
-        Sum of the weights of the photos that agree.
-    agreement : (n,) float64
-        Agreement of each photo, 0 to 1.
-    sigma_px : float
-        Root mean square distance of the posterior from the position, map pixels.
-    """
-
+    # `x`, `y`: Map pixels.
     x: float
     y: float
-    heading: float
-    score: float
-    agreement: NDArray[np.float64]
-    sigma_px: float
+    heading: float  # Radians clockwise from up
+    score: float  # Sum of the weights of the photos that agree
+    agreement: NDArray[np.float64]  # (n,) float64. Agreement of each photo, 0 to 1.
+    sigma_px: float  # Root mean square distance of the posterior from the position, map pixels
 
 
 def resect(
@@ -105,19 +80,14 @@ def resect(
 ) -> list[Resection]:
     """Find the positions that explain the bearings best.
 
-    Parameters
-    ----------
-    taken_at : (p, 2) float64
-        Positions of the map's photos, map pixels: prior for where queries are taken.
-    place_radius_px : float
-        Scale of the search; solutions nearer to each other than twice this are one, so that the truth
-        is within the radius of only one of them.
-    most : int
-        Maximum number of solutions.
+    Args:
+        taken_at: (p, 2) float64. Positions of the map's photos, map pixels: prior for where queries are
+            taken.
+        place_radius_px: Scale of the search; solutions nearer to each other than twice this are one, so that
+            the truth is within the radius of only one of them.
+        most: Maximum number of solutions.
 
-    Returns
-    -------
-    list of Resection
+    Returns:
         The best first; empty without bearings.
     """
     if not len(bearings.position):

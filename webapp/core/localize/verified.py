@@ -50,21 +50,11 @@ _EVIDENCE_PHOTOS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceSearch:
-    """Result of the search without probabilities, as calibration needs it.
+    """Result of the search without probabilities, as calibration needs it."""
 
-    Attributes
-    ----------
-    places : list of PlaceCandidate
-        The best first.
-    evidence : (h, EVIDENCE) float64
-        Evidence of each place; see `evidence_vectors`.
-    answer : Answer
-        Statistics and seconds, and the reason if there is no place.
-    """
-
-    places: list[PlaceCandidate]
-    evidence: NDArray[np.float64]
-    answer: Answer
+    places: list[PlaceCandidate]  # The best first
+    evidence: NDArray[np.float64]  # (h, EVIDENCE) float64. Evidence of each place; see `evidence_vectors`.
+    answer: Answer  # Statistics and seconds, and the reason if there is no place
 
 
 def with_probabilities(
@@ -72,10 +62,8 @@ def with_probabilities(
 ) -> Answer:
     """Add probabilities to the places found.
 
-    Parameters
-    ----------
-    top : int
-        Maximum number of hypotheses.
+    Args:
+        top: Maximum number of hypotheses.
     """
     if not found.places:
         return found.answer
@@ -110,19 +98,13 @@ def find_places(
 ) -> PlaceSearch:
     """Find the places where a photo may have been taken, by its features.
 
-    Parameters
-    ----------
-    indexed : IndexedMap
-        Its `fov_deg` must be known for every photo.
-    fov_deg : float
-        Horizontal field of view of the upright query.
-    hide : collection of int
-        Experience ids to leave out.
-    closer : collection of int
-        Experience ids, the best of which are verified, too, if none of them is in the shortlist.
-    depths : KeypointDepths or DepthsExcluding, optional
-        Depths without observations from hidden photos. By default those of the map, and none if photos are
-        hidden.
+    Args:
+        indexed: Its `fov_deg` must be known for every photo.
+        fov_deg: Horizontal field of view of the upright query.
+        hide: Experience ids to leave out.
+        closer: Experience ids, the best of which are verified, too, if none of them is in the shortlist.
+        depths: Depths without observations from hidden photos. By default those of the map, and none if
+            photos are hidden.
     """
     clock = [time.perf_counter()]
     retrieved = retrieve(indexed, query, hide=hide)
@@ -193,14 +175,11 @@ _MIN_ROLL_DEG = 5.0
 def _roll_correction(askew_deg: float) -> NDArray[np.float64]:
     """Compute the rotation about the line of sight that levels the frame of a rolled query.
 
-    Parameters
-    ----------
-    askew_deg : float
-        As from `mean_turn_deg`.
+    Args:
+        askew_deg: As from `mean_turn_deg`.
 
-    Returns
-    -------
-    (3, 3) float64
+    Returns:
+        (3, 3) float64
     """
     turn = math.radians(askew_deg) if abs(askew_deg) > _MIN_ROLL_DEG else 0.0
     cos, sin = math.cos(turn), math.sin(turn)

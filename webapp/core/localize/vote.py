@@ -22,18 +22,13 @@ from webapp.core.retrieval.indexed import Candidates, IndexedMap, candidates
 def localize(indexed: IndexedMap, query: Features, *, top: int, hide: Collection[int] = ()) -> Answer:
     """Localize a photo by its features.
 
-    Parameters
-    ----------
-    top : int
-        Maximum number of hypotheses.
-    hide : collection of int
-        Experience ids to leave out.
+    Args:
+        top: Maximum number of hypotheses.
+        hide: Experience ids to leave out.
 
-    Returns
-    -------
-    Answer
+    Returns:
         One hypothesis per experience; without radius and off-map probability, which the method does not
-        estimate. Without any match `no_pose` has the reason.
+            estimate. Without any match `no_pose` has the reason.
     """
     found = candidates(indexed, query.descriptors, k=1, hide=hide)
     distance, photo = found.distance[:, 0], found.photo[:, 0]
@@ -73,12 +68,9 @@ def _of_experiences(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Add up the votes of the views of each panorama.
 
-    Returns
-    -------
-    votes : (p,) int64
-        Votes of each photo's experience.
-    best : (e,) int64
-        Photo of each experience with most votes, in the map's order.
+    Returns:
+        votes: (p,) int64. Votes of each photo's experience.
+        best: (e,) int64. Photo of each experience with most votes, in the map's order.
     """
     ids, mine = np.unique(experiences_of(indexed.ids), return_inverse=True)
     together = np.bincount(mine, weights=votes, minlength=len(ids)).astype(np.int64)

@@ -58,57 +58,33 @@ class PhotoLine:
 
 @dataclass(frozen=True, slots=True)
 class FileFacts:
-    """State of the file of a photo or of the satellite image in the map's folder.
+    """State of the file of a photo or of the satellite image in the map's folder."""
 
-    Attributes
-    ----------
-    state : {"ok", "missing", "unreadable", "outside"}
-        "outside": a link leads out of the map's folder.
-    reason : str
-        Why it is unreadable, or the target of the link.
-    actual : str or None
-        A name in the folder that differs only in spelling, if there is one.
-    gps : MapPixel or None
-        Its GPS position, on the map.
-    """
-
+    # "outside": a link leads out of the map's folder.
     state: Literal["ok", "missing", "unreadable", "outside"]
-    reason: str = ""
-    actual: str | None = None
-    gps: MapPixel | None = None
+    reason: str = ""  # Why it is unreadable, or the target of the link
+    actual: str | None = None  # A name in the folder that differs only in spelling, if there is one
+    gps: MapPixel | None = None  # Its GPS position, on the map
 
 
 @dataclass(frozen=True, slots=True)
 class FolderFacts:
-    """Contents of the folder of a map.
-
-    Attributes
-    ----------
-    satellite_size : (int, int) or None
-        Actual width and height of the satellite image, pixels.
-    photos : mapping of str to FileFacts
-        By the name in the `.cfg`; a name without facts is not checked.
-    orphans : sequence of str
-        Photos in the folder that the map does not name.
-    """
+    """Contents of the folder of a map."""
 
     satellite: FileFacts
-    satellite_size: tuple[int, int] | None = None
+    satellite_size: tuple[int, int] | None = None  # Actual width and height of the satellite image, pixels
+    # By the name in the `.cfg`; a name without facts is not checked.
     photos: Mapping[str, FileFacts] = field(default_factory=dict)
-    orphans: Sequence[str] = ()
+    orphans: Sequence[str] = ()  # Photos in the folder that the map does not name
 
 
 def check_lines(image: ImageLine | None, photos: Sequence[PhotoLine]) -> list[Finding]:
     """Check the lines against each other: duplicate ids and photos, positions outside, swapped x and y.
 
-    Parameters
-    ----------
-    image : ImageLine or None
-        None when the first line could not be read.
+    Args:
+        image: None when the first line could not be read.
 
-    Returns
-    -------
-    list of Finding
+    Returns:
         The errors among them make a `.cfg` unreadable.
     """
     found = [*_duplicate_ids(photos), *_duplicate_photos(photos)]

@@ -17,22 +17,15 @@ def gather(positions: Mapping[int, MapPixel], *, radius_px: float) -> dict[int, 
     The photo with the most others within the radius forms a cluster with them, then the next of those left.
     No photo moves farther than twice the radius, however dense the map. The order of photos has no influence.
 
-    Parameters
-    ----------
-    positions : mapping of int to MapPixel
-        By id.
-    radius_px : float
-        Above 0, map pixels.
+    Args:
+        positions: By id.
+        radius_px: Above 0, map pixels.
 
-    Returns
-    -------
-    dict of int to MapPixel
+    Returns:
         The mean of each cluster, by id; inside the hull of the positions.
 
-    Raises
-    ------
-    UsageError
-        The radius is not a positive finite number.
+    Raises:
+        UsageError: The radius is not a positive finite number.
     """
     if not (math.isfinite(radius_px) and radius_px > 0):
         raise UsageError(f"{radius_px} is not a radius", hint="give a positive number of pixels")

@@ -17,42 +17,24 @@ _MOST_HEIGHT_M = 20_000.0
 
 
 class PhotoClick(NamedTuple):
-    """Position of a control point in a photo.
+    """Position of a control point in a photo."""
 
-    Attributes
-    ----------
-    photo : int
-        Id of the photo.
-    x, y : float
-        From the top left corner, as fractions of the width and height of the upright photo; 0 to 1.
-    """
-
-    photo: int
+    photo: int  # Id of the photo
+    # `x`, `y`: From the top left corner, as fractions of the width and height of the upright photo; 0 to 1.
     x: float
     y: float
 
 
 @dataclass(frozen=True, slots=True)
 class GroundControlPoint:
-    """A named spot in the world.
-
-    Attributes
-    ----------
-    position : MapPixel or None
-        None while its position on the map is unknown.
-    clicks : tuple of PhotoClick
-        At most one per photo, by id.
-    accuracy_m : float or None
-        Standard deviation of its position along each axis; None means one pixel of the map.
-    height_m : float or None
-        In metres above any reference level common to all points of the map.
-    """
+    """A named spot in the world."""
 
     name: str
-    position: MapPixel | None = None
-    clicks: tuple[PhotoClick, ...] = ()
+    position: MapPixel | None = None  # None while its position on the map is unknown
+    clicks: tuple[PhotoClick, ...] = ()  # At most one per photo, by id
+    # Standard deviation of its position along each axis; None means one pixel of the map.
     accuracy_m: float | None = None
-    height_m: float | None = None
+    height_m: float | None = None  # In metres above any reference level common to all points of the map
 
 
 def name_problem(name: str) -> str | None:

@@ -63,26 +63,15 @@ WARNINGS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A problem, its place, and how to fix it.
-
-    Attributes
-    ----------
-    line, column : int
-        Both from 1; the column counts characters.
-    message : str
-        The problem, in one sentence.
-    fix : str
-        What to do, with the corrected line if there is one.
-    file : str
-        Relative to the map's folder; empty for the `.cfg` itself.
-    """
+    """A problem, its place, and how to fix it."""
 
     code: Code
+    # `line`, `column`: Both from 1; the column counts characters.
     line: int
     column: int
-    message: str
-    fix: str
-    file: str = ""
+    message: str  # The problem, in one sentence
+    fix: str  # What to do, with the corrected line if there is one
+    file: str = ""  # Relative to the map's folder; empty for the `.cfg` itself
 
     @property
     def severity(self) -> Literal["error", "warning"]:

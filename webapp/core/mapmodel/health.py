@@ -24,23 +24,15 @@ _ONE_SIDE_DEG = 120.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoHealth:
-    """The state of one photo.
-
-    Attributes
-    ----------
-    state : {"confusable", "lonely", "one-direction", "good"}
-        Confusable: localized at a wrong place with high probability. Lonely: not recognised by any photo near
-        it. One-direction: all photos of its place look to one side.
-    taken_for : int or None
-        The best-matching photo at the wrong place.
-    probability : float or None
-        Of the wrong place.
-    """
+    """The state of one photo."""
 
     id: int
+    # "confusable", "lonely", "one-direction" or "good". Confusable: localized at a wrong place with high
+    # probability. Lonely: not recognised by any photo near it. One-direction: all photos of its place look to
+    # one side.
     state: State
-    taken_for: int | None = None
-    probability: float | None = None
+    taken_for: int | None = None  # The best-matching photo at the wrong place
+    probability: float | None = None  # Of the wrong place
 
 
 def judge(
@@ -48,16 +40,12 @@ def judge(
 ) -> list[PhotoHealth]:
     """Judge photos by their localization while they were hidden from the map.
 
-    Parameters
-    ----------
-    experiences : sequence of Experience
-        All of the map.
-    answers : mapping of int to sequence of Answer
-        By id: first the answer with the photo itself hidden, then others with its whole place hidden.
+    Args:
+        experiences: All of the map.
+        answers: By id: first the answer with the photo itself hidden, then others with its whole place
+            hidden.
 
-    Returns
-    -------
-    list of PhotoHealth
+    Returns:
         Of those with answers, in the order of the map.
     """
     judged = []

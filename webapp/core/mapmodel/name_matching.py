@@ -16,20 +16,11 @@ _MOST_PARTS = 10
 
 @dataclass(frozen=True, slots=True)
 class NameMatch:
-    """The photos that the names of a list refer to.
+    """The photos that the names of a list refer to."""
 
-    Attributes
-    ----------
-    photo : dict of str to int
-        Id of the photo, by the list's name.
-    unknown : tuple of str
-        Names that match no photo, or one that another name matches better.
-    ambiguous : tuple of str
-        Names that match several photos equally well, or the same photo as another name.
-    """
-
-    photo: dict[str, int]
-    unknown: tuple[str, ...]
+    photo: dict[str, int]  # Id of the photo, by the list's name
+    unknown: tuple[str, ...]  # Names that match no photo, or one that another name matches better
+    # Names that match several photos equally well, or the same photo as another name.
     ambiguous: tuple[str, ...]
 
 
@@ -39,12 +30,10 @@ def match_names(names: Iterable[str], photos: Iterable[tuple[int, Sequence[str]]
     A photo is found by its file name; if several share it, by as many parent folders as needed, up to nine.
     The other folders are ignored, as those of the list may differ from those of the photos.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Paths, with slashes of either kind.
-    photos : iterable of (int, sequence of str)
-        Id and names of each photo: the original one, and that in the map.
+    Args:
+        names: Paths, with slashes of either kind.
+        photos: iterable of (int, sequence of str). Id and names of each photo: the original one, and that in
+            the map.
     """
     photos_at: dict[_Ending, set[int]] = defaultdict(set)
     endings_of: dict[int, set[_Ending]] = {}

@@ -29,15 +29,9 @@ _DIGITS = 5
 
 @dataclass(frozen=True, slots=True)
 class Panorama:
-    """A photo that shows the whole sphere; its heading is that of its middle.
+    """A photo that shows the whole sphere; its heading is that of its middle."""
 
-    Attributes
-    ----------
-    masked : tuple of BlurBox
-        Parts that are not used for recognition: the robot, the sky.
-    """
-
-    masked: tuple[BlurBox, ...] = ()
+    masked: tuple[BlurBox, ...] = ()  # Parts that are not used for recognition: the robot, the sky
 
     def views(self) -> tuple[LevelView, ...]:
         """Return the level views into which it is cut."""
@@ -46,18 +40,10 @@ class Panorama:
 
 @dataclass(frozen=True, slots=True)
 class LevelView:
-    """A level perspective view of a panorama.
+    """A level perspective view of a panorama."""
 
-    Attributes
-    ----------
-    turn_deg : int
-        Clockwise turn from the middle of the panorama.
-    masked : tuple of BlurBox
-        Masked parts of the panorama.
-    """
-
-    turn_deg: int
-    masked: tuple[BlurBox, ...] = ()
+    turn_deg: int  # Clockwise turn from the middle of the panorama
+    masked: tuple[BlurBox, ...] = ()  # Masked parts of the panorama
 
     @property
     def key(self) -> str:
@@ -98,11 +84,9 @@ def band(*, lowest_deg: float = 90.0, highest_deg: float = 90.0) -> tuple[BlurBo
 def boxes_of_mask(used: NDArray[np.bool_]) -> tuple[BlurBox, ...]:
     """Cover the unused part of a mask by boxes.
 
-    Parameters
-    ----------
-    used : (h, w) bool
-        Of the whole panorama: the part to use. It is sampled to cells of at least one degree and one pixel; a
-        cell that is partly unused counts as unused.
+    Args:
+        used: (h, w) bool. Of the whole panorama: the part to use. It is sampled to cells of at least one
+            degree and one pixel; a cell that is partly unused counts as unused.
     """
     rows, columns = (min(own, most) for own, most in zip(used.shape, _MOST_CELLS[::-1], strict=True))
     high, wide = used.shape

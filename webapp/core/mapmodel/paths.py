@@ -28,14 +28,10 @@ class NameProblem(NamedTuple):
 def name_problem(name: str) -> NameProblem | None:
     """Return why `name` cannot be the path of a photo or image in a map.
 
-    Parameters
-    ----------
-    name : str
-        Path relative to the map's folder, as in the `.cfg`.
+    Args:
+        name: Path relative to the map's folder, as in the `.cfg`.
 
-    Returns
-    -------
-    NameProblem or None
+    Returns:
         None if the name is valid. Whether the file exists is not checked.
     """
     return _unwritable(name) or _unsafe(name)

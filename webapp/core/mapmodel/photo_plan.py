@@ -54,28 +54,16 @@ _FAILED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PlannedSpot:
-    """A spot where photos should be taken.
+    """A spot where photos should be taken."""
 
-    Attributes
-    ----------
-    position : tuple of (float, float)
-        In the units of the photos.
-    headings_deg : tuple of float
-        The most useful first; empty if no heading of the map's photos is known.
-    gain : float
-        Expected growth of the recognised share of the area.
-    reason : {"not-recognised", "one-direction", "direction", "few-photos"}
-        Photos with this heading were not recognised; all photos nearby look to one side; none has this
-        heading; there are few photos nearby, or none.
-    photos : tuple of int
-        Numbers of the photos that the reason refers to, the nearest first.
-    """
-
-    position: tuple[float, float]
-    headings_deg: tuple[float, ...]
-    gain: float
+    position: tuple[float, float]  # In the units of the photos
+    headings_deg: tuple[float, ...]  # The most useful first; empty if no heading of the map's photos is known
+    gain: float  # Expected growth of the recognised share of the area
+    # "not-recognised", "one-direction", "direction" or "few-photos". Photos with this heading were not
+    # recognised; all photos nearby look to one side; none has this heading; there are few photos nearby, or
+    # none.
     reason: Reason
-    photos: tuple[int, ...]
+    photos: tuple[int, ...]  # Numbers of the photos that the reason refers to, the nearest first
 
 
 def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> list[PlannedSpot]:
@@ -108,10 +96,8 @@ def plan_spots(grid: RecognitionGrid, photos: PhotoTrials, *, count: int) -> lis
 def _take(missing: Array, at: Array, *, around: Array, directed: bool) -> tuple[list[int], float]:
     """Choose photos at a spot and update `missing` in place; return their directions and total gain.
 
-    Parameters
-    ----------
-    at : (c, DIRECTIONS) float64
-        Weight of each cell and direction for the spot.
+    Args:
+        at: (c, DIRECTIONS) float64. Weight of each cell and direction for the spot.
     """
     most, worth = (_MOST_HEADINGS, _WORTH_TURNING) if directed else (DIRECTIONS, 0.0)
     headings: list[int] = []
@@ -187,15 +173,11 @@ def _without_detours(walk: list[int], apart: Array) -> list[int]:
 def _saved(apart: Array) -> Array:
     """Return by how much a walk gets shorter if the part from a first to a last point is reversed.
 
-    Parameters
-    ----------
-    apart : (n, n) float64
-        Distances, in the order of the walk.
+    Args:
+        apart: (n, n) float64. Distances, in the order of the walk.
 
-    Returns
-    -------
-    (n, n) float64
-        By the first and the last one; 0 where the last one is not after the first.
+    Returns:
+        (n, n) float64: By the first and the last one; 0 where the last one is not after the first.
     """
     step = np.diagonal(apart, 1)
     saved = np.zeros_like(apart)

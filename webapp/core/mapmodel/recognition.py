@@ -59,23 +59,12 @@ _COARSER = 1.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoTrials:
-    """The photos of a map, and whether each was recognised while hidden.
+    """The photos of a map, and whether each was recognised while hidden."""
 
-    Attributes
-    ----------
-    position : (n, 2) float64
-        On the image, in a unit of constant length.
-    heading_deg : (n,) float64
-        Clockwise from north; NaN where it is not known.
-    success : (n,) float64
-        Between 0 and 1; NaN for a photo that was not tried.
-    photo : (n,) int64
-        Id of the photo: a panorama is several rows, one for each direction.
-    """
-
-    position: Array
-    heading_deg: Array
-    success: Array
+    position: Array  # (n, 2) float64. On the image, in a unit of constant length.
+    heading_deg: Array  # (n,) float64. Clockwise from north; NaN where it is not known.
+    success: Array  # (n,) float64. Between 0 and 1; NaN for a photo that was not tried.
+    # (n,) int64. Id of the photo: a panorama is several rows, one for each direction.
     photo: NDArray[np.int64]
 
 
@@ -96,49 +85,26 @@ class Rectangle:
 
 @dataclass(frozen=True, slots=True)
 class RecognitionKernel:
-    """Probability of recognition by distance from a photo.
+    """Probability of recognition by distance from a photo."""
 
-    Attributes
-    ----------
-    probability : float
-        At its own position, in its own direction.
-    length : float
-        Standard deviation of the Gaussian kernel of distance.
-    """
-
-    probability: float
-    length: float
+    probability: float  # At its own position, in its own direction
+    length: float  # Standard deviation of the Gaussian kernel of distance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecognitionGrid:
-    """Recognition on square cells: those near photos and those of the requested area.
+    """Recognition on square cells: those near photos and those of the requested area."""
 
-    Attributes
-    ----------
-    cell : (c, 2) float64
-        Centres of the cells.
-    side : float
-        Side of a cell.
-    reach : float
-        Distance from photos within which people walk.
-    kernel : RecognitionKernel
-    factor : (c, DIRECTIONS) float64
-        Factor of the support by photos.
-    mean, sigma : (c, DIRECTIONS) float64
-        Share of photos that are recognised, and its standard deviation.
-    wanted : (c,) bool
-        Cells of the requested area.
-    """
-
-    cell: Array
-    side: float
-    reach: float
+    cell: Array  # (c, 2) float64. Centres of the cells.
+    side: float  # Side of a cell
+    reach: float  # Distance from photos within which people walk
     kernel: RecognitionKernel
-    factor: Array
+    factor: Array  # (c, DIRECTIONS) float64. Factor of the support by photos.
+    # `mean`, `sigma`: (c, DIRECTIONS) float64. Share of photos that are recognised, and its standard
+    # deviation.
     mean: Array
     sigma: Array
-    wanted: NDArray[np.bool_]
+    wanted: NDArray[np.bool_]  # (c,) bool. Cells of the requested area.
 
     @property
     def share(self) -> float:
@@ -151,12 +117,9 @@ def estimate_recognition(
 ) -> RecognitionGrid:
     """Estimate recognition within a radius of photos and in the area, never outside of the image.
 
-    Parameters
-    ----------
-    radius : float
-        Distance from photos within which people walk; the place radius of the map.
-    area : Rectangle, optional
-        The requested area; by default all cells near photos.
+    Args:
+        radius: Distance from photos within which people walk; the place radius of the map.
+        area: The requested area; by default all cells near photos.
     """
     side, index = _cells(photos.position, radius=radius, image=image, area=area)
     cell = _middles(index, side)
@@ -188,12 +151,9 @@ def _factor(promised: Array, success: Array, *, weights: tuple[Array, Array]) ->
     The number of photos that recognise a trial is modelled as a Poisson variable, of which a trial only shows
     whether it is zero. A success counts with the expected number, which depends on the factor.
 
-    Parameters
-    ----------
-    promised, success : (n,) float64
-        Support of the trials, and their results.
-    weights : tuple of (c, n) and (n, DIRECTIONS) float64
-        Weights of the trials, by distance and by angle.
+    Args:
+        promised, success: (n,) float64. Support of the trials, and their results.
+        weights: tuple of (c, n) and (n, DIRECTIONS) float64. Weights of the trials, by distance and by angle.
     """
     at, around = weights
     exposure = _PRIOR + at @ (around * promised[:, None])

@@ -24,21 +24,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthObservations:
-    """Observations of keypoint depths by pairs of photos; s of them.
+    """Observations of keypoint depths by pairs of photos; s of them."""
 
-    Attributes
-    ----------
-    photo, row : (s,) int32
-        The keypoint, in ascending order.
-    partner : (s,) int32
-        The other photo of the pair.
-    inverse_depth, sigma : (s,) float64
-        Inverse depth, per map pixel, and its standard deviation.
-    """
-
+    # `photo`, `row`: (s,) int32. The keypoint, in ascending order.
     photo: NDArray[np.int32]
     row: NDArray[np.int32]
-    partner: NDArray[np.int32]
+    partner: NDArray[np.int32]  # (s,) int32. The other photo of the pair.
+    # `inverse_depth`, `sigma`: (s,) float64. Inverse depth, per map pixel, and its standard deviation.
     inverse_depth: Array
     sigma: Array
 
@@ -74,14 +66,10 @@ class DepthsExcluding:
     """Depths without observations from hidden photos, averaged on lookup.
 
     The orientations by which they were triangulated still depend on the hidden photos.
-
-    Attributes
-    ----------
-    hidden : (p,) bool
     """
 
     observations: DepthObservations
-    hidden: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]  # (p,) bool
 
     def lookup(self, photo: int, row: NDArray[np.int64]) -> tuple[Array, Array]:
         """Look up inverse depths of a photo's keypoints (m,) and their sigmas (m,); NaN where unknown."""
@@ -102,14 +90,10 @@ def triangulate_depths(
 ) -> DepthObservations:
     """Triangulate the inliers of each pair.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Map pixels.
-    extrinsics : MapExtrinsics
-        Of the p photos; its depths are not used.
-    ray_sigma : (p,) float64
-        Standard deviation of a keypoint of each photo, at depth 1.
+    Args:
+        position: (p, 2) float64. Map pixels.
+        extrinsics: Of the p photos; its depths are not used.
+        ray_sigma: (p,) float64. Standard deviation of a keypoint of each photo, at depth 1.
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
@@ -155,12 +139,9 @@ def triangulate_depths(
 def _triangulate(one: Array, two: Array, gap: Array) -> tuple[Array, Array]:
     """Intersect the rays (m, 3) of m matches, with baselines `gap` (m, 3), all in the world.
 
-    Returns
-    -------
-    depth : (2, m) float64
-        In each camera, map pixels; negative behind it.
-    sine : (m,) float64
-        Of the angle between the rays.
+    Returns:
+        depth: (2, m) float64. In each camera, map pixels; negative behind it.
+        sine: (m,) float64. Of the angle between the rays.
     """
     normal = np.cross(one, two)
     squared = np.maximum((normal**2).sum(1), 1e-12)
@@ -182,15 +163,12 @@ def _inverse_depth_sigma(
     part of the baseline across that ray. A relative error of the baseline is also a relative error of all
     depths of the pair.
 
-    Parameters
-    ----------
-    ray : (m, 3) float64
-        Rays of the photo whose depths these are, in the world.
-    gap : (m, 3) float64
-    depths, sigmas : two (m,) float64
-        Depths, map pixels, and standard deviations of the rays, in this photo and in its partner.
-    position_sigma_px : float
-        Standard deviation of the distance of two photos on the map.
+    Args:
+        ray: (m, 3) float64. Rays of the photo whose depths these are, in the world.
+        gap: (m, 3) float64
+        depths, sigmas: two (m,) float64. Depths, map pixels, and standard deviations of the rays, in this
+            photo and in its partner.
+        position_sigma_px: Standard deviation of the distance of two photos on the map.
     """
     across = np.linalg.norm(np.cross(gap, ray), axis=1) / np.linalg.norm(ray, axis=1)
     own, other = depths

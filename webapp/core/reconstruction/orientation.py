@@ -53,14 +53,11 @@ def estimate_extrinsics(
 ) -> MapExtrinsics:
     """Estimate rotations and heights of a map's photos, and depths of their keypoints.
 
-    Parameters
-    ----------
-    position : (p, 2) float64
-        Positions of all photos, map pixels.
-    ray_sigma : (p,) float64
-        Standard deviation of a keypoint of each photo, at depth 1; see `IndexedMap.ray_sigmas`.
-    place_radius_px : float
-        Scale of heights.
+    Args:
+        position: (p, 2) float64. Positions of all photos, map pixels.
+        ray_sigma: (p,) float64. Standard deviation of a keypoint of each photo, at depth 1; see
+            `IndexedMap.ray_sigmas`.
+        place_radius_px: Scale of heights.
     """
     apart = np.hypot(*(position[pairs.second] - position[pairs.first]).T) > 0.0
     which = np.flatnonzero(apart)
@@ -96,22 +93,12 @@ def estimate_extrinsics(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Directions:
-    """Directions from photos to others, v = 2 k for k pairs.
+    """Directions from photos to others, v = 2 k for k pairs."""
 
-    Attributes
-    ----------
-    photo : (v,) int64
-    seen : (v, 3) float64
-        Direction to the other camera in the photo's frame.
-    real : (v, 3) float64
-        The same direction in the world, level.
-    weight : (v,) float64
-    """
-
-    photo: NDArray[np.int64]
-    seen: Array
-    real: Array
-    weight: Array
+    photo: NDArray[np.int64]  # (v,) int64
+    seen: Array  # (v, 3) float64. Direction to the other camera in the photo's frame.
+    real: Array  # (v, 3) float64. The same direction in the world, level.
+    weight: Array  # (v,) float64
 
 
 def _baseline_directions(pairs: PhotoPairs, position: Array) -> _Directions:

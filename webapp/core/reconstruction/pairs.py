@@ -25,37 +25,21 @@ _SAME_SPOT_PX = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoPairs:
-    """k pairs of photos, with m matches in all.
+    """k pairs of photos, with m matches in all."""
 
-    Attributes
-    ----------
-    first, second : (k,) int64
-        Numbers of the photos.
-    rotation : (k, 3, 3) float64
-        Second camera from first camera.
-    translation : (k, 3) float64
-        Position of the first camera in the second's frame, scaled to unit length.
-    trust : (k,) float64
-        Trust in the relative pose, 0 to 1.
-    parallax : (k,) float64
-        Median angle between the two rays of a match, radians.
-    start : (k + 1,) int64
-        Matches of pair i are `start[i]` to `start[i + 1]`.
-    row_first, row_second : (m,) int32
-        Keypoint numbers of the inliers in the photos.
-    ray_first, ray_second : (m, 2) float32
-        x and y of their rays at depth 1.
-    """
-
+    # `first`, `second`: (k,) int64. Numbers of the photos.
     first: NDArray[np.int64]
     second: NDArray[np.int64]
-    rotation: NDArray[np.float64]
+    rotation: NDArray[np.float64]  # (k, 3, 3) float64. Second camera from first camera.
+    # (k, 3) float64. Position of the first camera in the second's frame, scaled to unit length.
     translation: NDArray[np.float64]
-    trust: NDArray[np.float64]
-    parallax: NDArray[np.float64]
-    start: NDArray[np.int64]
+    trust: NDArray[np.float64]  # (k,) float64. Trust in the relative pose, 0 to 1.
+    parallax: NDArray[np.float64]  # (k,) float64. Median angle between the two rays of a match, radians.
+    start: NDArray[np.int64]  # (k + 1,) int64. Matches of pair i are `start[i]` to `start[i + 1]`.
+    # `row_first`, `row_second`: (m,) int32. Keypoint numbers of the inliers in the photos.
     row_first: NDArray[np.int32]
     row_second: NDArray[np.int32]
+    # `ray_first`, `ray_second`: (m, 2) float32. x and y of their rays at depth 1.
     ray_first: NDArray[np.float32]
     ray_second: NDArray[np.float32]
 
@@ -138,17 +122,12 @@ def best_of_each_pair(pairs: PhotoPairs) -> PhotoPairs:
 def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArray[np.int64]:
     """Find for each photo the one with which it shares most inliers.
 
-    Parameters
-    ----------
-    photos : int
-        Number of photos in the map.
-    inliers : int
-        Minimum number of inliers.
+    Args:
+        photos: Number of photos in the map.
+        inliers: Minimum number of inliers.
 
-    Returns
-    -------
-    (photos,) int64
-        -1 without a partner.
+    Returns:
+        (photos,) int64: -1 without a partner.
     """
     shared = np.diff(pairs.start)
     order = np.argsort(shared, kind="stable")
@@ -164,14 +143,10 @@ def strongest_partners(pairs: PhotoPairs, *, photos: int, inliers: int) -> NDArr
 def match_photo(indexed: IndexedMap, photo: int, *, matcher: PairMatcher | None = None) -> PhotoPairs:
     """Find the map photos that see the same scene as a given one from another position.
 
-    Parameters
-    ----------
-    indexed : IndexedMap
-        Its `fov_deg` must be known for every photo.
-    photo : int
-        Its number; it is the first photo of every pair.
-    matcher : PairMatcher, optional
-        Matches the photos with most votes, instead of nearest-neighbour matching.
+    Args:
+        indexed: Its `fov_deg` must be known for every photo.
+        photo: Its number; it is the first photo of every pair.
+        matcher: Matches the photos with most votes, instead of nearest-neighbour matching.
     """
     features = indexed.features(photo)
     if features is None or not len(features):

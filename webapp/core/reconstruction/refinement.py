@@ -41,22 +41,15 @@ def refine_extrinsics(
 ) -> tuple[Array, Array]:
     """Refine rotations and heights by all matches.
 
-    Parameters
-    ----------
-    pairs : PhotoPairs
-        Pairs of photos at different positions.
-    position : (p, 2) float64
-        Map pixels.
-    rotation : (p, 3, 3) float64
-        Camera from world, initial values.
-    ray_sigma : (p,) float64
-        Standard deviation of a keypoint of each photo, at depth 1.
+    Args:
+        pairs: Pairs of photos at different positions.
+        position: (p, 2) float64. Map pixels.
+        rotation: (p, 3, 3) float64. Camera from world, initial values.
+        ray_sigma: (p,) float64. Standard deviation of a keypoint of each photo, at depth 1.
 
-    Returns
-    -------
-    rotation : (p, 3, 3) float64
-    height : (p,) float64
-        Downwards, map pixels.
+    Returns:
+        rotation: (p, 3, 3) float64
+        height: (p,) float64. Downwards, map pixels.
     """
     lengths = np.diff(pairs.start)
     first, second = np.repeat(pairs.first, lengths), np.repeat(pairs.second, lengths)
@@ -89,16 +82,10 @@ def refine_extrinsics(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Normal equations of p photos: a rotation vector and the height of each.
+    """Normal equations of p photos: a rotation vector and the height of each."""
 
-    Attributes
-    ----------
-    matrix : (p, 4, 4) float64
-    vector : (p, 4) float64
-    """
-
-    matrix: Array
-    vector: Array
+    matrix: Array  # (p, 4, 4) float64
+    vector: Array  # (p, 4) float64
 
     @classmethod
     def empty(cls, photos: int) -> _Equations:

@@ -23,12 +23,9 @@ def fields_of_view(
 ) -> NDArray[np.float64]:
     """Determine the field of view of each photo: from the map, from its EXIF, as given, or guessed.
 
-    Parameters
-    ----------
-    known : sequence of float or None
-        As stored in the map.
-    photo_of_entry : (e,) int64
-        As in `IndexedMap`.
+    Args:
+        known: As stored in the map.
+        photo_of_entry: (e,) int64. As in `IndexedMap`.
     """
     fov = np.array([math.nan if one is None else one for one in known])
     exif = np.concatenate([s.fov_deg for s in segments])

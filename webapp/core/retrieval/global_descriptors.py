@@ -15,20 +15,11 @@ _BLOCK_ROWS = 2048
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GlobalDescriptors:
-    """The vectors of p photos of a map, and the network that computed them.
-
-    Attributes
-    ----------
-    network : GlobalDescriptor
-    vectors : (n, d) float16
-        Of length 1.
-    row : (p,) int64
-        Row of each photo in `vectors`; -1 if it has none.
-    """
+    """The vectors of p photos of a map, and the network that computed them."""
 
     network: GlobalDescriptor
-    vectors: NDArray[np.float16]
-    row: NDArray[np.int64]
+    vectors: NDArray[np.float16]  # (n, d) float16. Of length 1.
+    row: NDArray[np.int64]  # (p,) int64. Row of each photo in `vectors`; -1 if it has none.
 
     def of(self, photo: int) -> NDArray[np.float32] | None:
         """Look up a photo's vector by the photo's number; (d,), None if it has none."""
@@ -40,16 +31,13 @@ class GlobalDescriptors:
     ) -> NDArray[np.float64]:
         """Compute the similarity of a query to all photos, in standard deviations above the mean.
 
-        Parameters
-        ----------
-        vector : (d,) float32
-        visible : (p,) bool
-            Which photos are compared and included in mean and standard deviation.
+        Args:
+            vector: (d,) float32
+            visible: (p,) bool. Which photos are compared and included in mean and standard deviation.
 
-        Returns
-        -------
-        (p,) float64
-            Standardised cosine similarities; -inf for photos that are not visible or have no vector.
+        Returns:
+            (p,) float64: Standardised cosine similarities; -inf for photos that are not visible or have no
+                vector.
         """
         scores = np.full(len(self.row), -np.inf)
         known = np.flatnonzero(visible & (self.row >= 0))

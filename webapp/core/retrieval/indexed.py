@@ -26,68 +26,38 @@ from webapp.core.tuning import DEFAULT, Tuning
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IndexedMap:
-    """The photos of a map with positions and a search over their descriptors.
+    """The photos of a map with positions and a search over their descriptors."""
 
-    Attributes
-    ----------
-    ids : (p,) int64
-        Experience ids, in the map's order.
-    position : (p, 2) float64
-        Map pixels.
-    fov_deg : (p,) float64
-        Horizontal field of view of the upright photos; NaN if unknown.
-    photo_of_entry : (e,) int64
-        For each photo of each segment, in order, its number in `ids`; -1 if it is no longer in the map.
-    search : DescriptorSearch or TwoStage
-        Over the rows of all segments, in order.
-    place_radius_px : float
-        Maximum error of a right answer.
-    kind : MapKind
-        "schematic" only if stated by the user; otherwise calibration detects that.
-    kind_is_given : bool
-        Whether the user stated the kind.
-    area : (p,) int64
-        Number of each photo's area, -1 if its position is where it was taken; by default all are -1.
-    floor : (p,) int64
-        Id of each photo's floor; by default all are on one.
-    extrinsics : MapExtrinsics or None
-        Extrinsics of the photos and depths of their keypoints, if known.
-    pair_matcher : PairMatcher or None
-        Matches the photos that are verified; its matches replace those of the search.
-    rematched : int or None
-        Number of photos, those with most votes, that it matches at first; None for all.
-    global_descriptors : GlobalDescriptors or None
-        Of the photos, if there is a model.
-    binary : bool
-        Whether descriptors are bit strings.
-    extract_side_px : float
-        Photos are scaled down to this longer side before keypoints are detected.
-    first_row : (e + 1,) int64
-        Rows of entry i are `first_row[i]` to `first_row[i + 1]`; derived from the segments.
-    paths : PathPrior
-        Prior over camera positions; derived from the photos' positions.
-    """
-
-    ids: NDArray[np.int64]
-    position: NDArray[np.float64]
+    ids: NDArray[np.int64]  # (p,) int64. Experience ids, in the map's order.
+    position: NDArray[np.float64]  # (p, 2) float64. Map pixels.
+    # (p,) float64. Horizontal field of view of the upright photos; NaN if unknown.
     fov_deg: NDArray[np.float64]
     segments: Sequence[Segment]
+    # (e,) int64. For each photo of each segment, in order, its number in `ids`; -1 if it is no longer in the
+    # map.
     photo_of_entry: NDArray[np.int64]
-    search: DescriptorSearch | TwoStage
-    place_radius_px: float
-    kind: MapKind = "metric"
-    kind_is_given: bool = False
+    search: DescriptorSearch | TwoStage  # Over the rows of all segments, in order
+    place_radius_px: float  # Maximum error of a right answer
+    kind: MapKind = "metric"  # "schematic" only if stated by the user; otherwise calibration detects that
+    kind_is_given: bool = False  # Whether the user stated the kind
+    # (p,) int64. Number of each photo's area, -1 if its position is where it was taken; by default all are
+    # -1.
     area: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    # (p,) int64. Id of each photo's floor; by default all are on one.
     floor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    # Extrinsics of the photos and depths of their keypoints, if known.
     extrinsics: MapExtrinsics | None = None
+    # Matches the photos that are verified; its matches replace those of the search.
     pair_matcher: PairMatcher | None = None
+    # Number of photos, those with most votes, that it matches at first; None for all.
     rematched: int | None = None
-    global_descriptors: GlobalDescriptors | None = None
-    binary: bool = False
+    global_descriptors: GlobalDescriptors | None = None  # Of the photos, if there is a model
+    binary: bool = False  # Whether descriptors are bit strings
     tuning: Tuning = DEFAULT
-    extract_side_px: float = 800.0
+    extract_side_px: float = 800.0  # Photos are scaled down to this longer side before keypoints are detected
+    # (e + 1,) int64. Rows of entry i are `first_row[i]` to `first_row[i + 1]`; derived from the segments.
     first_row: NDArray[np.int64] = field(init=False)
-    paths: PathPrior = field(init=False)
+    paths: PathPrior = field(init=False)  # Prior over camera positions; derived from the photos' positions
     _entry_of_photo: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -164,15 +134,11 @@ class IndexedMap:
     def ray_sigmas(self, sigma_px: float) -> NDArray[np.float64]:
         """Convert the noise of keypoints to that of rays at depth 1, for each photo; see `Camera.ray_sigma`.
 
-        Parameters
-        ----------
-        sigma_px : float
-            Standard deviation, pixels of the photos as extracted.
+        Args:
+            sigma_px: Standard deviation, pixels of the photos as extracted.
 
-        Returns
-        -------
-        (p,) float64
-            NaN for photos without features.
+        Returns:
+            (p,) float64: NaN for photos without features.
         """
         sigma = np.full(len(self.ids), np.nan)
         for photo in np.flatnonzero(self._entry_of_photo >= 0).tolist():
@@ -191,17 +157,10 @@ class IndexedMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Neighbours of the query's descriptors, and their photos.
+    """Neighbours of the query's descriptors, and their photos."""
 
-    Attributes
-    ----------
-    distance : (n, k) float32
-        Infinite if there is no further neighbour.
-    row, photo : (n, k) int64
-        -1 if there is none.
-    """
-
-    distance: NDArray[np.float32]
+    distance: NDArray[np.float32]  # (n, k) float32. Infinite if there is no further neighbour.
+    # `row`, `photo`: (n, k) int64. -1 if there is none.
     row: NDArray[np.int64]
     photo: NDArray[np.int64]
 
@@ -218,11 +177,9 @@ def candidates(
 ) -> Candidates:
     """Find the k nearest visible map descriptors of each query descriptor.
 
-    Parameters
-    ----------
-    descriptors : (n, d) uint8
-    hide : collection of int
-        Experience ids to leave out, as if they were not in the map.
+    Args:
+        descriptors: (n, d) uint8
+        hide: Experience ids to leave out, as if they were not in the map.
     """
     hidden = np.isin(indexed.ids, np.fromiter(hide, np.int64, len(hide)))
     search = indexed.search

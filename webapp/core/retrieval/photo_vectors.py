@@ -24,26 +24,19 @@ _LEAST_VARIANCE = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
-    """Codebook and projection by which vectors are computed.
-
-    Attributes
-    ----------
-    codebook : Codebook
-    axes : (c * d, `DIMENSIONS`) float32
-        Orthonormal columns, the largest variance first; zero if there were too few photos for more.
-    """
+    """Codebook and projection by which vectors are computed."""
 
     codebook: Codebook
+    # (c * d, `DIMENSIONS`) float32. Orthonormal columns, the largest variance first; zero if there were too
+    # few photos for more.
     axes: NDArray[np.float32]
 
 
 def train(photos: Sequence[NDArray[np.uint8]]) -> Basis:
     """Train a basis.
 
-    Parameters
-    ----------
-    photos : sequence of (n, d) uint8
-        Descriptors of some photos, together at least one.
+    Args:
+        photos: sequence of (n, d) uint8. Descriptors of some photos, together at least one.
     """
     codebook = vlad.train(photos)
     centred = np.stack([_centred(codebook, descriptors) for descriptors in photos])

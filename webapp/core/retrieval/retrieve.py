@@ -21,37 +21,23 @@ from webapp.core.retrieval.similar import standard_scores, with_similar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Retrieved:
-    """The photos of a map that match a query.
+    """The photos of a map that match a query."""
 
-    Attributes
-    ----------
-    nearest : Candidates
-        (n, k): the nearest map descriptors of each query descriptor.
-    found : Candidates
-        Those of them with the dominant rotation.
-    votes : (p,) float64
-        Of all photos.
-    listed, further : list of ShortlistedPhoto
-        The shortlist, and further photos with votes, which are not verified.
-    alike : (p,) float64 or None
-        Standard scores by global descriptors; None without these.
-    """
-
-    nearest: Candidates
-    found: Candidates
-    votes: NDArray[np.float64]
+    nearest: Candidates  # (n, k): the nearest map descriptors of each query descriptor
+    found: Candidates  # Those of them with the dominant rotation
+    votes: NDArray[np.float64]  # (p,) float64. Of all photos.
+    # `listed`, `further`: The shortlist, and further photos with votes, which are not verified.
     listed: list[ShortlistedPhoto]
     further: list[ShortlistedPhoto]
+    # (p,) float64 or None. Standard scores by global descriptors; None without these.
     alike: NDArray[np.float64] | None
 
 
 def retrieve(indexed: IndexedMap, query: Features, *, hide: Collection[int] = ()) -> Retrieved:
     """List the photos with most votes, and those most similar by global descriptors, if there are any.
 
-    Parameters
-    ----------
-    hide : collection of int
-        Experience ids to leave out.
+    Args:
+        hide: Experience ids to leave out.
     """
     tuning = indexed.tuning.retrieval
     nearest = candidates(indexed, query.descriptors, k=tuning.neighbours + 1, hide=hide)

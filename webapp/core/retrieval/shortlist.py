@@ -14,24 +14,14 @@ from webapp.core.retrieval.indexed import Candidates, IndexedMap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShortlistedPhoto:
-    """A map photo and its matches.
+    """A map photo and its matches."""
 
-    Attributes
-    ----------
-    photo : int
-        Its number in the map.
-    votes : float
-        Sum of the weights of its matches.
-    query_row, photo_row : (m,) int64
-        Keypoints of the query, each at most once, and of the photo.
-    query_xy, photo_xy : (m, 2) float32
-        Their pixels in the upright photos.
-    """
-
-    photo: int
-    votes: float
+    photo: int  # Its number in the map
+    votes: float  # Sum of the weights of its matches
+    # `query_row`, `photo_row`: (m,) int64. Keypoints of the query, each at most once, and of the photo.
     query_row: NDArray[np.int64]
     photo_row: NDArray[np.int64]
+    # `query_xy`, `photo_xy`: (m, 2) float32. Their pixels in the upright photos.
     query_xy: NDArray[np.float32]
     photo_xy: NDArray[np.float32]
 
@@ -50,14 +40,10 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
     ones is random. This weak geometric consistency (Jégou et al. 2008) costs almost nothing and removes most
     of the wrong matches before votes are counted.
 
-    Parameters
-    ----------
-    found : Candidates
-        (n, k)
+    Args:
+        found: (n, k)
 
-    Returns
-    -------
-    Candidates
+    Returns:
         Of the same shape, with photos and rows of dropped neighbours set to -1; distances are kept.
     """
     turn, weight = _turns(indexed, query, found=found)
@@ -75,16 +61,11 @@ def filter_by_rotation(indexed: IndexedMap, query: Features, *, found: Candidate
 def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) -> float:
     """Compute the clockwise rotation that aligns the query with the map's photos.
 
-    Parameters
-    ----------
-    query : Features
-        If keypoints have no orientation, all angles are 0, and so is the rotation.
-    found : Candidates
-        (n, k), as from `filter_by_rotation`.
+    Args:
+        query: If keypoints have no orientation, all angles are 0, and so is the rotation.
+        found: (n, k), as from `filter_by_rotation`.
 
-    Returns
-    -------
-    float
+    Returns:
         Degrees, -180 to 180: the weighted mean; 0 without neighbours.
     """
     turn, weight = _turns(indexed, query, found=found)
@@ -94,16 +75,11 @@ def mean_turn_deg(indexed: IndexedMap, query: Features, *, found: Candidates) ->
 def quarter_turns(indexed: IndexedMap, query: Features, *, nearest: Candidates, turn_deg: float) -> int:
     """Count the clockwise quarter turns that bring the query upright, if the keypoints' rotation is clear.
 
-    Parameters
-    ----------
-    nearest : Candidates
-        (n, k), before `filter_by_rotation`.
-    turn_deg : float
-        As from `mean_turn_deg`.
+    Args:
+        nearest: (n, k), before `filter_by_rotation`.
+        turn_deg: As from `mean_turn_deg`.
 
-    Returns
-    -------
-    int
+    Returns:
         0 to 3; 0 if it is not clear.
     """
     turn, weight = _turns(indexed, query, found=nearest)
@@ -134,16 +110,12 @@ def weighted_votes(found: Candidates, photos: int) -> NDArray[np.float64]:
     A vote's weight is how much nearer the neighbour is than the last one of the list, so that indistinctive
     descriptors have little weight.
 
-    Parameters
-    ----------
-    found : Candidates
-        (n, k)
-    photos : int
-        Number of photos in the map.
+    Args:
+        found: (n, k)
+        photos: Number of photos in the map.
 
-    Returns
-    -------
-    (photos,) float64
+    Returns:
+        (photos,) float64
     """
     weight = np.maximum(_yardstick(found) - found.distance, 0.0)
     voted = found.photo >= 0
@@ -155,15 +127,11 @@ def shortlist(
 ) -> list[ShortlistedPhoto]:
     """Select the photos with most votes and collect their matches.
 
-    Parameters
-    ----------
-    votes : (p,) float64
-    most : int
-        Maximum number of photos.
+    Args:
+        votes: (p,) float64
+        most: Maximum number of photos.
 
-    Returns
-    -------
-    list of ShortlistedPhoto
+    Returns:
         Most votes first; only photos with at least one match.
     """
     order = np.argsort(-votes, kind="stable")[:most]
@@ -190,14 +158,10 @@ def rematch_with_network(
 ) -> list[ShortlistedPhoto]:
     """Match the photos of a shortlist with the query by a network; their votes do not change.
 
-    Parameters
-    ----------
-    matcher : PairMatcher
-        For the map's features.
+    Args:
+        matcher: For the map's features.
 
-    Returns
-    -------
-    list of ShortlistedPhoto
+    Returns:
         In the same order.
     """
     found = []

@@ -28,15 +28,12 @@ def standard_scores(
 ) -> NDArray[np.float64] | None:
     """Compare a query with the map's photos by their global descriptors.
 
-    Parameters
-    ----------
-    hide : collection of int
-        Experience ids to leave out.
+    Args:
+        hide: Experience ids to leave out.
 
-    Returns
-    -------
-    (p,) float64 or None
-        As from `GlobalDescriptors.standard_scores`; None if map or query have no global descriptors.
+    Returns:
+        (p,) float64 or None: As from `GlobalDescriptors.standard_scores`; None if map or query have no global
+            descriptors.
     """
     if indexed.global_descriptors is None or query.vector is None:
         return None
@@ -54,20 +51,14 @@ def with_similar(
 ) -> tuple[list[ShortlistedPhoto], list[ShortlistedPhoto]]:
     """Choose the photos to verify by votes and by similarity.
 
-    Parameters
-    ----------
-    voting : sequence of ShortlistedPhoto
-        Most votes first.
-    votes : (p,) float64
-    alike : (p,) float64
-        As from `standard_scores`.
+    Args:
+        voting: Most votes first.
+        votes: (p,) float64
+        alike: (p,) float64. As from `standard_scores`.
 
-    Returns
-    -------
-    listed : list of ShortlistedPhoto
-        The shortlist, by fused ranks. Photos that were not chosen by votes are matched directly.
-    further : list of ShortlistedPhoto
-        The rest of `voting`.
+    Returns:
+        listed: The shortlist, by fused ranks. Photos that were not chosen by votes are matched directly.
+        further: The rest of `voting`.
     """
     tuning = indexed.tuning.retrieval
     similar = np.argsort(-alike, kind="stable")[: tuning.voters]

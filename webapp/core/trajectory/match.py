@@ -21,15 +21,10 @@ _LEAST = 3
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """A position on the track.
-
-    Attributes
-    ----------
-    gap_s : float
-        Time between the two fixes around it; for the position of a single fix, the time to that fix.
-    """
+    """A position on the track."""
 
     position: LatLon
+    # Time between the two fixes around it; for the position of a single fix, the time to that fix.
     gap_s: float
 
 
@@ -46,17 +41,10 @@ class NoMatch:
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """Offset of a clock from the track's.
+    """Offset of a clock from the track's."""
 
-    Attributes
-    ----------
-    offset_s : float
-        To be added to the clock's time.
-    median_m : float
-        Median distance between the photos' own positions and those on the track at the corrected times.
-    """
-
-    offset_s: float
+    offset_s: float  # To be added to the clock's time
+    # Median distance between the photos' own positions and those on the track at the corrected times.
     median_m: float
 
 
@@ -66,18 +54,12 @@ def match(track: FixTrack, times_s: Sequence[float], *, max_gap_s: float) -> lis
     Across a gap longer than `max_gap_s`, before the first and after the last fix, the nearest fix is returned
     if it is at most `max_gap_s` / 2 away: no position is then a worse guess than inside an allowed gap.
 
-    Parameters
-    ----------
-    track : FixTrack
-        Of at least one fix.
-    times_s : sequence of float
-        Seconds since 1970, UTC.
-    max_gap_s : float
-        Longest gap between two fixes over which positions are interpolated, seconds.
+    Args:
+        track: Of at least one fix.
+        times_s: Seconds since 1970, UTC.
+        max_gap_s: Longest gap between two fixes over which positions are interpolated, seconds.
 
-    Returns
-    -------
-    list of Match or NoMatch
+    Returns:
         One for each time.
     """
     return [_at(track, float(t), max_gap_s) for t in times_s]
@@ -89,18 +71,12 @@ def estimate_offset(track: FixTrack, times_s: ArrayLike, *, latlon: ArrayLike) -
     For each photo, the times of the fixes closest to it each propose an offset; the one with the least median
     distance of the photos from the track is chosen.
 
-    Parameters
-    ----------
-    track : FixTrack
-        Of at least one fix.
-    times_s : (n,) float64
-        Of the camera's clock, seconds since 1970.
-    latlon : (n, 2) float64
-        Where the photos were taken, degrees north and east.
+    Args:
+        track: Of at least one fix.
+        times_s: (n,) float64. Of the camera's clock, seconds since 1970.
+        latlon: (n, 2) float64. Where the photos were taken, degrees north and east.
 
-    Returns
-    -------
-    ClockOffset or NoMatch
+    Returns:
         No match with fewer than three photos, or when they lie far from the track.
     """
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)

@@ -13,18 +13,10 @@ from webapp.core.geo.types import LatLon
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixTrack:
-    """Fixes in the order of time.
+    """Fixes in the order of time."""
 
-    Attributes
-    ----------
-    times_s : (n,) float64
-        Seconds since 1970, UTC; strictly ascending.
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
-    """
-
-    times_s: NDArray[np.float64]
-    latlon: NDArray[np.float64]
+    times_s: NDArray[np.float64]  # (n,) float64. Seconds since 1970, UTC; strictly ascending.
+    latlon: NDArray[np.float64]  # (n, 2) float64. Degrees north, degrees east.
 
     def __len__(self) -> int:
         """Count the fixes."""
@@ -34,12 +26,9 @@ class FixTrack:
 def make_track(times_s: Sequence[float], positions: Sequence[LatLon]) -> FixTrack:
     """Sort fixes by time; of several with the same time the first is kept.
 
-    Parameters
-    ----------
-    times_s : sequence of float
-        Seconds since 1970, UTC.
-    positions : sequence of LatLon
-        One for each time.
+    Args:
+        times_s: Seconds since 1970, UTC.
+        positions: One for each time.
     """
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     latlon = np.asarray(positions, dtype=np.float64).reshape(-1, 2)

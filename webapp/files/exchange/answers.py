@@ -15,31 +15,19 @@ from webapp.files.text_file import plain_cell
 
 @dataclass(frozen=True, slots=True)
 class AnswerRow:
-    """The first hypothesis for a photo; fields are None where it has none, or where they are unknown.
+    """The first hypothesis for a photo; fields are None where it has none, or where they are unknown."""
 
-    Attributes
-    ----------
-    id : int
-        Id of the answer.
-    photo : str
-        Name of the photo's file.
-    off_map_probability : float or None
-        Probability that the photo was not taken on the map.
-    floor : str or None
-        Name of the floor; a table has this column only if some row has a floor.
-    """
-
-    id: int
-    photo: str
+    id: int  # Id of the answer
+    photo: str  # Name of the photo's file
     probability: float | None
-    off_map_probability: float | None
+    off_map_probability: float | None  # Probability that the photo was not taken on the map
     x_px: float | None
     y_px: float | None
     lat: float | None
     lon: float | None
     radius_m: float | None
     heading_deg: float | None
-    floor: str | None = None
+    floor: str | None = None  # Name of the floor; a table has this column only if some row has a floor
 
     @property
     def latlon(self) -> LatLon | None:
@@ -50,9 +38,7 @@ class AnswerRow:
 def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
     """Write a header line and a line for each photo; unknown values are empty.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8, as in RFC 4180; text is escaped so that spreadsheets see no formulas.
     """
     text = io.StringIO()
@@ -67,9 +53,7 @@ def format_answers_csv(rows: Sequence[AnswerRow]) -> Iterator[bytes]:
 def format_answers_geojson(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
     """Write a point for each photo; its geometry is null where the position is unknown.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8.
     """
     return write_collection(
@@ -80,9 +64,7 @@ def format_answers_geojson(rows: Sequence[AnswerRow], *, title: str) -> Iterator
 def format_answers_gpx(rows: Sequence[AnswerRow], *, title: str) -> Iterator[bytes]:
     """Write a waypoint, named after the photo, for each photo whose position is known.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8.
     """
     yield DECLARATION.encode()

@@ -31,16 +31,11 @@ _PACKED_CLOCK = re.compile(r"(\d\d)(\d\d)(\d\d)(?:\.(\d+))?")
 def quantity(text: str, *, scale: float, units: Mapping[str, float]) -> float:
     """Parse a number that may be followed by its unit: `98.470 m`.
 
-    Parameters
-    ----------
-    scale : float
-        Factor for numbers without a unit.
-    units : mapping
-        Factors of the accepted units.
+    Args:
+        scale: Factor for numbers without a unit.
+        units: Factors of the accepted units.
 
-    Returns
-    -------
-    float
+    Returns:
         The number times its factor; NaN for anything else, including other units.
     """
     found = _QUANTITY.fullmatch(text)
@@ -55,16 +50,11 @@ def quantity(text: str, *, scale: float, units: Mapping[str, float]) -> float:
 def angle(text: str, *, scale: float, hemispheres: str) -> float:
     """Parse a latitude or longitude to degrees: `50.1`, `0.134°S`, `N50 05.040`, `50° 5' 2.4" N`.
 
-    Parameters
-    ----------
-    scale : float
-        Factor for a plain number.
-    hemispheres : str
-        `NS` or `EW`: the accepted letters, that of negative angles last.
+    Args:
+        scale: Factor for a plain number.
+        hemispheres: `NS` or `EW`: the accepted letters, that of negative angles last.
 
-    Returns
-    -------
-    float
+    Returns:
         Degrees; NaN for anything else.
     """
     try:
@@ -84,9 +74,7 @@ def angle(text: str, *, scale: float, hemispheres: str) -> float:
 def day_order(text: str) -> str | None:
     """Infer from a date whether the day or the month comes first: `dmy` or `mdy`.
 
-    Returns
-    -------
-    str or None
+    Returns:
         `?` where both are possible; None for dates in another order or with dots, and for other text.
     """
     found = _YEAR_LAST.fullmatch(text)
@@ -101,10 +89,9 @@ def day_order(text: str) -> str | None:
 def day_of(text: str, *, order: str) -> date | None:
     """Parse a date; None if it is not one, or its order is unknown.
 
-    Parameters
-    ----------
-    order : {"ymd", "dmy", "mdy", ""}
-        Of dates that end with the year or have six digits. If empty, six digits are `ymd`.
+    Args:
+        order: "ymd", "dmy", "mdy" or "". Of dates that end with the year or have six digits. If empty, six
+            digits are `ymd`.
     """
     try:
         return _day_of(text.strip(), order)
@@ -115,10 +102,8 @@ def day_of(text: str, *, order: str) -> date | None:
 def seconds_of_day(text: str, *, packed: bool = False) -> float:
     """Parse a time of day: `13:03:22.836`, `1:03 PM`; NaN for anything else.
 
-    Parameters
-    ----------
-    packed : bool
-        Whether to accept six digits, `130322.8`, too.
+    Args:
+        packed: Whether to accept six digits, `130322.8`, too.
     """
     text = text.strip()
     found = _CLOCK.fullmatch(text)

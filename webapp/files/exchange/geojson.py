@@ -20,9 +20,7 @@ _DIGITS = 9
 def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iterator[bytes]:
     """Write the photos and notes of a map as points.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. Unknown values are null, as is the geometry of a position without latitude and longitude.
     """
     photos = ([_photo(e, georeference, map_)] for e in map_.experiences)
@@ -32,14 +30,10 @@ def format_geojson(map_: Map, georeference: Georeference, *, title: str) -> Iter
 def write_collection(name: str, features: Iterable[Iterable[str]]) -> Iterator[bytes]:
     """Write a feature collection.
 
-    Parameters
-    ----------
-    features : iterable of iterable of str
-        The text of each feature, in parts.
+    Args:
+        features: The text of each feature, in parts.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8.
     """
     yield f'{{"type":"FeatureCollection","name":{to_json(name)},"features":['.encode("utf-8", "replace")

@@ -31,43 +31,26 @@ _LINES: dict[str, Literal["track", "route"]] = {"trk": "track", "rte": "route"}
 
 @dataclass(slots=True, eq=False)
 class GpxLine:
-    """Header of a track or route, followed by its points; the segments of a track are joined.
+    """Header of a track or route, followed by its points; the segments of a track are joined."""
 
-    Attributes
-    ----------
-    kind : {"track", "route"}
-    number : int
-        Counted from 1 within its kind.
-    name, source : str
-        Set when the reader finds them: before the points, in a valid file. The source is our extension.
-    """
-
-    kind: Literal["track", "route"]
-    number: int
+    kind: Literal["track", "route"]  #
+    number: int  # Counted from 1 within its kind
+    # `name`, `source`: Set when the reader finds them: before the points, in a valid file. The source is our
+    # extension.
     name: str = ""
     source: str = ""
 
 
 class GpxPoint(NamedTuple):
-    """A point of the preceding line; NaN for missing or invalid values.
+    """A point of the preceding line; NaN for missing or invalid values."""
 
-    Attributes
-    ----------
-    time_s : float
-        Seconds since 1970, UTC.
-    lat, lon : float
-        Degrees.
-    course_deg : float
-        Degrees clockwise from north: our extension `heading`, or else `course` of GPX 1.0.
-    var_e, var_n, cov_en : float
-        Our extension `covariance`, square metres.
-    """
-
-    time_s: float
+    time_s: float  # Seconds since 1970, UTC
+    # `lat`, `lon`: Degrees.
     lat: float
     lon: float
     height_m: float
-    course_deg: float
+    course_deg: float  # Degrees clockwise from north: our extension `heading`, or else `course` of GPX 1.0
+    # `var_e`, `var_n`, `cov_en`: Our extension `covariance`, square metres.
     var_e: float = math.nan
     var_n: float = math.nan
     cov_en: float = math.nan
@@ -87,15 +70,11 @@ class GpxWaypoint:
 def read_gpx(file: BinaryIO) -> Iterator[GpxLine | GpxPoint | GpxWaypoint]:
     """Read a GPX file of any size.
 
-    Yields
-    ------
-    GpxLine, GpxPoint or GpxWaypoint
+    Yields:
         Each line before its points. Positions are not checked.
 
-    Raises
-    ------
-    TrackError
-        The XML is malformed, or declares a document type.
+    Raises:
+        TrackError: The XML is malformed, or declares a document type.
     """
     counts = dict.fromkeys((*_LINES, "wpt"), 0)
     line: GpxLine | None = None
@@ -126,16 +105,12 @@ def parse_gpx(data: bytes) -> FixTrack:
 
     Fixes without a time or a valid latitude and longitude are left out; so are routes and waypoints.
 
-    Returns
-    -------
-    FixTrack
+    Returns:
         Has at least two fixes.
 
-    Raises
-    ------
-    TrackError
-        The file is too large or malformed, declares a document type (which can exhaust a reader's memory),
-        or has fewer than two fixes with times.
+    Raises:
+        TrackError: The file is too large or malformed, declares a document type (which can exhaust a reader's
+            memory), or has fewer than two fixes with times.
     """
     if len(data) > MAX_BYTES:
         raise TrackError(

@@ -23,18 +23,11 @@ _OPEN = '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures next to the KML in a KMZ.
+    """Pictures next to the KML in a KMZ."""
 
-    Attributes
-    ----------
-    photos : mapping of int to str
-        Path in the KMZ of the picture of each photo, by id.
-    ground : str or None
-        Path in the KMZ of the satellite image.
-    """
-
+    # Path in the KMZ of the picture of each photo, by id.
     photos: Mapping[int, str] = field(default_factory=dict)
-    ground: str | None = None
+    ground: str | None = None  # Path in the KMZ of the satellite image
 
 
 def format_kml(
@@ -42,16 +35,11 @@ def format_kml(
 ) -> Iterator[bytes]:
     """Write the photos and notes of a map as placemarks, with their floors as extended data.
 
-    Parameters
-    ----------
-    title : str
-        Name of the map.
-    pictures : Pictures, optional
-        Pictures of a KMZ.
+    Args:
+        title: Name of the map.
+        pictures: Pictures of a KMZ.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. Photos and notes without latitude and longitude are left out.
     """
     pictures = pictures or Pictures()
@@ -66,9 +54,7 @@ def format_kml(
 def write_kml(*parts: Iterable[str]) -> Iterator[bytes]:
     """Write a KML file with the given content.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8.
     """
     yield (DECLARATION + _OPEN).encode()

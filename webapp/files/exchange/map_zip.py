@@ -66,19 +66,11 @@ _OF_READERS = (None, errno.EINVAL)
 
 @dataclass(frozen=True, slots=True)
 class UnpackedMap:
-    """The result of unpacking a zip.
-
-    Attributes
-    ----------
-    cfgs : tuple of str
-        The `.cfg` files, relative to the folder, sorted.
-    left_out : tuple of str
-        Names in the zip of files that do not belong to a map.
-    """
+    """The result of unpacking a zip."""
 
     folder: Path
-    cfgs: tuple[str, ...]
-    left_out: tuple[str, ...]
+    cfgs: tuple[str, ...]  # The `.cfg` files, relative to the folder, sorted
+    left_out: tuple[str, ...]  # Names in the zip of files that do not belong to a map
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,23 +84,16 @@ def unpack(
 ) -> UnpackedMap:
     """Unpack the photos, images, `.cfg` and `.json` files of a zip.
 
-    Parameters
-    ----------
-    folder : Path
-        New and empty.
-    reserve_mb : float
-        Disk space to keep free, megabytes (10^6 bytes).
-    progress : Progress
-        One step per file.
+    Args:
+        folder: New and empty.
+        reserve_mb: Disk space to keep free, megabytes (10^6 bytes).
+        progress: One step per file.
 
-    Raises
-    ------
-    InputError
-        The file is not a zip, is damaged or encrypted, has paths outside its folder or duplicate names, or
-        exceeds the limits.
-    StorageError
-        Writing failed, or the disk is too full (`DiskFull`).
-    Cancelled
+    Raises:
+        InputError: The file is not a zip, is damaged or encrypted, has paths outside its folder or duplicate
+            names, or exceeds the limits.
+        StorageError: Writing failed, or the disk is too full (`DiskFull`).
+        Cancelled
     """
     _check_number(archive, limits)
     with _zip_errors(archive.name), zipfile.ZipFile(archive) as opened:
@@ -174,15 +159,11 @@ def read_title(archive: Path, *, most_files: int) -> str | None:
 
     A large `map.json` is not parsed: its title is found where this program writes it.
 
-    Returns
-    -------
-    str or None
+    Returns:
         None if there is no title, or the map cannot be read: the import then reports why.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be read.
+    Raises:
+        StorageError: The file cannot be read.
     """
     try:
         if has_many_files(archive, limit=most_files):

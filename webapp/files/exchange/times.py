@@ -19,9 +19,7 @@ _ISO = re.compile(
 def unix_time(text: str) -> float:
     """Parse an ISO 8601 date and time, with or without separators; UTC if there is no time zone.
 
-    Returns
-    -------
-    float
+    Returns:
         Seconds since 1970, UTC; NaN for anything else.
     """
     found = _ISO.fullmatch(text.strip())
@@ -41,10 +39,8 @@ def unix_time(text: str) -> float:
 def utc(times_s: ArrayLike) -> list[str]:
     """Write times as ISO 8601, to the microsecond, in UTC: `2026-05-01T10:00:00.250000Z`.
 
-    Parameters
-    ----------
-    times_s : (n,) array_like of float
-        Seconds since 1970.
+    Args:
+        times_s: (n,) array_like of float. Seconds since 1970.
     """
     microseconds = np.round(np.asarray(times_s, dtype=np.float64).reshape(-1) * 1e6).astype(np.int64)
     return [f"{time}Z" for time in np.datetime_as_string(microseconds.astype("datetime64[us]")).tolist()]

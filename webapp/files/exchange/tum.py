@@ -30,34 +30,22 @@ _IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 @dataclass(frozen=True, slots=True)
 class PlanarPose:
-    """A pose on a plane.
+    """A pose on a plane."""
 
-    Attributes
-    ----------
-    timestamp : float
-        Seconds, or the number of the pose.
-    yaw_rad : float or None
-        From the frame's x axis towards its y axis; None where it is unknown.
-    """
-
-    timestamp: float
+    timestamp: float  # Seconds, or the number of the pose
     x: float
     y: float
-    yaw_rad: float | None = None
+    yaw_rad: float | None = None  # From the frame's x axis towards its y axis; None where it is unknown
 
 
 def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = ()) -> None:
     """Write a trajectory.
 
-    Parameters
-    ----------
-    remarks : iterable of str
-        Comment lines for the top of the file, such as the frame and its unit.
+    Args:
+        remarks: Comment lines for the top of the file, such as the frame and its unit.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be written.
+    Raises:
+        StorageError: The file cannot be written.
     """
     lines = [f"# {remark}" for remark in (*remarks, "timestamp tx ty tz qx qy qz qw")]
     for pose in poses:
@@ -72,23 +60,16 @@ def write(path: Path, poses: Iterable[PlanarPose], *, remarks: Iterable[str] = (
 def read_rows(file: BinaryIO, *, columns: int = COLUMNS) -> Iterator[tuple[int, list[float] | None]]:
     """Read a trajectory, or another text file of numbers and comments, row by row.
 
-    Parameters
-    ----------
-    columns : int
-        Numbers per row: 8, or 12 for KITTI's matrices.
+    Args:
+        columns: Numbers per row: 8, or 12 for KITTI's matrices.
 
-    Yields
-    ------
-    int
+    Yields:
         Number of the line, from 1.
-    list of float, or None
-        None for a line that does not hold `columns` finite numbers. After the comment `# heading unknown`
-        the quaternion is zero, for which `yaw_of` returns NaN.
+        None for a line that does not hold `columns` finite numbers. After the comment `# heading unknown` the
+            quaternion is zero, for which `yaw_of` returns NaN.
 
-    Raises
-    ------
-    TrackError
-        A line is too long, or the file is UTF-16.
+    Raises:
+        TrackError: A line is too long, or the file is UTF-16.
     """
     unknown = False
     for number, line in numbered_lines(file):
@@ -117,15 +98,11 @@ def parse_numbers(line: str) -> list[float] | None:
 def yaw_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the rotation about z.
 
-    Parameters
-    ----------
-    quaternion : (n, 4) float64
-        x, y, z, w; need not be normalised.
+    Args:
+        quaternion: (n, 4) float64. x, y, z, w; need not be normalised.
 
-    Returns
-    -------
-    (n,) float64
-        Radians from x towards y; NaN for a zero quaternion.
+    Returns:
+        (n,) float64: Radians from x towards y; NaN for a zero quaternion.
     """
     x, y, z, w = quaternion.T
     sin, cos = 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z

@@ -12,28 +12,18 @@ from webapp.files.exchange.xml import DECLARATION, element
 
 @dataclass(frozen=True, slots=True)
 class WalkPoint:
-    """A point of a walk.
-
-    Attributes
-    ----------
-    description : str
-        What to do there.
-    heading_deg : float or None
-        Where to look first, degrees clockwise from north.
-    """
+    """A point of a walk."""
 
     name: str
-    description: str
+    description: str  # What to do there
     latlon: LatLon
-    heading_deg: float | None = None
+    heading_deg: float | None = None  # Where to look first, degrees clockwise from north
 
 
 def format_walk_gpx(points: Sequence[WalkPoint], *, title: str) -> Iterator[bytes]:
     """Write a walk.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8, GPX 1.1: each point as a waypoint and as a point of the only route.
     """
     for text in _pieces(points, title):

@@ -34,23 +34,17 @@ def local_name(element: Element) -> str:
 def walk(file: BinaryIO, *, whole: Collection[str]) -> Iterator[tuple[str, Element]]:
     """Parse a document element by element.
 
-    Parameters
-    ----------
-    whole : collection of str
-        Names, without namespaces, of elements that are yielded only at their end, with their children. All
-        others are yielded empty at their start, and with their own text but without children at their end.
+    Args:
+        whole: Names, without namespaces, of elements that are yielded only at their end, with their children.
+            All others are yielded empty at their start, and with their own text but without children at their
+            end.
 
-    Yields
-    ------
-    event : {"start", "end"}
-        There are no events for the children of an element in `whole`.
-    element : Element
-        Valid until the next event.
+    Yields:
+        event: {"start", "end"}. There are no events for the children of an element in `whole`.
+        element: Valid until the next event.
 
-    Raises
-    ------
-    TrackError
-        The XML is malformed, nested too deeply, or declares a document type or entities.
+    Raises:
+        TrackError: The XML is malformed, nested too deeply, or declares a document type or entities.
     """
     stack: list[Element] = []
     inside = 0

@@ -15,20 +15,12 @@ _TIME = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class ZipMember:
-    """A file of a zip.
+    """A file of a zip."""
 
-    Attributes
-    ----------
-    name : str
-        In the zip, with forward slashes.
-    content : bytes or Path, or iterable of bytes
-        A path is read only when it is written; pieces are consumed one by one.
-    large : bool
-        Whether the pieces may exceed 2 GB: that needs ZIP64, which old readers do not support.
-    """
-
-    name: str
+    name: str  # In the zip, with forward slashes
+    # A path is read only when it is written; pieces are consumed one by one.
     content: bytes | Path | Iterable[bytes]
+    # Whether the pieces may exceed 2 GB: that needs ZIP64, which old readers do not support.
     large: bool = False
 
 
@@ -37,10 +29,8 @@ def stream_zip(members: Iterable[ZipMember]) -> Iterator[bytes]:
 
     Files given by path are stored, since photos are compressed already; bytes and pieces are deflated.
 
-    Raises
-    ------
-    OSError
-        A file cannot be read.
+    Raises:
+        OSError: A file cannot be read.
     """
     sink = _Sink()
     with zipfile.ZipFile(sink, "w", allowZip64=True) as archive:

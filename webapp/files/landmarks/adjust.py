@@ -65,30 +65,15 @@ class AdjustJob:
     """Photos with poses on a map, and known positions.
 
     The world frame is the map's: pixels, x to the right, y down the image, z into the ground.
-
-    Attributes
-    ----------
-    database : Path
-        Database of the matches.
-    models : tuple of Path
-        Folders of the submodels' models.
-    out : Path
-        Folder for the joined model.
-    contents : tuple of str
-        The n photos whose poses on the map are known from submodels.
-    centre : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        Camera from world.
-    positions : PicturePositions
-        Of all pictures that take part: the database also has those of photos that are no longer on the map.
     """
 
-    database: Path
-    models: tuple[Path, ...]
-    out: Path
-    contents: tuple[str, ...]
-    centre: Array
-    rotation: Array
+    database: Path  # Database of the matches
+    models: tuple[Path, ...]  # Folders of the submodels' models
+    out: Path  # Folder for the joined model
+    contents: tuple[str, ...]  # The n photos whose poses on the map are known from submodels
+    centre: Array  # (n, 3) float64
+    rotation: Array  # (n, 3, 3) float64. Camera from world.
+    # Of all pictures that take part: the database also has those of photos that are no longer on the map.
     positions: PicturePositions
 
 

@@ -44,12 +44,9 @@ def read_models(
 ) -> LandmarkCloud:
     """Collect the submodels' points from their models, with the descriptors of the observations.
 
-    Parameters
-    ----------
-    folders : iterable of Path
-        Of the models that contain the submodels; if several contain one, the first is used.
-    described : callable
-        Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
+    Args:
+        folders: Of the models that contain the submodels; if several contain one, the first is used.
+        described: Keypoints (n, 2) and descriptors (n, d) of a photo, by its content.
     """
     number = {content: n for n, content in enumerate(stored.contents)}
     submodel_of = {frozenset(submodel.photo.tolist()): n for n, submodel in enumerate(stored.submodels)}
@@ -142,12 +139,7 @@ def _described(
 
 
 def write_cloud(path: Path, stored: StoredCloud) -> None:
-    """Replace the file atomically.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file atomically. Raises StorageError."""
     cloud = stored.cloud
     arrays: dict[str, NDArray[Any]] = {
         "point": cloud.point,

@@ -38,10 +38,8 @@ _MOST_OF_SIGACTION = 512
 def pycolmap() -> ModuleType:
     """Import pycolmap and silence its log: a failure to join photos is a normal result.
 
-    Raises
-    ------
-    MissingPart
-        The extra `sfm` is not installed.
+    Raises:
+        MissingPart: The extra `sfm` is not installed.
     """
     with extra("sfm"), _termination_kept():
         import pycolmap as module
@@ -68,28 +66,15 @@ def _termination_kept() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model made by the mapper; n photos.
+    """A model made by the mapper; n photos."""
 
-    Attributes
-    ----------
-    contents : list of str
-        SHA-256 of the photos' files.
-    centre : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        Camera from world.
-    shared : (n, n) int32
-        Numbers of points that two photos both see.
-    frame : (n,) int64
-        Ids of their frames; the views of a panorama share one.
-    covariance : (n, 2, 2) float64 or None
-        Of the centres along the first two axes, for a model that was adjusted to known positions.
-    """
-
-    contents: list[str]
-    centre: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-    shared: NDArray[np.int32]
-    frame: NDArray[np.int64]
+    contents: list[str]  # SHA-256 of the photos' files
+    centre: NDArray[np.float64]  # (n, 3) float64
+    rotation: NDArray[np.float64]  # (n, 3, 3) float64. Camera from world.
+    shared: NDArray[np.int32]  # (n, n) int32. Numbers of points that two photos both see.
+    frame: NDArray[np.int64]  # (n,) int64. Ids of their frames; the views of a panorama share one.
+    # (n, 2, 2) float64 or None. Of the centres along the first two axes, for a model that was adjusted to
+    # known positions.
     covariance: NDArray[np.float64] | None = None
 
     def parts(self) -> list[NDArray[np.int64]]:
@@ -120,24 +105,16 @@ def export_model(
 ) -> tuple[int, int]:
     """Write a model for other programs: COLMAP's text or binary files, and its points as PLY.
 
-    Parameters
-    ----------
-    source : Path
-        Folder of a model written by the mapper, whose photos are named by their content.
-    out : Path
-        Folder; created if missing.
-    names : mapping of str to str
-        Names for the photos in the export, by content.
-    only_named : bool
-        Whether to leave out photos without a name, and points that only they show.
+    Raises StorageError.
 
-    Returns
-    -------
-    photos, points : int
+    Args:
+        source: Folder of a model written by the mapper, whose photos are named by their content.
+        out: Folder; created if missing.
+        names: Names for the photos in the export, by content.
+        only_named: Whether to leave out photos without a name, and points that only they show.
 
-    Raises
-    ------
-    StorageError
+    Returns:
+        photos, points:
     """
     try:
         model = pycolmap().Reconstruction(source)
@@ -162,22 +139,13 @@ def export_model(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredSubmodels:
-    """Submodels of a reconstruction, whose photos are indices into `contents`.
-
-    Attributes
-    ----------
-    key : str
-        Identifies the matches from which they were computed.
-    adjusted : str
-        Identifies the known positions by which joining was tried; empty where it was not.
-    problem : str
-        Why joining failed; empty where it succeeded: then the first submodel is the joined one.
-    """
+    """Submodels of a reconstruction, whose photos are indices into `contents`."""
 
     submodels: tuple[Submodel, ...]
     contents: tuple[str, ...]
-    key: str
-    adjusted: str = ""
+    key: str  # Identifies the matches from which they were computed
+    adjusted: str = ""  # Identifies the known positions by which joining was tried; empty where it was not
+    # Why joining failed; empty where it succeeded: then the first submodel is the joined one.
     problem: str = ""
 
     @property
@@ -187,12 +155,7 @@ class StoredSubmodels:
 
 
 def write_submodels(path: Path, stored: StoredSubmodels) -> None:
-    """Replace the file.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file. Raises StorageError."""
     submodels: Sequence[Submodel] = stored.submodels
     start = np.cumsum([0, *(len(submodel) for submodel in submodels)])
     arrays = {

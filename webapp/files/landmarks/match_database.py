@@ -26,39 +26,23 @@ _TRIALS = 2000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPhoto:
-    """A photo in the database.
-
-    Attributes
-    ----------
-    xy : (n, 2) float64
-        Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP.
-    descriptors : (n, d) uint8
-    """
+    """A photo in the database."""
 
     id: int
     camera: Any
+    # (n, 2) float64. Its keypoints, pixels from the outer corner of the top-left pixel, as in COLMAP.
     xy: NDArray[np.float64]
-    descriptors: NDArray[np.uint8]
+    descriptors: NDArray[np.uint8]  # (n, d) uint8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewFeatures:
-    """Keypoints of a level view of a panorama.
+    """Keypoints of a level view of a panorama."""
 
-    Attributes
-    ----------
-    content : str
-        Identifies the view, as the SHA-256 of its file identifies a photo.
-    turn_deg : int
-        Clockwise rotation from the middle of the panorama.
-    fov_deg : float
-        Horizontal field of view.
-    """
-
-    content: str
+    content: str  # Identifies the view, as the SHA-256 of its file identifies a photo
     features: Features
-    turn_deg: int
-    fov_deg: float
+    turn_deg: int  # Clockwise rotation from the middle of the panorama
+    fov_deg: float  # Horizontal field of view
 
 
 _Lens = tuple[int, int, float]
@@ -68,10 +52,8 @@ _Lens = tuple[int, int, float]
 class MatchDatabase:
     """Keypoints of photos, and the pairs that were compared, with their inlier matches.
 
-    Parameters
-    ----------
-    path : Path
-        Created if missing; a damaged database is replaced by an empty one.
+    Args:
+        path: Created if missing; a damaged database is replaced by an empty one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -115,12 +97,9 @@ class MatchDatabase:
     def add(self, content: str, features: Features, *, fov_deg: float, is_guessed: bool) -> StoredPhoto:
         """Add a photo unless it exists; photos of the same size and field of view share a camera.
 
-        Parameters
-        ----------
-        fov_deg : float
-            Horizontal field of view of the upright photo.
-        is_guessed : bool
-            Whether `fov_deg` is a guess; otherwise the reconstruction trusts it more.
+        Args:
+            fov_deg: Horizontal field of view of the upright photo.
+            is_guessed: Whether `fov_deg` is a guess; otherwise the reconstruction trusts it more.
         """
         lens = _lens(features, fov_deg)
         if lens not in self._cameras:

@@ -21,18 +21,11 @@ Colours = NDArray[np.uint8]
 
 
 def write_colours(path: Path, rgb: Colours, *, key: str) -> None:
-    """Replace the file atomically.
+    """Replace the file atomically. Raises StorageError.
 
-    Parameters
-    ----------
-    rgb : (k, 3) uint8
-        Colours of the points of a cloud.
-    key : str
-        Key of that cloud.
-
-    Raises
-    ------
-    StorageError
+    Args:
+        rgb: (k, 3) uint8. Colours of the points of a cloud.
+        key: Key of that cloud.
     """
     write_settled(path, {"rgb": rgb}, meta={"format": _FORMAT, "key": key})
 
@@ -48,34 +41,17 @@ def read_colours(path: Path, *, key: str) -> Colours | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapPoints:
-    """Points of landmarks in the frame of their map, in any order.
+    """Points of landmarks in the frame of their map, in any order."""
 
-    Attributes
-    ----------
-    key : str
-        Identifies the inputs from which they were computed.
-    xyz : (k, 3) float32
-    rgb : (k, 3) uint8
-    times_seen : (k,) uint8
-        Number of photos that see each point; 255 means 255 or more.
-    about : mapping
-        JSON values that are stored with the points.
-    """
-
-    key: str
-    xyz: NDArray[np.float32]
-    rgb: Colours
-    times_seen: NDArray[np.uint8]
-    about: Mapping[str, Any]
+    key: str  # Identifies the inputs from which they were computed
+    xyz: NDArray[np.float32]  # (k, 3) float32
+    rgb: Colours  # (k, 3) uint8
+    times_seen: NDArray[np.uint8]  # (k,) uint8. Number of photos that see each point; 255 means 255 or more.
+    about: Mapping[str, Any]  # JSON values that are stored with the points
 
 
 def write_points(path: Path, points: MapPoints) -> None:
-    """Replace the file atomically.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file atomically. Raises StorageError."""
     arrays: dict[str, NDArray[Any]] = {"xyz": points.xyz, "rgb": points.rgb, "times_seen": points.times_seen}
     write_settled(path, arrays, meta={"format": _FORMAT, "key": points.key, "about": dict(points.about)})
 

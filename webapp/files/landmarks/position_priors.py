@@ -31,34 +31,17 @@ _CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PicturePositions:
-    """Known positions of pictures on a map; the world frame is the map's, see `AdjustJob`.
+    """Known positions of pictures on a map; the world frame is the map's, see `AdjustJob`."""
 
-    Attributes
-    ----------
-    pictures : tuple of str
-        The p pictures that take part.
-    photo : (p,) int64
-        Numbers of their photos; the views of a panorama share one.
-    turn_deg : (p,) int64
-        Clockwise rotation of each from the middle of its panorama; 0 for an ordinary photo.
-    known : tuple of str
-        The k pictures whose positions are known.
-    at : (k, 2) float64
-    sigma_px : (k,) float64
-        Standard deviation along each axis.
-    height_sigma_px : float
-        Standard deviation of the heights of the cameras, which maps do not give.
-    points : tuple of KnownPoint
-        Control points that the photos show; they refer to the photos' numbers.
-    """
-
-    pictures: tuple[str, ...]
-    photo: NDArray[np.int64]
+    pictures: tuple[str, ...]  # The p pictures that take part
+    photo: NDArray[np.int64]  # (p,) int64. Numbers of their photos; the views of a panorama share one.
+    # (p,) int64. Clockwise rotation of each from the middle of its panorama; 0 for an ordinary photo.
     turn_deg: NDArray[np.int64]
-    known: tuple[str, ...]
-    at: Array
-    sigma_px: Array
-    height_sigma_px: float
+    known: tuple[str, ...]  # The k pictures whose positions are known
+    at: Array  # (k, 2) float64
+    sigma_px: Array  # (k,) float64. Standard deviation along each axis.
+    height_sigma_px: float  # Standard deviation of the heights of the cameras, which maps do not give
+    # Control points that the photos show; they refer to the photos' numbers.
     points: tuple[KnownPoint, ...] = ()
 
     def everything(self) -> Array:
@@ -80,12 +63,11 @@ class PositionPriors:
     Placed photos get pycolmap's position priors. A control point becomes a 3D point that the map's image also
     observes, by a virtual camera: fixed, far above the point, looking straight down.
 
-    Parameters
-    ----------
-    cache : pycolmap.DatabaseCache
-        Gets four beacons: images without keypoints, for the corners of a tetrahedron. Before the adjustment,
-        pycolmap aligns the model with the priors by a similarity, and refuses priors that are all at the same
-        height. Beacons are off that plane; as their priors equal their poses, they keep the model in place.
+    Args:
+        cache: Gets four beacons: images without keypoints, for the corners of a tetrahedron. Before the
+            adjustment, pycolmap aligns the model with the priors by a similarity, and refuses priors that are
+            all at the same height. Beacons are off that plane; as their priors equal their poses, they keep
+            the model in place.
     """
 
     def __init__(self, colmap: Any, *, cache: Any, positions: PicturePositions) -> None:

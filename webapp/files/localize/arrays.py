@@ -34,10 +34,8 @@ class OpenFile:
 
     It stays readable after its deletion; on Windows it cannot be deleted before it is closed.
 
-    Parameters
-    ----------
-    repair : str
-        How to fix a damaged file, for errors.
+    Args:
+        repair: How to fix a damaged file, for errors.
     """
 
     def __init__(self, file: FileIO, *, repair: str) -> None:
@@ -49,10 +47,8 @@ class OpenFile:
     def read(self, offset: int, into: NDArray[Any]) -> None:
         """Fill an array with the bytes from `offset` on.
 
-        Raises
-        ------
-        IndexDamaged
-            The file is too short, or cannot be read.
+        Raises:
+            IndexDamaged: The file is too short, or cannot be read.
         """
         left = into.reshape(-1).view(np.uint8).data
         with self._lock:
@@ -72,10 +68,8 @@ class OpenFile:
 class FileRows:
     """An array in a file, whose rows can be sliced and indexed like those of one in memory.
 
-    Parameters
-    ----------
-    offset : int
-        Position of the first row, bytes.
+    Args:
+        offset: Position of the first row, bytes.
     """
 
     def __init__(self, file: OpenFile, offset: int, *, dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
@@ -119,23 +113,14 @@ REPAIR = "run expmap build with the same options to recompute what is damaged"
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> str:
-    """Write arrays and a JSON header to a file atomically.
+    """Write arrays and a JSON header to a file atomically. Raises StorageError.
 
-    Parameters
-    ----------
-    path : Path
-        May contain `{hash}`, which becomes the first 16 characters of the content's SHA-256.
-    meta : mapping
-        JSON values for the header.
+    Args:
+        path: May contain `{hash}`, which becomes the first 16 characters of the content's SHA-256.
+        meta: JSON values for the header.
 
-    Returns
-    -------
-    str
+    Returns:
         Those 16 characters.
-
-    Raises
-    ------
-    StorageError
     """
     parts = _parts(arrays, meta)
     content = hashlib.sha256()
@@ -151,10 +136,8 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mappin
 def write_settled(path: Path, arrays: Mapping[str, NDArray[Any]], *, meta: Mapping[str, Any]) -> None:
     """Write a file like `write_arrays`, then settle it: it becomes an object if the library has a storage.
 
-    Raises
-    ------
-    StorageError
-        The disk or the storage failed; in the latter case the file is on the disk.
+    Raises:
+        StorageError: The disk or the storage failed; in the latter case the file is on the disk.
     """
     write_arrays(path, arrays, meta=meta)
     settle(path)
@@ -165,23 +148,16 @@ def read_arrays(
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """Open a file written by `write_arrays`.
 
-    Parameters
-    ----------
-    mapped : bool
-        Whether the arrays are read-only memory maps, which keep the file open, or read into memory.
-    in_file : collection of str
-        Arrays to leave in the file: each is a `FileRows`, which keeps the file open. If there are any, all
-        others are read into memory.
-    verify : bool, optional
-        Whether the checksums of the arrays are compared, which reads all of them; by default, if they are
-        read into memory anyway.
+    Args:
+        mapped: Whether the arrays are read-only memory maps, which keep the file open, or read into memory.
+        in_file: Arrays to leave in the file: each is a `FileRows`, which keeps the file open. If there are
+            any, all others are read into memory.
+        verify: Whether the checksums of the arrays are compared, which reads all of them; by default, if they
+            are read into memory anyway.
 
-    Raises
-    ------
-    IndexDamaged
-        The file is missing, truncated, of another kind, or does not match its checksums.
-    StorageError
-        The file is an object, and the storage or the disk of the cache failed.
+    Raises:
+        IndexDamaged: The file is missing, truncated, of another kind, or does not match its checksums.
+        StorageError: The file is an object, and the storage or the disk of the cache failed.
     """
     path = present(path)
     try:
@@ -209,12 +185,9 @@ def read_arrays(
 def present(path: Path) -> Path:
     """Return where a file of an index can be read; an object is fetched first.
 
-    Raises
-    ------
-    IndexDamaged
-        The storage has lost the object.
-    StorageError
-        The storage or the disk of the cache failed.
+    Raises:
+        IndexDamaged: The storage has lost the object.
+        StorageError: The storage or the disk of the cache failed.
     """
     try:
         return local(path)

@@ -18,36 +18,22 @@ NETWORKS: dict[str, type[YuNet] | type[LpdYuNet]] = {"faces": YuNet, "plates": L
 
 @dataclass(frozen=True, slots=True)
 class BlurNetworks:
-    """Installed networks.
-
-    Attributes
-    ----------
-    detectors : tuple of ObjectDetector
-    key : str
-        Identifies the set of networks, and so their results.
-    missing : tuple of str
-        Models that are not installed.
-    """
+    """Installed networks."""
 
     detectors: tuple[ObjectDetector, ...]
-    key: str
-    missing: tuple[str, ...]
+    key: str  # Identifies the set of networks, and so their results
+    missing: tuple[str, ...]  # Models that are not installed
 
 
 def blur_networks(chosen: Path | None) -> BlurNetworks:
     """Open the networks that detect faces and number plates, each once per process.
 
-    Parameters
-    ----------
-    chosen : Path or None
-        Folder with the weights, instead of the user's cache.
+    Args:
+        chosen: Folder with the weights, instead of the user's cache.
 
-    Raises
-    ------
-    MissingPart
-        None is installed, or a file is not the published one.
-    StorageError
-        A file cannot be read.
+    Raises:
+        MissingPart: None is installed, or a file is not the published one.
+        StorageError: A file cannot be read.
     """
     missing = missing_networks(chosen)
     if len(missing) == len(NETWORKS):

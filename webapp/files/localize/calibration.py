@@ -26,37 +26,19 @@ TRIALS_FORMAT = 14
 
 @dataclass(frozen=True, slots=True)
 class StoredCalibration:
-    """A calibration and its inputs.
-
-    Attributes
-    ----------
-    map_fov_deg : float or None
-        The option for photos without a known field of view.
-    place_radius_px : float
-        Distance within which a position counted as right.
-    photos : frozenset of str
-        A key per photo that changes with its content and, roughly, its position.
-    seconds : float
-        Time that the calibration took.
-    second_look_s : float
-        For two looks: time of the second one per photo, without feature extraction, on an idle machine.
-    """
+    """A calibration and its inputs."""
 
     calibration: Calibration
-    map_fov_deg: float | None
-    place_radius_px: float
-    photos: frozenset[str]
-    seconds: float
+    map_fov_deg: float | None  # The option for photos without a known field of view
+    place_radius_px: float  # Distance within which a position counted as right
+    photos: frozenset[str]  # A key per photo that changes with its content and, roughly, its position
+    seconds: float  # Time that the calibration took
+    # For two looks: time of the second one per photo, without feature extraction, on an idle machine.
     second_look_s: float = 0.0
 
 
 def write(path: Path, stored: StoredCalibration) -> None:
-    """Replace the file; its folder is created if missing.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file; its folder is created if missing. Raises StorageError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -70,10 +52,8 @@ def write(path: Path, stored: StoredCalibration) -> None:
 def read(path: Path, *, numbers: int = EVIDENCE) -> StoredCalibration | None:
     """Read the file; None if it is missing or unusable, so that it is recomputed.
 
-    Parameters
-    ----------
-    numbers : int
-        Number of evidence values of a place.
+    Args:
+        numbers: Number of evidence values of a place.
     """
     try:
         raw = unsealed(path.read_bytes())
@@ -99,15 +79,10 @@ def recorded_trials(
     """Yield the trials recorded under the same key, and a function that appends another photo's trial.
 
     Trials survive if the process is killed; the file is kept, for a joint calibration of several looks.
+    Raises StorageError.
 
-    Parameters
-    ----------
-    key : str
-        Identifies all that the trials depend on.
-
-    Raises
-    ------
-    StorageError
+    Args:
+        key: Identifies all that the trials depend on.
     """
     known = _read(path, key)
     try:

@@ -20,16 +20,11 @@ _LARGE = ("xy", "size", "angle", "descriptors")
 def write_segment(path: Path, entries: Sequence[PhotoEntry]) -> str:
     """Write photos to a segment file.
 
-    Parameters
-    ----------
-    path : Path
-        May contain `{hash}`, see `write_arrays`.
-    entries : sequence of PhotoEntry
-        At least one.
+    Args:
+        path: May contain `{hash}`, see `write_arrays`.
+        entries: At least one.
 
-    Returns
-    -------
-    str
+    Returns:
         First 16 characters of the content's SHA-256.
     """
     features = [e.features for e in entries]
@@ -51,11 +46,7 @@ def read_segment(
     """Open a segment file: memory-mapped, or in memory if there are many small ones.
 
     With `in_file`, the arrays of keypoints stay in the file and are read on demand: the pages of a memory map
-    would stay in memory. With `verify`, checksums are compared, as in `read_arrays`.
-
-    Raises
-    ------
-    IndexDamaged
+    would stay in memory. With `verify`, checksums are compared, as in `read_arrays`. Raises IndexDamaged.
     """
     arrays, meta = read_arrays(path, mapped=mapped, in_file=_LARGE if in_file else (), verify=verify)
     try:
@@ -91,12 +82,7 @@ def write_codebook(path: Path, codebook: Codebook) -> str:
 
 
 def read_codebook(path: Path) -> Codebook:
-    """Read a codebook into memory.
-
-    Raises
-    ------
-    IndexDamaged
-    """
+    """Read a codebook into memory. Raises IndexDamaged."""
     arrays, _ = read_arrays(path, mapped=False)
     centres, mean = arrays.get("centres"), arrays.get("mean")
     if centres is None or mean is None or centres.ndim != 2 or centres.shape != mean.shape:
@@ -112,9 +98,7 @@ def write_signatures(path: Path, signatures: NDArray[np.uint8]) -> str:
 def read_signatures(path: Path, codebook: Codebook, *, verify: bool = False) -> NDArray[np.uint8]:
     """Open (p, b) signatures as a memory map; with `verify`, checksums are compared, as in `read_arrays`.
 
-    Raises
-    ------
-    IndexDamaged
+    Raises IndexDamaged.
     """
     signatures = read_arrays(path, verify=verify)[0].get("signatures")
     if signatures is None or signatures.shape[1:] != (codebook.signature_bytes,):

@@ -24,19 +24,13 @@ _Seen = tuple[int, int] | None
 def global_descriptor(chosen: Path | None) -> GlobalDescriptor | None:
     """Open the model, once per process while its files do not change; None if there is none.
 
-    Parameters
-    ----------
-    chosen : Path or None
-        Folder with the weights, instead of the user's cache.
+    Args:
+        chosen: Folder with the weights, instead of the user's cache.
 
-    Raises
-    ------
-    InputError
-        The file holds another kind of network, or the JSON next to it is invalid.
-    MissingPart
-        onnxruntime is not installed.
-    StorageError
-        A file cannot be read.
+    Raises:
+        InputError: The file holds another kind of network, or the JSON next to it is invalid.
+        MissingPart: onnxruntime is not installed.
+        StorageError: A file cannot be read.
     """
     model, form = model_paths(chosen)
     seen = _look(model)

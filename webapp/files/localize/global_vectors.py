@@ -22,21 +22,11 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredVectors:
-    """Vectors of photos.
+    """Vectors of photos."""
 
-    Attributes
-    ----------
-    contents : list of str
-        SHA-256 of the photo files.
-    vectors : (n, d) float16
-        In the same order.
-    weights : str
-        `GlobalDescriptor.weights` of the model.
-    """
-
-    contents: list[str]
-    vectors: NDArray[np.float16]
-    weights: str
+    contents: list[str]  # SHA-256 of the photo files
+    vectors: NDArray[np.float16]  # (n, d) float16. In the same order.
+    weights: str  # `GlobalDescriptor.weights` of the model
 
 
 def file_name(weights: str) -> str:
@@ -45,12 +35,7 @@ def file_name(weights: str) -> str:
 
 
 def write(path: Path, stored: StoredVectors) -> None:
-    """Replace the file.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file. Raises StorageError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -47,25 +47,14 @@ _BLOCKS = b"IwPf"
 
 @dataclass(frozen=True, slots=True)
 class PhotoRecord:
-    """A map photo at the time of its indexing.
+    """A map photo at the time of its indexing."""
 
-    Attributes
-    ----------
-    photo : str
-        Path as in the map.
-    bytes, mtime_ns : int
-        Size and modification time of the file: the same values mean the same content.
-    content : str
-        SHA-256 of the file; empty if it could not be read.
-    error : str
-        Why it has no features; empty if it has.
-    """
-
-    photo: str
+    photo: str  # Path as in the map
+    # `bytes`, `mtime_ns`: Size and modification time of the file: the same values mean the same content.
     bytes: int
     mtime_ns: int
-    content: str
-    error: str = ""
+    content: str  # SHA-256 of the file; empty if it could not be read
+    error: str = ""  # Why it has no features; empty if it has
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,31 +70,17 @@ class SegmentRecord:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """The contents of an index.
-
-    Attributes
-    ----------
-    codebook : str
-        Name of the codebook; empty as long as there are no descriptors.
-    trained_for : int
-        Number of descriptors in the index when the codebook was trained.
-    photos : dict of int to PhotoRecord
-        By experience id.
-    build_seconds : float
-        Total time of all builds that changed it.
-    engine : {"ivf", "vlad"}
-        Kind of the codebook and the codes.
-    """
+    """The contents of an index."""
 
     detector: str
     extractor: str
     extract: ExtractSettings
-    codebook: str = ""
-    trained_for: int = 0
+    codebook: str = ""  # Name of the codebook; empty as long as there are no descriptors
+    trained_for: int = 0  # Number of descriptors in the index when the codebook was trained
     segments: tuple[SegmentRecord, ...] = ()
-    photos: dict[int, PhotoRecord] = field(default_factory=dict)
-    build_seconds: float = 0.0
-    engine: Engine = "ivf"
+    photos: dict[int, PhotoRecord] = field(default_factory=dict)  # By experience id
+    build_seconds: float = 0.0  # Total time of all builds that changed it
+    engine: Engine = "ivf"  # "ivf" or "vlad". Kind of the codebook and the codes.
 
     def record_of(self, id: int, picture: str) -> PhotoRecord | None:
         """Return the record of an experience if it refers to the picture of that name."""
@@ -133,7 +108,6 @@ class IndexFolder:
         return self.folder / f"{name}-{codebook}.{engine}"
 
     def codebook_path(self, name: str) -> Path:
-        """Return the path of a codebook."""
         return self.folder / f"{name}.codebook"
 
     def spool_path(self, content: str) -> Path:
@@ -141,12 +115,7 @@ class IndexFolder:
         return self.spool / f"{content}.features"
 
     def make_spool(self) -> None:
-        """Create the folder for finished photos; that of the index must exist.
-
-        Raises
-        ------
-        StorageError
-        """
+        """Create the folder for finished photos; that of the index must exist. Raises StorageError."""
         try:
             self.spool.mkdir(exist_ok=True)
         except OSError as error:
@@ -155,12 +124,7 @@ class IndexFolder:
             ) from error
 
     def read_manifest(self) -> Manifest | None:
-        """Read the manifest; None if there is no index yet.
-
-        Raises
-        ------
-        IndexDamaged
-        """
+        """Read the manifest; None if there is no index yet. Raises IndexDamaged."""
         try:
             raw = unsealed(self.manifest_path.read_bytes())
         except FileNotFoundError:
@@ -197,12 +161,7 @@ class IndexFolder:
         atomic.write_bytes(self.manifest_path, sealed({"format": FORMAT, **asdict(manifest)}))
 
     def remove_unnamed(self, manifest: Manifest) -> None:
-        """Delete finished photos and files that the manifest does not name.
-
-        Raises
-        ------
-        StorageError
-        """
+        """Delete finished photos and files that the manifest does not name. Raises StorageError."""
         keep = self._named(manifest)
         try:
             for path in [*self.folder.iterdir(), *self.spool.iterdir()]:
@@ -226,9 +185,7 @@ class IndexFolder:
     def publish(self, manifest: Manifest) -> None:
         """Turn the files that a manifest names into objects, before it is written; see `storage.settle`.
 
-        Raises
-        ------
-        StorageError
+        Raises StorageError.
         """
         for path in sorted(self._named(manifest)):
             storage.settle(path)
@@ -236,9 +193,7 @@ class IndexFolder:
     def fetch(self, manifest: Manifest) -> None:
         """Fetch segments and codes that are objects in parallel; reading would fetch them one by one.
 
-        Raises
-        ------
-        StorageError
+        Raises StorageError.
         """
         storage.fetch_together(sorted(self._named(manifest) - {self.codebook_path(manifest.codebook)}))
 
@@ -288,11 +243,9 @@ def read_search_index(path: Path, kind: Kind, *, mapped: bool = True, digest: st
 
     With `digest`, as returned by `write_search_index`, its content is compared, which reads all of it.
 
-    Raises
-    ------
-    IndexDamaged
-    StorageError
-        The file is an object, and the storage or the disk of the cache failed.
+    Raises:
+        StorageError: The file is an object, and the storage or the disk of the cache failed.
+        IndexDamaged
     """
     path = present(path)
     try:

@@ -141,20 +141,13 @@ def usable_methods(chosen: Path | None) -> list[Method]:
 def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) -> FeatureChoice:
     """Open the models that a method needs, and record the hash of a file that the user supplied.
 
-    Parameters
-    ----------
-    chosen : Path or None
-        Folder with the weights, instead of the user's cache.
-    method : Method
+    Args:
+        chosen: Folder with the weights, instead of the user's cache.
 
-    Raises
-    ------
-    MissingPart
-        A file is not installed, or is not the expected one.
-    InputError
-        The user's file holds another kind of network.
-    StorageError
-        A file cannot be read.
+    Raises:
+        MissingPart: A file is not installed, or is not the expected one.
+        InputError: The user's file holds another kind of network.
+        StorageError: A file cannot be read.
     """
     if method == "thorough":
         pair_matcher(choice.name, chosen)
@@ -170,23 +163,15 @@ def with_weights(choice: FeatureChoice, chosen: Path | None, *, method: Method) 
 def network(model: str | None, chosen: Path | None, *, weights: str = "") -> object | None:
     """Open a feature network, once per process.
 
-    Parameters
-    ----------
-    model : str or None
-        `FeatureChoice.model`; None if the features need none.
-    chosen : Path or None
-        Folder with the weights, instead of the user's cache.
-    weights : str
-        `FeatureChoice.weights`: the hash that a file supplied by the user must have.
+    Args:
+        model: `FeatureChoice.model`; None if the features need none.
+        chosen: Folder with the weights, instead of the user's cache.
+        weights: `FeatureChoice.weights`: the hash that a file supplied by the user must have.
 
-    Raises
-    ------
-    MissingPart
-        The weights are not installed, or are not the expected ones.
-    InputError
-        The user's file holds another kind of network.
-    StorageError
-        They cannot be read.
+    Raises:
+        MissingPart: The weights are not installed, or are not the expected ones.
+        InputError: The user's file holds another kind of network.
+        StorageError: They cannot be read.
     """
     if model is None:
         return None
@@ -197,19 +182,13 @@ def network(model: str | None, chosen: Path | None, *, weights: str = "") -> obj
 def pair_matcher(features: str, chosen: Path | None) -> PairMatcher:
     """Open the network that matches features of two photos, once per process.
 
-    Parameters
-    ----------
-    features : str
-        `FeatureChoice.name`.
-    chosen : Path or None
-        Folder with the weights, instead of the user's cache.
+    Args:
+        features: `FeatureChoice.name`.
+        chosen: Folder with the weights, instead of the user's cache.
 
-    Raises
-    ------
-    UsageError
-        There is no network for these features.
-    MissingPart, InputError, StorageError
-        As for `network`.
+    Raises:
+        UsageError: There is no network for these features.
+        MissingPart, InputError, StorageError: As for `network`.
     """
     model = PAIR_MATCHERS.get(features)
     if model is None:
@@ -232,10 +211,8 @@ def pair_matcher_if_installed(features: str, chosen: Path | None) -> PairMatcher
 def find_weights(model: str, chosen: Path | None) -> tuple[Path, ModelFile]:
     """Find the installed file of a model; its content is not checked yet.
 
-    Raises
-    ------
-    MissingPart
-        There is none.
+    Raises:
+        MissingPart: There is none.
     """
     file = installed(model, chosen)
     if file is None:
@@ -257,11 +234,9 @@ def _matcher(model: str, path: Path, sha256: str) -> PairMatcher:
 def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
     """Read a file of a model, and check its hash.
 
-    Raises
-    ------
-    MissingPart
-        The file has another hash.
-    StorageError
+    Raises:
+        MissingPart: The file has another hash.
+        StorageError
     """
     data = read_model(path)
     if hashlib.sha256(data).hexdigest() == sha256:
@@ -279,12 +254,9 @@ def checked_weights(model: str, path: Path, *, sha256: str) -> bytes:
 def read_model(path: Path) -> bytes:
     """Read an ONNX file.
 
-    Raises
-    ------
-    InputError
-        It is larger than any such file can be.
-    StorageError
-        It cannot be read.
+    Raises:
+        InputError: It is larger than any such file can be.
+        StorageError: It cannot be read.
     """
     if (_size(path) or 0) > _MOST_BYTES:
         raise InputError(

@@ -19,42 +19,22 @@ FORMAT = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPairs:
-    """Pairs of photos by content.
+    """Pairs of photos by content."""
 
-    Attributes
-    ----------
-    pairs : PhotoPairs
-        Their photos are indices into `contents`.
-    contents : list of str
-        SHA-256 of the photo files.
-    done : int
-        The first `done` photos have been paired; a search for partners resumes after them.
-    key : str
-        Identifies all else that the pairs depend on.
-    """
-
-    pairs: PhotoPairs
-    contents: list[str]
-    done: int
-    key: str
+    pairs: PhotoPairs  # Their photos are indices into `contents`
+    contents: list[str]  # SHA-256 of the photo files
+    done: int  # The first `done` photos have been paired; a search for partners resumes after them
+    key: str  # Identifies all else that the pairs depend on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredOrientations:
-    """Orientations of p photos by content.
-
-    Attributes
-    ----------
-    position : (p, 2) float64
-        Positions of the photos at the time, map pixels.
-    key : str
-        Identifies all that the orientations depend on.
-    """
+    """Orientations of p photos by content."""
 
     orientations: MapExtrinsics
     contents: list[str]
-    position: NDArray[np.float64]
-    key: str
+    position: NDArray[np.float64]  # (p, 2) float64. Positions of the photos at the time, map pixels.
+    key: str  # Identifies all that the orientations depend on
 
 
 _PAIRS = (
@@ -76,12 +56,7 @@ _DEPTHS = ("photo", "row", "inverse_depth", "sigma")
 
 
 def write_pairs(path: Path, stored: StoredPairs) -> None:
-    """Replace the file.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file. Raises StorageError."""
     arrays = {name: getattr(stored.pairs, name) for name in _PAIRS}
     meta = {"format": FORMAT, "key": stored.key, "done": stored.done, "contents": stored.contents}
     _make_folder(path)
@@ -101,12 +76,7 @@ def read_pairs(path: Path) -> StoredPairs | None:
 
 
 def write(path: Path, stored: StoredOrientations) -> None:
-    """Replace the file.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Replace the file. Raises StorageError."""
     found = stored.orientations
     arrays = {
         "rotation": found.rotation,

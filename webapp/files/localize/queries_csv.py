@@ -20,21 +20,11 @@ _NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A photo and its true position.
+    """A photo and its true position."""
 
-    Attributes
-    ----------
-    name : str
-        Its path as written in the list.
-    path : Path
-        The same, joined with the folder of the list.
-    truth : MapPixel
-        May lie outside the map's image, for a photo that was not taken on the map.
-    """
-
-    name: str
-    path: Path
-    truth: MapPixel
+    name: str  # Its path as written in the list
+    path: Path  # The same, joined with the folder of the list
+    truth: MapPixel  # May lie outside the map's image, for a photo that was not taken on the map
 
 
 def read(path: Path) -> list[Query]:
@@ -43,15 +33,11 @@ def read(path: Path) -> list[Query]:
     A byte order mark, CRLF line ends and blank lines at the end are accepted, no other deviation.
     Paths are relative to the folder of the list and may leave it; the photos are not opened.
 
-    Returns
-    -------
-    list of Query
+    Returns:
         At least one, in the order of the file.
 
-    Raises
-    ------
-    TableError
-        The file cannot be read, or breaks the format at a line and column.
+    Raises:
+        TableError: The file cannot be read, or breaks the format at a line and column.
     """
     lines = _text(path).split("\n")
     while len(lines) > 1 and not lines[-1].strip():
@@ -67,15 +53,11 @@ def read(path: Path) -> list[Query]:
 def select(items: Sequence[T], limit: int | None) -> list[T]:
     """Take `limit` of n items, evenly spread: those at `floor(i * n / limit)`.
 
-    Parameters
-    ----------
-    limit : int or None
-        None, or at least the number of items, takes all.
+    Args:
+        limit: None, or at least the number of items, takes all.
 
-    Raises
-    ------
-    UsageError
-        The limit is below 1.
+    Raises:
+        UsageError: The limit is below 1.
     """
     if limit is None or limit >= len(items):
         return list(items)

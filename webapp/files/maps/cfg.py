@@ -18,41 +18,25 @@ MAX_BYTES = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class CfgDocument:
-    """A parsed `.cfg`: the map, and its exact text.
+    """A parsed `.cfg`: the map, and its exact text."""
 
-    Attributes
-    ----------
-    map : Map
-        Only what a `.cfg` holds; positions are whole pixels.
-    bom : bool
-        Whether it begins with a byte order mark.
-    lines, ends : tuple of str
-        Text of each line, first the image's and then one per photo, and its line end.
-    tail : str
-        Blank lines at the end.
-    """
-
-    map: Map
-    bom: bool
+    map: Map  # Only what a `.cfg` holds; positions are whole pixels
+    bom: bool  # Whether it begins with a byte order mark
+    # `lines`, `ends`: Text of each line, first the image's and then one per photo, and its line end.
     lines: tuple[str, ...]
     ends: tuple[str, ...]
-    tail: str
+    tail: str  # Blank lines at the end
 
 
 def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
     """Parse a `.cfg` strictly.
 
-    Parameters
-    ----------
-    data : str or bytes
-        The file's content; bytes are UTF-8.
-    where : str, optional
-        Name of the file, for errors.
+    Args:
+        data: The file's content; bytes are UTF-8.
+        where: Name of the file, for errors.
 
-    Raises
-    ------
-    CfgError
-        The first fault, with line, column and a fix.
+    Raises:
+        CfgError: The first fault, with line, column and a fix.
     """
     raw = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
     result = scan(raw)
@@ -67,10 +51,8 @@ def parse_cfg(data: str | bytes, *, where: str | None = None) -> CfgDocument:
 def read_bytes(path: Path) -> bytes:
     """Read the bytes of a map file.
 
-    Raises
-    ------
-    MapError
-        The file is missing, unreadable, or too large to be a map.
+    Raises:
+        MapError: The file is missing, unreadable, or too large to be a map.
     """
     try:
         with path.open("rb") as file:
@@ -92,12 +74,9 @@ def read_bytes(path: Path) -> bytes:
 def read_cfg(path: Path) -> CfgDocument:
     """Read a `.cfg` file strictly; without the files next to it (see `folder.read_map`).
 
-    Raises
-    ------
-    CfgError
-        Raised by `parse_cfg`.
-    MapError
-        Raised by `read_bytes`.
+    Raises:
+        CfgError: Raised by `parse_cfg`.
+        MapError: Raised by `read_bytes`.
     """
     return parse_cfg(read_bytes(path), where=str(path))
 
@@ -105,24 +84,17 @@ def read_cfg(path: Path) -> CfgDocument:
 def format_cfg(map_: Map, *, like: CfgDocument | None = None) -> bytes:
     """Write the map as a `.cfg`.
 
-    Parameters
-    ----------
-    map_ : Map
-        Positions are rounded half up to whole pixels.
-    like : CfgDocument, optional
-        Its lines whose values have not changed, its byte order mark, line ends and trailing blank lines are
-        kept: an unchanged document gives identical bytes. Without it the form is canonical: no byte order
-        mark, LF after every line, no spaces around columns.
+    Args:
+        map_: Positions are rounded half up to whole pixels.
+        like: Its lines whose values have not changed, its byte order mark, line ends and trailing blank lines
+            are kept: an unchanged document gives identical bytes. Without it the form is canonical: no byte
+            order mark, LF after every line, no spaces around columns.
 
-    Returns
-    -------
-    bytes
+    Returns:
         UTF-8.
 
-    Raises
-    ------
-    MapError
-        A name or number that a `.cfg` cannot hold, a position outside the image, or a duplicate id.
+    Raises:
+        MapError: A name or number that a `.cfg` cannot hold, a position outside the image, or a duplicate id.
     """
     _check_writable(map_)
     lines = [_line(*values) for values in _values(map_)]

@@ -25,10 +25,8 @@ _FRACTION = re.compile(r"(-?[0-9]{1,10})[.,]([0-9]{0,10})")
 class CfgFieldError(Exception):
     """A field breaks the format.
 
-    Parameters
-    ----------
-    better : str, optional
-        The corrected text, if it is clear.
+    Args:
+        better: The corrected text, if it is clear.
     """
 
     def __init__(self, code: Code, message: str, *, better: str | None = None) -> None:
@@ -41,10 +39,8 @@ class CfgFieldError(Exception):
 def parse_name(text: str) -> str:
     """Read the path of a photo or image.
 
-    Raises
-    ------
-    CfgFieldError
-        The path is empty, invalid, or leaves the map's folder.
+    Raises:
+        CfgFieldError: The path is empty, invalid, or leaves the map's folder.
     """
     problem = name_problem(text)
     if problem:
@@ -53,12 +49,7 @@ def parse_name(text: str) -> str:
 
 
 def parse_id(text: str) -> int:
-    """Read an id: digits only, at most 2147483647.
-
-    Raises
-    ------
-    CfgFieldError
-    """
+    """Read an id: digits only, at most 2147483647. Raises CfgFieldError."""
     if not _INTEGER.fullmatch(text):
         better = text[1:] if _INTEGER.fullmatch(text[1:]) and text[0] == "+" else None
         raise CfgFieldError(
@@ -68,21 +59,14 @@ def parse_id(text: str) -> int:
 
 
 def parse_size(text: str, what: str) -> int:
-    """Read the image's width or height in pixels, from 1.
-
-    Raises
-    ------
-    CfgFieldError
-    """
+    """Read the image's width or height in pixels, from 1. Raises CfgFieldError."""
     return _limited(_whole(text, what), what, smallest=1)
 
 
 def parse_coordinate(text: str, what: str) -> int:
     """Read x or y in whole pixels; `check_lines` checks whether it is inside the image.
 
-    Raises
-    ------
-    CfgFieldError
+    Raises CfgFieldError.
     """
     return _limited(_whole(text, what), what, smallest=-MAX_NUMBER)
 
@@ -138,30 +122,18 @@ _LEADING_ID = re.compile(rb"^ *([0-9]{1,9}) *;", re.MULTILINE)
 
 @dataclass(slots=True)
 class Scan:
-    """A parsed `.cfg`; BOM, lines with their ends, and tail add up to the file.
+    """A parsed `.cfg`; BOM, lines with their ends, and tail add up to the file."""
 
-    Attributes
-    ----------
-    bom : bool
-        Whether it begins with a byte order mark.
-    lines, ends : list of str
-        Text of each line up to the last non-blank one, and its end: LF, CRLF or nothing.
-    tail : str
-        Trailing blank lines.
-    unread : list of str
-        Lines that could be read neither as a photo's nor as the image's.
-    faults : list of Finding
-        In the order of the file.
-    """
-
-    bom: bool = False
+    bom: bool = False  # Whether it begins with a byte order mark
+    # `lines`, `ends`: Text of each line up to the last non-blank one, and its end: LF, CRLF or nothing.
     lines: list[str] = field(default_factory=list)
     ends: list[str] = field(default_factory=list)
-    tail: str = ""
+    tail: str = ""  # Trailing blank lines
     image: ImageLine | None = None
     photos: list[PhotoLine] = field(default_factory=list)
+    # Lines that could be read neither as a photo's nor as the image's.
     unread: list[str] = field(default_factory=list)
-    faults: list[Finding] = field(default_factory=list)
+    faults: list[Finding] = field(default_factory=list)  # In the order of the file
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,35 +37,22 @@ _PAIRS = (("x_px", "y_px"), ("lat", "lon"), ("photo_x_px", "photo_y_px"))
 
 @dataclass(frozen=True, slots=True)
 class PointRow:
-    """A row of the table; empty cells are None.
-
-    Attributes
-    ----------
-    where : str
-        File and line.
-    position : MapPixel or LatLon or None
-    photo : str or None
-        Path or file name.
-    click_px : (float, float) or None
-        Pixels from the top-left corner of the upright photo.
-    """
+    """A row of the table; empty cells are None."""
 
     name: str
-    where: str
+    where: str  # File and line
     position: MapPixel | LatLon | None = None
     height_m: float | None = None
     accuracy_m: float | None = None
-    photo: str | None = None
-    click_px: tuple[float, float] | None = None
+    photo: str | None = None  # Path or file name
+    click_px: tuple[float, float] | None = None  # Pixels from the top-left corner of the upright photo
 
 
 def read_rows(path: Path) -> list[PointRow]:
     """Read a table with any delimiter; its first line names the columns, in any order.
 
-    Raises
-    ------
-    TableError
-        Names the file and line.
+    Raises:
+        TableError: Names the file and line.
     """
     data = read_bytes(path, error=TableError)
     lines = [(f"{path}:{n}", line) for n, line in numbered_lines(io.BytesIO(data)) if line.strip()]

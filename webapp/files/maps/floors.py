@@ -34,10 +34,9 @@ def check_floors_of(
 ) -> None:
     """Refuse photos or notes (by id) on floors that the map does not have.
 
-    Parameters
-    ----------
-    what : str
-        `photo` or `note`."""
+    Args:
+        what: `photo` or `note`.
+    """
     known = {BASE_FLOOR, *(floor.id for floor in floors)}
     for id, floor in floor_of.items():
         if floor not in known:

@@ -88,11 +88,9 @@ def read_map(cfg_path: Path) -> Map:
     sub-pixel positions that do not round to the `.cfg`'s, are ignored (the `.cfg` was edited by other means;
     the linter reports it).
 
-    Raises
-    ------
-    MapError
-        `CfgError` and `MapJsonError` with the location in the file; or a placement is missing or has other
-        photos.
+    Raises:
+        MapError: `CfgError` and `MapJsonError` with the location in the file; or a placement is missing or
+            has other photos.
     """
     base = read_cfg(cfg_path).map
     extras = read_map_json(cfg_path)
@@ -121,20 +119,15 @@ def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> N
     After an interruption, the old `.cfg` stays authoritative for ids, photos and whole pixels. A map that
     a `.cfg` alone can hold gets no JSON, unless there is one already.
 
-    Parameters
-    ----------
-    cfg_path : Path
-        Its folder must exist.
-    from_gps : collection of int
-        Ids of photos that are moved away from their GPS positions. After an interruption, they count as
-        placed by GPS wherever the `.cfg` has them, so that no position is taken for a more exact one.
+    Args:
+        cfg_path: Its folder must exist.
+        from_gps: Ids of photos that are moved away from their GPS positions. After an interruption, they
+            count as placed by GPS wherever the `.cfg` has them, so that no position is taken for a more exact
+            one.
 
-    Raises
-    ------
-    MapError
-        The files cannot hold something in the map; nothing was written.
-    StorageError
-        Writing failed.
+    Raises:
+        MapError: The files cannot hold something in the map; nothing was written.
+        StorageError: Writing failed.
     """
     cfg, extras = format_cfg(map_), format_map_json(map_)
     placed = [(placement_path(cfg_path, p.name), format_cfg(placed_map(map_, p))) for p in map_.placements]
@@ -154,10 +147,8 @@ def write_map(cfg_path: Path, map_: Map, *, from_gps: Collection[int] = ()) -> N
 def placed_map(map_: Map, placement: Placement) -> Map:
     """Return the map that a placement's own `.cfg` holds.
 
-    Raises
-    ------
-    MapError
-        The placement has an id that the map does not have.
+    Raises:
+        MapError: The placement has an id that the map does not have.
     """
     at = placement.positions
     unknown = sorted(set(at) - {e.id for e in map_.experiences})

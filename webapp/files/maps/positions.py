@@ -44,23 +44,14 @@ _ANGLE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """Positions of photos, by their names in the list.
+    """Positions of photos, by their names in the list."""
 
-    Attributes
-    ----------
-    by_name : mapping of str to LatLon or MapPixel
-        Paths with forward slashes; all values of one kind.
-    image_size : tuple of int or None
-        Size of the image to which pixels refer (from a `.cfg`); None for degrees and if unknown.
-    headings_deg : mapping of str to float
-        Degrees clockwise from north, where the list has them.
-    repeated : tuple of str
-        Names shared by several points of a GeoJSON, KML or GPX, which are left out of `by_name`.
-    """
-
-    by_name: Mapping[str, LatLon | MapPixel]
+    by_name: Mapping[str, LatLon | MapPixel]  # Paths with forward slashes; all values of one kind
+    # Size of the image to which pixels refer (from a `.cfg`); None for degrees and if unknown.
     image_size: tuple[int, int] | None = None
+    # Degrees clockwise from north, where the list has them.
     headings_deg: Mapping[str, float] = field(default_factory=dict)
+    # Names shared by several points of a GeoJSON, KML or GPX, which are left out of `by_name`.
     repeated: tuple[str, ...] = ()
     _by_last: dict[str, list[str]] = field(init=False, repr=False, default_factory=dict)
 
@@ -76,10 +67,8 @@ class Positions:
     def find(self, name: str) -> LatLon | MapPixel | None:
         """Find the position of a photo by its path, or else by its file name if that is unique in the list.
 
-        Parameters
-        ----------
-        name : str
-            Path with forward slashes.
+        Args:
+            name: Path with forward slashes.
         """
         entry = self._entry(name)
         return None if entry is None else self.by_name[entry]
@@ -108,20 +97,15 @@ class _Entry:
 def read_positions(path: Path, *, columns: str | None = None) -> Positions:
     """Read a list of positions; formats other than `.cfg` are recognised by content.
 
-    Parameters
-    ----------
-    columns : str or None
-        Meaning of a table's columns, as `name=File, lat=Latitude, lon=Longitude`; None to guess it from
-        the header.
+    Args:
+        columns: Meaning of a table's columns, as `name=File, lat=Latitude, lon=Longitude`; None to guess it
+            from the header.
 
-    Raises
-    ------
-    TableError, TrackError
-        The list is malformed (with the line) or has no position; or a table lists a photo twice.
-    MapError
-        The `.cfg` is malformed.
-    UsageError
-        `columns` does not fit the table.
+    Raises:
+        TableError, TrackError: The list is malformed (with the line) or has no position; or a table lists a
+            photo twice.
+        MapError: The `.cfg` is malformed.
+        UsageError: `columns` does not fit the table.
     """
     if path.suffix.lower() == ".cfg":
         map_ = read_cfg(path).map

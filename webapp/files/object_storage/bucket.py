@@ -57,15 +57,9 @@ _DAMAGED = "BadDigest"
 
 @dataclass(frozen=True, slots=True)
 class StoredObject:
-    """An object in a listing.
+    """An object in a listing."""
 
-    Attributes
-    ----------
-    key : str
-        Without the prefix.
-    """
-
-    key: str
+    key: str  # Without the prefix
     bytes: int
     changed_at: datetime
 
@@ -73,19 +67,14 @@ class StoredObject:
 class Bucket:
     """The objects below a prefix of a bucket.
 
-    Parameters
-    ----------
-    url : str
-        `s3://bucket/prefix`; server and credentials are configured as usual for boto3: `AWS_ENDPOINT_URL`,
-        `AWS_ACCESS_KEY_ID` and so on.
-    timeout_s : float
-        Seconds without data until a request fails.
+    Args:
+        url: `s3://bucket/prefix`; server and credentials are configured as usual for boto3:
+            `AWS_ENDPOINT_URL`, `AWS_ACCESS_KEY_ID` and so on.
+        timeout_s: Seconds without data until a request fails.
 
-    Raises
-    ------
-    UsageError
-        The address is malformed, or boto3 cannot use the configuration that it finds.
-    MissingPart
+    Raises:
+        UsageError: The address is malformed, or boto3 cannot use the configuration that it finds.
+        MissingPart
     """
 
     def __init__(self, url: str, *, timeout_s: float = TIMEOUT_S) -> None:
@@ -108,10 +97,8 @@ class Bucket:
     def put(self, key: str, file: Path) -> None:
         """Store a file; on return, the server has received all of it and checked its MD5.
 
-        Raises
-        ------
-        StorageUnavailable, DiskFull, StorageError
-            No part of the object becomes visible.
+        Raises:
+            StorageUnavailable, DiskFull, StorageError: No part of the object becomes visible.
         """
         with self._asking("put", key), file.open("rb") as source:
             self._client.upload_fileobj(source, self._bucket, self._prefix + key, Config=self._transfer)
@@ -119,9 +106,7 @@ class Bucket:
     def get(self, key: str, target: Path) -> None:
         """Download an object to a new file, which may remain, incomplete, after an error.
 
-        Raises
-        ------
-        ObjectLost, StorageUnavailable, DiskFull, StorageError
+        Raises ObjectLost, StorageUnavailable, DiskFull, StorageError.
         """
         with self._asking("get", key):
             self._client.download_file(self._bucket, self._prefix + key, str(target), Config=self._transfer)
@@ -129,10 +114,8 @@ class Bucket:
     def probe(self) -> None:
         """Send a minimal request to check that the server responds.
 
-        Raises
-        ------
-        StorageUnavailable, StorageError
-            It does not respond within `PROBE_TIMEOUT_S`, or refuses.
+        Raises:
+            StorageUnavailable, StorageError: It does not respond within `PROBE_TIMEOUT_S`, or refuses.
         """
         with self._asking("probe", self.url):
             self._probe.list_objects_v2(Bucket=self._bucket, Prefix=self._prefix, MaxKeys=1)
@@ -143,12 +126,7 @@ class Bucket:
             self._client.delete_object(Bucket=self._bucket, Key=self._prefix + key)
 
     def objects(self) -> Iterator[StoredObject]:
-        """List all objects below the prefix.
-
-        Raises
-        ------
-        StorageUnavailable, StorageError
-        """
+        """List all objects below the prefix. Raises StorageUnavailable, StorageError."""
         for page in self._pages("list_objects_v2"):
             for one in page.get("Contents", ()):
                 key = one["Key"].removeprefix(self._prefix)
@@ -157,9 +135,7 @@ class Bucket:
     def drop_unfinished(self, *, begun_before: datetime) -> int:
         """Abort unfinished multipart uploads that began before a time; return their number.
 
-        Raises
-        ------
-        StorageUnavailable, StorageError
+        Raises StorageUnavailable, StorageError.
         """
         dropped = 0
         for page in self._pages("list_multipart_uploads"):

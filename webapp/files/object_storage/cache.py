@@ -50,17 +50,9 @@ _MAPS_COLUMNS = 5
 class ObjectCache:
     """A folder of cached objects that several processes share.
 
-    Parameters
-    ----------
-    limit : int
-        Bytes; exceeded if more is requested within `stays_s`.
-    stays_s : float
-        Seconds after a request during which a file is not evicted.
-
-    Attributes
-    ----------
-    folder : Path
-    limit : int
+    Args:
+        limit: Bytes; exceeded if more is requested within `stays_s`.
+        stays_s: Seconds after a request during which a file is not evicted.
     """
 
     def __init__(self, folder: Path, *, limit: int, stays_s: float = STAYS_S) -> None:
@@ -75,24 +67,16 @@ class ObjectCache:
     def path(self, pointer: Pointer, *, name: str, fetch: Callable[[Path], None]) -> Path:
         """Return the local copy of an object; fetch it if it is missing.
 
-        Parameters
-        ----------
-        name : str
-            Name of the file.
-        fetch : callable
-            Writes the object to a new file.
+        Args:
+            name: Name of the file.
+            fetch: Writes the object to a new file.
 
-        Returns
-        -------
-        Path
+        Returns:
             Readable for at least `stays_s`.
 
-        Raises
-        ------
-        StorageError
-            The disk failed, or `fetch` did.
-        ObjectLost
-            The content fetched differs from that stored.
+        Raises:
+            StorageError: The disk failed, or `fetch` did.
+            ObjectLost: The content fetched differs from that stored.
         """
         place = self._place(pointer, name)
         if self._touch(place, pointer):
@@ -246,9 +230,7 @@ def _copy(source: Path, target: Path) -> None:
 def mapped_names(folder: Path) -> set[str]:
     """List the names of files below a folder that a process of this user has mapped.
 
-    Returns
-    -------
-    set of str
+    Returns:
         Without folders; empty if the system has no `/proc`, or it shows nothing.
     """
     inside, found = os.fsencode(f"{folder.resolve()}/"), set()

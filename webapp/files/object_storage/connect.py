@@ -20,13 +20,10 @@ _LOCK = threading.Lock()
 def connect(settings: Settings) -> ObjectStorage | None:
     """Use the object storage of the settings in this process from now on; None if there is none.
 
-    Raises
-    ------
-    UsageError
-        The address is invalid, or the database is SQLite: machines that share photos must share the database,
-        too.
-    MissingPart
-        The extra `cluster` is not installed.
+    Raises:
+        UsageError: The address is invalid, or the database is SQLite: machines that share photos must share
+            the database, too.
+        MissingPart: The extra `cluster` is not installed.
     """
     if settings.storage is None:
         if in_use() is not None:

@@ -17,10 +17,8 @@ _INNER = ".library"  # as in `webapp.store.library`, which map commands do not l
 def read_marker(inner: Path) -> tuple[str | None, str | None]:
     """Read the address of a library's storage, and the library's name in it; None where missing.
 
-    Parameters
-    ----------
-    inner : Path
-        The library's folder for all that is not a map.
+    Args:
+        inner: The library's folder for all that is not a map.
     """
     marker = inner / MARKER
     lines = marker.read_text("utf-8").split() if marker.is_file() else []
@@ -31,10 +29,8 @@ def read_marker(inner: Path) -> tuple[str | None, str | None]:
 def check_marker(inner: Path, settings: Settings) -> bool:
     """Return whether a library has a storage, and check that it is the one of the settings.
 
-    Raises
-    ------
-    StorageError
-        It is another one, or the settings name none.
+    Raises:
+        StorageError: It is another one, or the settings name none.
     """
     address = read_marker(inner)[0]
     if address is not None and address != settings.storage:
@@ -54,10 +50,8 @@ def is_kept_in_objects(path: Path) -> bool:
 def settings_at(path: Path, settings: Settings) -> Settings:
     """Return the settings for a map, whose storage is that of its library, or none.
 
-    Raises
-    ------
-    StorageError
-        The library has a storage other than the settings'.
+    Raises:
+        StorageError: The library has a storage other than the settings'.
     """
     inner = _inner(path)
     if inner is None:

@@ -15,20 +15,11 @@ SUFFIX = ".object"
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """A stored file: its object, and its properties when it was stored.
+    """A stored file: its object, and its properties when it was stored."""
 
-    Attributes
-    ----------
-    key : str
-        Of the object, below the prefix of the storage; unique for each upload.
-    sha256 : str
-        Of the content.
-    bytes, mtime_ns : int
-        Size and modification time of the file.
-    """
-
-    key: str
-    sha256: str
+    key: str  # Of the object, below the prefix of the storage; unique for each upload
+    sha256: str  # Of the content
+    # `bytes`, `mtime_ns`: Size and modification time of the file.
     bytes: int
     mtime_ns: int
 
@@ -46,10 +37,8 @@ def pointed_path(pointer: Path) -> Path:
 def read_pointer(path: Path) -> Pointer | None:
     """Read the pointer of a file; None if it has none.
 
-    Raises
-    ------
-    StorageError
-        The pointer is damaged, or cannot be read.
+    Raises:
+        StorageError: The pointer is damaged, or cannot be read.
     """
     place = pointer_path(path)
     try:
@@ -67,10 +56,5 @@ def read_pointer(path: Path) -> Pointer | None:
 
 
 def write_pointer(path: Path, pointer: Pointer) -> None:
-    """Write or replace the pointer of a file atomically.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Write or replace the pointer of a file atomically. Raises StorageError."""
     write_text(pointer_path(path), json.dumps(asdict(pointer)))

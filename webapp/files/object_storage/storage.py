@@ -53,11 +53,10 @@ class ObjectStorage:
     def store(self, file: Path) -> Pointer:
         """Store the content of a file under a new, unique key, to which nothing refers yet.
 
-        Raises
-        ------
-        StorageUnavailable, DiskFull
-        StorageError
-            The disk failed, or the file changed meanwhile; nothing refers to an object stored anyway.
+        Raises:
+            StorageError: The disk failed, or the file changed meanwhile; nothing refers to an object stored
+                anyway.
+            StorageUnavailable, DiskFull
         """
         facts = file.stat()
         sha256 = sha256_of(file)
@@ -136,10 +135,8 @@ def using(storage: ObjectStorage | None) -> Iterator[None]:
 def local(path: Path) -> Path:
     """Return a local path of a file's content, fetching it if it is an object; else the same path.
 
-    Raises
-    ------
-    StorageError
-        The storage cannot be reached, or the disk of the cache failed.
+    Raises:
+        StorageError: The storage cannot be reached, or the disk of the cache failed.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None
@@ -149,10 +146,8 @@ def local(path: Path) -> Path:
 def fetch_together(paths: Sequence[Path]) -> None:
     """Fetch several files that are about to be read, in parallel; lost objects are ignored until read.
 
-    Raises
-    ------
-    StorageError
-        Raised by `local`.
+    Raises:
+        StorageError: Raised by `local`.
     """
     if in_use() is not None:
         with ContextThreads(_TOGETHER) as pool:
@@ -171,10 +166,8 @@ def read_once(path: Path) -> Iterator[Path]:
 
     If a new file has been put at the path since it was stored, that is used instead of the object.
 
-    Raises
-    ------
-    StorageError
-        Raised by `local`.
+    Raises:
+        StorageError: Raised by `local`.
     """
     storage = in_use()
     pointer = read_pointer(path) if storage else None
@@ -234,9 +227,7 @@ def hash_of(path: Path) -> str:
 def store(file: Path) -> Pointer | None:
     """Store a file's content, before anything refers to it, and cache it; None if there is no storage.
 
-    Raises
-    ------
-    StorageUnavailable, DiskFull, StorageError
+    Raises StorageUnavailable, DiskFull, StorageError.
     """
     storage = in_use()
     if storage is None:
@@ -251,10 +242,8 @@ def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
 
     This is fast, as nothing is copied: other writers may be waiting meanwhile.
 
-    Raises
-    ------
-    StorageError
-        Writing failed; the file has been kept.
+    Raises:
+        StorageError: Writing failed; the file has been kept.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     write_pointer(target, pointer)
@@ -267,10 +256,8 @@ def put_in_place(file: Path, target: Path, *, pointer: Pointer) -> None:
 def publish(path: Path) -> None:
     """Turn a file into an object, if there is a storage and the file exists.
 
-    Raises
-    ------
-    StorageUnavailable, DiskFull, StorageError
-        The file has been kept.
+    Raises:
+        StorageUnavailable, DiskFull, StorageError: The file has been kept.
     """
     pointer = store(path) if path.is_file() else None
     if pointer is not None:
@@ -282,10 +269,8 @@ def settle(path: Path) -> None:
 
     Elsewhere it stays a file, as objects in use could not be distinguished from orphans.
 
-    Raises
-    ------
-    StorageUnavailable, DiskFull, StorageError
-        The file has been kept.
+    Raises:
+        StorageUnavailable, DiskFull, StorageError: The file has been kept.
     """
     if in_use() is not None and is_kept_in_objects(path):
         publish(path)
@@ -294,10 +279,8 @@ def settle(path: Path) -> None:
 def bring_back(path: Path) -> None:
     """Turn an object into a file again, and delete its pointer; a new file at the path is kept.
 
-    Raises
-    ------
-    StorageUnavailable, ObjectLost, DiskFull, StorageError
-        The pointer has been kept.
+    Raises:
+        StorageUnavailable, ObjectLost, DiskFull, StorageError: The pointer has been kept.
     """
     pointer = read_pointer(path)
     if pointer is None:
@@ -321,12 +304,7 @@ def bring_back(path: Path) -> None:
 
 
 def _check_unchanged(file: Path, before: os.stat_result) -> None:
-    """Refuse a file that has changed.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Refuse a file that has changed. Raises StorageError."""
     now = file.stat()
     if (now.st_size, now.st_mtime_ns, now.st_ino) != (before.st_size, before.st_mtime_ns, before.st_ino):
         raise StorageError(

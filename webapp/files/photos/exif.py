@@ -45,20 +45,13 @@ FovSource = Literal["FocalLengthIn35mmFilm", "FocalPlaneResolution"]
 
 @dataclass(frozen=True, slots=True)
 class Exif:
-    """Three tables of tag numbers and values; empty if missing.
+    """Three tables of tag numbers and values; empty if missing."""
 
-    Attributes
-    ----------
-    image, camera, gps : mapping of int to object
-        IFD 0, the Exif IFD and the GPS IFD. Values may be of any type.
-    notes : tuple of str
-        Sentences about damaged parts.
-    """
-
+    # `image`, `camera`, `gps`: IFD 0, the Exif IFD and the GPS IFD. Values may be of any type.
     image: Mapping[int, object] = field(default_factory=dict)
     camera: Mapping[int, object] = field(default_factory=dict)
     gps: Mapping[int, object] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # Sentences about damaged parts
 
 
 def read_exif(image: Image.Image) -> Exif:
@@ -84,16 +77,12 @@ def read_exif(image: Image.Image) -> Exif:
 def parse_block(raw: bytes) -> dict[str, Any] | None:
     """Parse a well-formed EXIF block with piexif.
 
-    Parameters
-    ----------
-    raw : bytes
-        With or without `Exif\\0\\0` before its TIFF header.
+    Args:
+        raw: With or without `Exif\\0\\0` before its TIFF header.
 
-    Returns
-    -------
-    dict of str to dict, or None
-        As returned by `piexif.load`; None for a block that is empty, damaged, unsafe to parse (piexif trusts
-        any length) or that piexif would misread.
+    Returns:
+        As `piexif.load`; None for a block that is empty, damaged, unsafe to parse (piexif trusts any length)
+        or that piexif would misread.
     """
     tiff = raw.removeprefix(b"Exif\0\0")
     try:
@@ -173,12 +162,9 @@ def _read_tolerantly(image: Image.Image) -> Exif:
 def orientation(exif: Exif) -> tuple[int, str | None]:
     """Return the EXIF orientation: how the stored pixels must be turned to be upright.
 
-    Returns
-    -------
-    value : int
-        1 to 8 as in EXIF; 1 (as stored) if missing or invalid.
-    note : str or None
-        A sentence if it is invalid.
+    Returns:
+        value: 1 to 8 as in EXIF; 1 (as stored) if missing or invalid.
+        note: A sentence if it is invalid.
     """
     value = exif.image.get(_ORIENTATION)
     if value is None:
@@ -217,11 +203,9 @@ class Fov:
 def read_time(exif: Exif) -> str | None:
     """Read when the photo was taken.
 
-    Returns
-    -------
-    str or None
-        ISO 8601: the camera's clock, with fraction and offset if the camera wrote them; without an offset
-        it is local time. If only the GPS has a time, that, with the offset +00:00.
+    Returns:
+        ISO 8601: the camera's clock, with fraction and offset if the camera wrote them; without an offset it
+            is local time. If only the GPS has a time, that, with the offset +00:00.
     """
     for when, fraction, offset in _TIMES:
         moment = _moment(text(exif.camera.get(when)), text(exif.camera.get(fraction)))
@@ -233,19 +217,14 @@ def read_time(exif: Exif) -> str | None:
 def read_fov(exif: Exif, *, width: int, height: int) -> Fov | None:
     """Read the horizontal field of view.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the upright photo, pixels.
+    Args:
+        width, height: Of the upright photo, pixels.
 
-    Returns
-    -------
-    Fov or None
+    Returns:
         None if EXIF lacks it, has 0 or an implausible value, or the photo has been cropped.
 
-    Notes
-    -----
-    The focal length "in 35 mm film" refers to the diagonal (43.27 mm), as CIPA DCG-001 defines it.
+    Notes:
+        The focal length "in 35 mm film" refers to the diagonal (43.27 mm), as CIPA DCG-001 defines it.
     """
     camera_size = (number(exif.camera.get(_WIDTH)), number(exif.camera.get(_HEIGHT)))
     if _was_cropped(camera_size, (width, height)):

@@ -22,25 +22,15 @@ _FAR_DATUMS = frozenset({"TOKYO", "NAD27", "ED50", "PULKOVO1942", "PULKOVO42"})
 
 @dataclass(frozen=True, slots=True)
 class Gps:
-    """A position from EXIF.
+    """A position from EXIF."""
 
-    Attributes
-    ----------
-    lat, lon : float
-        Degrees north and east, WGS 84.
-    accuracy_m : float or None
-        68 % radius: GPSHPositioningError as stated by the device, or else `dop` * `METRES_PER_DOP`.
-    dop : float or None
-        Dilution of precision.
-    altitude_m : float or None
-        Above sea level (below: negative), according to the device.
-    """
-
+    # `lat`, `lon`: Degrees north and east, WGS 84.
     lat: float
     lon: float
+    # 68 % radius: GPSHPositioningError as stated by the device, or else `dop` * `METRES_PER_DOP`.
     accuracy_m: float | None = None
-    dop: float | None = None
-    altitude_m: float | None = None
+    dop: float | None = None  # Dilution of precision
+    altitude_m: float | None = None  # Above sea level (below: negative), according to the device
 
 
 @dataclass(frozen=True, slots=True)

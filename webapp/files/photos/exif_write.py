@@ -49,28 +49,14 @@ _MANUAL = b"ASCII\0\0\0MANUAL"
 
 @dataclass(frozen=True, slots=True)
 class CameraTags:
-    """Tags to write; those that are None are left out.
+    """Tags to write; those that are None are left out."""
 
-    Attributes
-    ----------
-    taken_at : datetime or None
-        The camera's clock, with its UTC offset if known.
-    focal_35mm : int or None
-        Focal length in 35 mm film, mm, by the diagonal; a panorama has none.
-    heading_deg : float or None
-        Viewing direction, degrees clockwise from true north.
-    accuracy_m : float or None
-        68 % radius of the position.
-    unique_id : str or None
-        32 hexadecimal digits.
-    """
-
-    taken_at: datetime | None
-    focal_35mm: int | None
+    taken_at: datetime | None  # The camera's clock, with its UTC offset if known
+    focal_35mm: int | None  # Focal length in 35 mm film, mm, by the diagonal; a panorama has none
     position: LatLon | None = None
-    heading_deg: float | None = None
-    accuracy_m: float | None = None
-    unique_id: str | None = None
+    heading_deg: float | None = None  # Viewing direction, degrees clockwise from true north
+    accuracy_m: float | None = None  # 68 % radius of the position
+    unique_id: str | None = None  # 32 hexadecimal digits
 
 
 def exif_bytes(tags: CameraTags) -> bytes:
@@ -103,24 +89,16 @@ def with_position(photo: bytes, tag: Geotag, *, limits: PhotoLimits) -> tuple[by
     If it is not by GPS, tags that describe a GPS fix (accuracy, satellites ...) are removed. Altitude, time
     and all other tags that piexif knows are kept.
 
-    Parameters
-    ----------
-    photo : bytes
-        A JPEG or WebP file.
-    tag : Geotag
-        If it has no heading, that of the photo is kept.
+    Args:
+        photo: A JPEG or WebP file.
+        tag: If it has no heading, that of the photo is kept.
 
-    Returns
-    -------
-    bytes
+    Returns:
         The file with the new block.
-    str or None
         A sentence about EXIF that could not be kept.
 
-    Raises
-    ------
-    PhotoError
-        It is not a photo, has another format, or its EXIF cannot be extended by the position.
+    Raises:
+        PhotoError: It is not a photo, has another format, or its EXIF cannot be extended by the position.
     """
     with open_image(photo, limits=limits) as image:
         if image.format not in WRITABLE:
@@ -181,12 +159,7 @@ def _degrees(value: float) -> tuple[tuple[int, int], ...]:
 
 
 def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
-    """Write a panorama of the whole sphere as a JPEG, marked as such in its XMP.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Write a panorama of the whole sphere as a JPEG, marked as such in its XMP. Raises StorageError."""
     height, width = pixels.shape[:2]
     heading = "" if tags.heading_deg is None else f' GPano:PoseHeadingDegrees="{tags.heading_deg:.4f}"'
     body = _XMP.format(width=width, height=height, heading=heading).encode()
@@ -196,12 +169,7 @@ def write_panorama(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -
 
 
 def write_view(path: Path, pixels: NDArray[np.uint8], *, tags: CameraTags) -> None:
-    """Write a view as a JPEG.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Write a view as a JPEG. Raises StorageError."""
     _write(path, cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes(), tags)
 
 

@@ -34,24 +34,13 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Geotag:
-    """The position of a photo.
+    """The position of a photo."""
 
-    Attributes
-    ----------
-    position : LatLon
-        WGS 84.
-    heading_deg : float or None
-        Clockwise from true north; None if unknown.
-    by_gps : bool
-        Whether the position is that of the photo's GPS; otherwise a person or a track set it.
-    accuracy_m : float or None
-        68 % radius of a position by GPS.
-    """
-
-    position: LatLon
-    heading_deg: float | None = None
+    position: LatLon  # WGS 84
+    heading_deg: float | None = None  # Clockwise from true north; None if unknown
+    # Whether the position is that of the photo's GPS; otherwise a person or a track set it.
     by_gps: bool = False
-    accuracy_m: float | None = None
+    accuracy_m: float | None = None  # 68 % radius of a position by GPS
 
 
 def format_xmp(tag: Geotag) -> bytes:
@@ -74,15 +63,11 @@ def format_xmp(tag: Geotag) -> bytes:
 def format_exiftool_csv(rows: Iterable[tuple[str, Geotag]]) -> Iterator[bytes]:
     """Write a table for `exiftool -csv=FILE -n`.
 
-    Parameters
-    ----------
-    rows : iterable of (str, Geotag)
-        File names and positions of the photos. Names that a spreadsheet would take for a formula are not
-        escaped: exiftool compares them with those of the files.
+    Args:
+        rows: File names and positions of the photos. Names that a spreadsheet would take for a formula are
+            not escaped: exiftool compares them with those of the files.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8, one piece per photo.
     """
     text = io.StringIO()

@@ -29,30 +29,18 @@ GREY = 128
 
 @dataclass(frozen=True, slots=True)
 class PanoramaTags:
-    """The properties of a photo as a panorama.
+    """The properties of a photo as a panorama."""
 
-    Attributes
-    ----------
-    is_marked : bool
-        It has the XMP of an equirectangular panorama.
-    is_whole : bool
-        It is twice as wide as high, and was not cropped.
-    heading_deg : float or None
-        Heading of its middle.
-    """
-
-    is_marked: bool
-    is_whole: bool
-    heading_deg: float | None
+    is_marked: bool  # It has the XMP of an equirectangular panorama
+    is_whole: bool  # It is twice as wide as high, and was not cropped
+    heading_deg: float | None  # Heading of its middle
 
 
 def read_panorama(content: bytes, size: tuple[int, int]) -> PanoramaTags:
     """Read a photo's properties as a panorama.
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height of the upright photo, pixels.
+    Args:
+        size: Width and height of the upright photo, pixels.
     """
     tags = {
         name.decode(): value.decode("utf-8", "replace").strip() for name, value in _GPANO.findall(content)
@@ -75,17 +63,12 @@ def find_panorama(
 ) -> PanoramaTags | None:
     """Read a photo's properties as a panorama; None if it does not show the whole sphere.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content.
-    assume : bool
-        Whether to also accept a photo that is twice as wide as high but not marked as a panorama.
+    Args:
+        source: A file, or its content.
+        assume: Whether to also accept a photo that is twice as wide as high but not marked as a panorama.
 
-    Raises
-    ------
-    PhotoError
-        The photo cannot be read.
+    Raises:
+        PhotoError: The photo cannot be read.
     """
     size = facts.width, facts.height
     if not is_whole_sphere(*size):  # saves reading most photos
@@ -107,18 +90,11 @@ class CutView:
 def read_level_view(
     source: bytes, view: LevelView, *, limits: PhotoLimits, max_side: int | None = None
 ) -> CutView:
-    """Cut a level view out of a panorama's file, in grey.
+    """Cut a level view out of a panorama's file, in grey. Raises PhotoError.
 
-    Parameters
-    ----------
-    source : bytes
-        Content of the panorama's file.
-    max_side : int, optional
-        As for `read_gray`, for the view.
-
-    Raises
-    ------
-    PhotoError
+    Args:
+        source: Content of the panorama's file.
+        max_side: As for `read_gray`, for the view.
     """
     pixels = read_gray(source, limits=limits).pixels
     wide = pixels.shape[1]
@@ -135,19 +111,13 @@ def cut_level_view(
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Cut a level view out of a panorama.
 
-    Parameters
-    ----------
-    pixels : (H, W) or (H, W, 3) uint8
-        The whole sphere.
-    size : ViewSize, optional
-        By default, the one with as many pixels per degree.
+    Args:
+        pixels: (H, W) or (H, W, 3) uint8. The whole sphere.
+        size: By default, the one with as many pixels per degree.
 
-    Returns
-    -------
-    view : (h, w) or (h, w, 3) uint8
-        Masked pixels are grey.
-    used : (h, w) bool
-        Pixels that are not masked.
+    Returns:
+        view: (h, w) or (h, w, 3) uint8. Masked pixels are grey.
+        used: (h, w) bool. Pixels that are not masked.
     """
     high, wide = pixels.shape[:2]
     size = size or view_size(wide, FOCAL_35MM)
@@ -174,10 +144,8 @@ def _number(text: str | None) -> float | None:
 def read_mask(source: Path, *, limits: PhotoLimits) -> tuple[BlurBox, ...]:
     """Read a mask of panoramas: an image twice as wide as high, with masked parts black.
 
-    Raises
-    ------
-    PhotoError
-        It is not an image, has another aspect ratio, or would take too many boxes.
+    Raises:
+        PhotoError: It is not an image, has another aspect ratio, or would take too many boxes.
     """
     pixels = read_gray(source, limits=limits).pixels
     if not is_whole_sphere(pixels.shape[1], pixels.shape[0]):

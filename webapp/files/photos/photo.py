@@ -31,41 +31,21 @@ _MOST_CAMERA = 100
 
 @dataclass(frozen=True, slots=True)
 class PhotoFacts:
-    """Facts about a photo that are known without decoding it.
+    """Facts about a photo that are known without decoding it."""
 
-    Attributes
-    ----------
-    width, height : int
-        Of the upright photo, pixels.
-    orientation : int
-        1 to 8: how the stored pixels are turned (EXIF). 1 if the decoder itself turns them (HEIC).
-    heading : Heading or None
-        With its reference, true or magnetic north.
-    taken_at : str or None
-        ISO 8601; local time if it has no offset.
-    fov : Fov or None
-        Horizontal field of view of the upright photo, and its source.
-    notes : tuple of str
-        Sentences about oddities.
-    format : str
-        By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ...
-    maker : str or None
-        Manufacturer of the camera; empty if EXIF lacks it, None if there is no EXIF.
-    camera : str or None
-        Maker and model of the camera, if EXIF has them.
-    """
-
+    # `width`, `height`: Of the upright photo, pixels.
     width: int
     height: int
+    # 1 to 8: how the stored pixels are turned (EXIF). 1 if the decoder itself turns them (HEIC).
     orientation: int
     gps: Gps | NoGps
-    heading: Heading | None
-    taken_at: str | None
-    fov: Fov | None
-    notes: tuple[str, ...] = ()
-    format: str = ""
-    maker: str | None = None
-    camera: str | None = None
+    heading: Heading | None  # With its reference, true or magnetic north
+    taken_at: str | None  # ISO 8601; local time if it has no offset
+    fov: Fov | None  # Horizontal field of view of the upright photo, and its source
+    notes: tuple[str, ...] = ()  # Sentences about oddities
+    format: str = ""  # By content, as Pillow names it: `JPEG`, `HEIF`, `PNG` ..
+    maker: str | None = None  # Manufacturer of the camera; empty if EXIF lacks it, None if there is no EXIF
+    camera: str | None = None  # Maker and model of the camera, if EXIF has them
 
     @property
     def heading_deg(self) -> float | None:
@@ -80,20 +60,11 @@ class PhotoFacts:
 
 @dataclass(frozen=True, slots=True)
 class GrayPhoto:
-    """An upright grey photo, possibly scaled down.
+    """An upright grey photo, possibly scaled down."""
 
-    Attributes
-    ----------
-    pixels : (h, w) uint8
-    scale : float
-        At most 1; lengths in `pixels` divided by this are lengths in the full-size upright photo.
-    full_size : tuple of int
-        Width and height of the full-size upright photo, pixels.
-    """
-
-    pixels: Pixels
-    scale: float
-    full_size: tuple[int, int]
+    pixels: Pixels  # (h, w) uint8
+    scale: float  # At most 1; lengths in `pixels` divided by this are lengths in the full-size upright photo
+    full_size: tuple[int, int]  # Width and height of the full-size upright photo, pixels
 
     def turned(self, quarters: int) -> GrayPhoto:
         """Return it rotated clockwise by quarter turns."""
@@ -105,10 +76,8 @@ class GrayPhoto:
 def read_file(path: Path, *, limits: PhotoLimits) -> bytes:
     """Read the whole file of a photo.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing, not a file, empty, unreadable, or exceeds the limit.
+    Raises:
+        PhotoError: The file is missing, not a file, empty, unreadable, or exceeds the limit.
     """
     try:
         check_bytes(path, limits)
@@ -124,15 +93,12 @@ def read_facts(source: Path | bytes, *, limits: PhotoLimits) -> PhotoFacts:
 
     Damaged or odd EXIF is left out and noted. Truncation after the header is not detected.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content.
+    Args:
+        source: A file, or its content.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing, not an image of a known format, exceeds the limits, or its header is damaged.
+    Raises:
+        PhotoError: The file is missing, not an image of a known format, exceeds the limits, or its header is
+            damaged.
     """
     with open_image(source, limits=limits) as image:
         exif = read_exif(image)
@@ -164,22 +130,15 @@ def _camera(maker: str, model: str) -> str | None:
 def read_upright(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> Pixels:
     """Read a photo in colour, upright.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content; of several frames or pages, the first is read.
-    max_side : int, optional
-        Scale down to this many pixels on the longer side; never up.
+    Args:
+        source: A file, or its content; of several frames or pages, the first is read.
+        max_side: Scale down to this many pixels on the longer side; never up.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        Blue, green, red.
+    Returns:
+        (h, w, 3) uint8: Blue, green, red.
 
-    Raises
-    ------
-    PhotoError
-        As for `read_facts`, or the pixels are damaged or truncated.
+    Raises:
+        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     pixels, _ = _scaled(_read(source, "RGB", limits=limits), max_side)
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), dtype=np.uint8)
@@ -195,9 +154,7 @@ def read_blurred(
 def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:
     """Read a photo like `read_upright`, with a limit of parallel decoding in this process.
 
-    Raises
-    ------
-    PhotoError, Busy
+    Raises PhotoError, Busy.
     """
     with permit(_DECODING):
         return read_upright(source, limits=limits, max_side=max_side)
@@ -206,17 +163,12 @@ def read_in_turn(source: Path, *, limits: PhotoLimits, max_side: int) -> Pixels:
 def read_gray(source: Path | bytes, *, limits: PhotoLimits, max_side: int | None = None) -> GrayPhoto:
     """Read a photo in grey, upright; for a colour JPEG, this is the stored luma.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A file, or its content; of several frames or pages, the first is read.
-    max_side : int, optional
-        Scale down to this many pixels on the longer side; never up.
+    Args:
+        source: A file, or its content; of several frames or pages, the first is read.
+        max_side: Scale down to this many pixels on the longer side; never up.
 
-    Raises
-    ------
-    PhotoError
-        As for `read_facts`, or the pixels are damaged or truncated.
+    Raises:
+        PhotoError: As for `read_facts`, or the pixels are damaged or truncated.
     """
     return scaled_gray(_read(source, "L", limits=limits), max_side)
 
@@ -230,9 +182,8 @@ def scaled_gray(full: Pixels, max_side: int | None) -> GrayPhoto:
 def turn_upright(pixels: Pixels, orientation: int) -> Pixels:
     """Rotate and mirror stored pixels according to an EXIF orientation of 1 to 8.
 
-    Parameters
-    ----------
-    pixels : (h, w) or (h, w, 3) uint8
+    Args:
+        pixels: (h, w) or (h, w, 3) uint8
     """
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)

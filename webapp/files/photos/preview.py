@@ -32,22 +32,15 @@ _ENCODING: Mapping[Kind, tuple[int, int]] = {
 def make_previews(source: Path, *, limits: PhotoLimits, blurred: Sequence[BlurBox] = ()) -> dict[Kind, bytes]:
     """Decode a photo completely and make its previews.
 
-    Parameters
-    ----------
-    blurred : sequence of BlurBox
-        Parts of the upright photo to blur.
+    Args:
+        blurred: Parts of the upright photo to blur.
 
-    Returns
-    -------
-    dict of str to bytes
+    Returns:
         A JPEG file for the preview, a WebP file for the thumb.
 
-    Raises
-    ------
-    PhotoError
-        It is not a photo, is damaged or truncated, or exceeds the limits.
-    Busy
-        Too many others are being decoded.
+    Raises:
+        PhotoError: It is not a photo, is damaged or truncated, or exceeds the limits.
+        Busy: Too many others are being decoded.
     """
     found: dict[Kind, bytes] = {}
     pixels = blur(read_in_turn(source, limits=limits, max_side=max(SIDES.values())), blurred)
@@ -94,17 +87,12 @@ def write_previews(
 ) -> None:
     """Write the previews of a photo into a folder, which is created if missing.
 
-    Parameters
-    ----------
-    stem : str
-        Beginning of their names.
-    blurred : sequence of BlurBox
-        Those with which the previews were made.
+    Args:
+        stem: Beginning of their names.
+        blurred: Those with which the previews were made.
 
-    Raises
-    ------
-    StorageError
-        Writing failed; they can be made again from the photo.
+    Raises:
+        StorageError: Writing failed; they can be made again from the photo.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for kind, data in previews.items():

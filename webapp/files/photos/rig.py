@@ -17,23 +17,14 @@ _MOST = 64
 
 @dataclass(frozen=True, slots=True)
 class MountedCamera:
-    """A camera of a rig, and the pattern of its photos' names.
+    """A camera of a rig, and the pattern of its photos' names."""
 
-    Attributes
-    ----------
-    photos : str
-        Pattern with one `*` for the instant: `left/*.jpg`, `frame_*_left.png`.
-    yaw_deg, pitch_deg, roll_deg : float
-        See `RigCamera`.
-    fov_deg : float or None
-        None to use the EXIF of each photo.
-    """
-
-    photos: str
+    photos: str  # Pattern with one `*` for the instant: `left/*.jpg`, `frame_*_left.png`
+    # `yaw_deg`, `pitch_deg`, `roll_deg`: See `RigCamera`.
     yaw_deg: float
     pitch_deg: float
     roll_deg: float
-    fov_deg: float | None
+    fov_deg: float | None  # None to use the EXIF of each photo
 
     def with_fov(self, fov_deg: float) -> RigCamera:
         """Return its mounting with a field of view."""
@@ -51,12 +42,9 @@ class MountedCamera:
 def read_rig(path: Path) -> tuple[MountedCamera, ...]:
     """Read the file of a rig.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read.
-    MapJsonError
-        Its content is invalid.
+    Raises:
+        InputError: The file cannot be read.
+        MapJsonError: Its content is invalid.
     """
     try:
         data = path.read_bytes()

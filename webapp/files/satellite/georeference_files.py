@@ -46,10 +46,8 @@ def read_corners(path: Path) -> Corners:
 
     Besides the corners it may only hold a `note`.
 
-    Raises
-    ------
-    GeoreferenceError
-        With the JSON path of the field, or line and column of a syntax error.
+    Raises:
+        GeoreferenceError: With the JSON path of the field, or line and column of a syntax error.
     """
     return parse_corners(read_bytes(path, error=GeoreferenceError), where=str(path))
 
@@ -86,21 +84,15 @@ def _position(field: JsonField) -> LatLon:
 def read_control_points(path: Path) -> list[ControlPoint]:
     """Read control points.
 
-    Parameters
-    ----------
-    path : Path
-        Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer top-left
-        corner, degrees north and east.
+    Args:
+        path: Semicolon table with the header `x;y;lat;lon`: pixels right of and below the image's outer
+            top-left corner, degrees north and east.
 
-    Returns
-    -------
-    list of ControlPoint
+    Returns:
         At least one.
 
-    Raises
-    ------
-    TableError
-        The file cannot be read or is malformed, with the line.
+    Raises:
+        TableError: The file cannot be read or is malformed, with the line.
     """
     _, rows = read_table(path, headers=[HEADER])
     if not rows:
@@ -121,10 +113,8 @@ def _point(row: TextRow) -> ControlPoint:
 def find_worldfile(image: Path) -> Path:
     """Find the world file of an image: `.pgw`, `.pngw` or `.wld` for a `.png`, and so on, ignoring case.
 
-    Raises
-    ------
-    GeoreferenceError
-        There is none.
+    Raises:
+        GeoreferenceError: There is none.
     """
     ending = image.suffix[1:].lower()
     endings = [f".{ending[:1]}{ending[-1:]}w", f".{ending}w", ".wld"]
@@ -143,24 +133,17 @@ def find_worldfile(image: Path) -> Path:
 def read_worldfile(path: Path, *, width: int, height: int, crs: str | None = None) -> GeoreferenceFit:
     """Read a world file.
 
-    Parameters
-    ----------
-    width, height : int
-        Size of the image, pixels.
-    crs : str, optional
-        Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326 (degrees
-        of longitude and latitude), if the numbers are in its range.
+    Args:
+        width, height: Size of the image, pixels.
+        crs: Coordinate system of the numbers. Default: the one of the `.prj` next to it, else EPSG:4326
+            (degrees of longitude and latitude), if the numbers are in its range.
 
-    Returns
-    -------
-    GeoreferenceFit
+    Returns:
         Without residuals.
 
-    Raises
-    ------
-    GeoreferenceError
-        The file cannot be read, does not hold six numbers, has no plausible coordinate system, or mirrors
-        the Earth.
+    Raises:
+        GeoreferenceError: The file cannot be read, does not hold six numbers, has no plausible coordinate
+            system, or mirrors the Earth.
     """
     text = read_text(path, error=GeoreferenceError)
     return parse_worldfile(text, where=str(path), width=width, height=height, crs=crs or _sibling_prj(path))
@@ -171,14 +154,10 @@ def parse_worldfile(
 ) -> GeoreferenceFit:
     """Parse the content of a world file; see `read_worldfile`.
 
-    Parameters
-    ----------
-    where : str
-        Name of the file, for errors.
-    width, height : int
-        Size of the image, pixels.
-    crs : str, optional
-        Default: EPSG:4326, if the numbers are in its range.
+    Args:
+        where: Name of the file, for errors.
+        width, height: Size of the image, pixels.
+        crs: Default: EPSG:4326, if the numbers are in its range.
     """
     a, d, b, e, c, f = _six_numbers(text, where)
     centres = np.array([[a, b, c], [d, e, f], [0.0, 0.0, 1.0]])
@@ -232,23 +211,17 @@ def _check_degrees(matrix: np.ndarray, where: str, *, width: int, height: int) -
 def read_geotiff(path: Path, *, crs: str | None = None) -> GeoreferenceFit:
     """Read the georeference of a GeoTIFF.
 
-    Parameters
-    ----------
-    crs : str, optional
-        Overrides the coordinate system of the file.
+    Args:
+        crs: Overrides the coordinate system of the file.
 
-    Returns
-    -------
-    GeoreferenceFit
+    Returns:
         The exact transform (without residuals), or if there is none, a least-squares fit to the ground
-        control points.
+            control points.
 
-    Raises
-    ------
-    GeoreferenceError
-        It is not a TIFF, has no georeference or coordinate system, or does not show the Earth from above.
-    MissingPart
-        rasterio is not installed.
+    Raises:
+        GeoreferenceError: It is not a TIFF, has no georeference or coordinate system, or does not show the
+            Earth from above.
+        MissingPart: rasterio is not installed.
     """
     with extra("geotiff"):
         import rasterio

@@ -31,20 +31,14 @@ def max_zoom(*, width: int, height: int) -> int:
 def write_pyramid(raster: Raster, folder: Path, *, progress: Progress) -> None:
     """Write the tiles of an image as `folder/z/x_y.jpg`, those beyond its edge as partly transparent `.webp`.
 
-    Parameters
-    ----------
-    folder : Path
-        Appears once it is complete; an interrupted run starts again. If it exists, nothing is done.
-    progress : Progress
-        One step per strip of the image.
+    Args:
+        folder: Appears once it is complete; an interrupted run starts again. If it exists, nothing is done.
+        progress: One step per strip of the image.
 
-    Raises
-    ------
-    DiskFull, StorageError
-        Writing failed.
-    PhotoError
-        The image is damaged.
-    Cancelled
+    Raises:
+        DiskFull, StorageError: Writing failed.
+        PhotoError: The image is damaged.
+        Cancelled
     """
     if folder.is_dir():
         return

@@ -60,38 +60,23 @@ _SAMPLE_PX = 1000
 
 
 class Raster(Protocol):
-    """An opened image.
+    """An opened image."""
 
-    Attributes
-    ----------
-    kind : {"PNG", "JPEG", "GTiff"}
-        By content.
-    width, height : int
-        Pixels, as stored.
-    lossy : bool
-        Whether its pixels have been through JPEG.
-    georeferenced : bool
-        Whether the file places its pixels, as stored, on the Earth.
-    """
-
-    kind: Kind
+    kind: Kind  # "PNG", "JPEG" or "GTiff". By content.
+    # `width`, `height`: Pixels, as stored.
     width: int
     height: int
-    lossy: bool
-    georeferenced: bool
+    lossy: bool  # Whether its pixels have been through JPEG
+    georeferenced: bool  # Whether the file places its pixels, as stored, on the Earth
 
     def strips(self, rows: int = STRIP_ROWS) -> Iterator[Pixels]:
         """Read the image from top to bottom.
 
-        Parameters
-        ----------
-        rows : int
-            Of each strip; the last one may have fewer.
+        Args:
+            rows: Of each strip; the last one may have fewer.
 
-        Yields
-        ------
-        (n, width, 3) uint8
-            Red, green, blue; transparent pixels and those without data are white.
+        Yields:
+            (n, width, 3) uint8: Red, green, blue; transparent pixels and those without data are white.
         """
 
 
@@ -167,17 +152,12 @@ def opened_raster(path: Path, *, limits: SatelliteLimits) -> Iterator[Raster]:
 
     Errors caused by damage, also those in the caller's block, become a `PhotoError`.
 
-    Parameters
-    ----------
-    limits : SatelliteLimits
-        Checked before anything is decoded.
+    Args:
+        limits: Checked before anything is decoded.
 
-    Raises
-    ------
-    PhotoError
-        The file is missing, has another format, is damaged or truncated, or exceeds the limits.
-    MissingPart
-        It is a TIFF, and rasterio is not installed.
+    Raises:
+        PhotoError: The file is missing, has another format, is damaged or truncated, or exceeds the limits.
+        MissingPart: It is a TIFF, and rasterio is not installed.
     """
     kind = _kind(path, limits)
     if kind == "JPEG":
@@ -226,10 +206,8 @@ def _damaged(reason: object) -> PhotoError:
 def reduced(raster: Raster, max_side: int) -> Pixels:
     """Scale an image down by averaging squares of pixels, reading it once.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        Red, green, blue; the longer side has at most `max_side` pixels.
+    Returns:
+        (h, w, 3) uint8: Red, green, blue; the longer side has at most `max_side` pixels.
     """
     factor = math.ceil(max(raster.width, raster.height) / max_side)
     width = math.ceil(raster.width / factor)

@@ -14,17 +14,12 @@ from webapp.files.satellite.raster import Pixels, Raster, reduced
 def warp_to_map(raster: Raster, image: FloorImage, *, size: tuple[int, int], side: int) -> Pixels:
     """Resample the image of a floor to cover the whole map.
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height of the map, map pixels.
-    side : int
-        Maximum pixels of the longer side; fewer if the image has a lower resolution.
+    Args:
+        size: Width and height of the map, map pixels.
+        side: Maximum pixels of the longer side; fewer if the image has a lower resolution.
 
-    Returns
-    -------
-    (h, w, 4) uint8
-        Red, green, blue, opacity; transparent outside the image.
+    Returns:
+        (h, w, 4) uint8: Red, green, blue, opacity; transparent outside the image.
     """
     pixels = reduced(raster, side)
     a, b, c, d, e, f = image.map_from_image

@@ -47,10 +47,8 @@ def mission(mission: int, out: Path | None, host: str, port: int, library: Path 
 def find_revision(database: Database, number: int) -> int:
     """Return the revision of a mission.
 
-    Raises
-    ------
-    NotFound
-        The mission does not exist.
+    Raises:
+        NotFound: The mission does not exist.
     """
     with database.read() as session:
         found = session.get(Mission, number)

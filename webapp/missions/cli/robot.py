@@ -78,10 +78,8 @@ class Target:
 def find_token(given: str | None) -> str:
     """Return the token of the option, or else of the environment.
 
-    Raises
-    ------
-    UsageError
-        Neither has one.
+    Raises:
+        UsageError: Neither has one.
     """
     token = given or load_settings().token
     if token is None:
@@ -93,15 +91,11 @@ def find_token(given: str | None) -> str:
 def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
     """Find the target of a spool; for a new spool, create the mission if requested.
 
-    Parameters
-    ----------
-    chosen : dict
-        The options of `mission_options`.
+    Args:
+        chosen: The options of `mission_options`.
 
-    Raises
-    ------
-    UsageError
-        The spool is new, and not exactly one of `--mission` and `--new` is given.
+    Raises:
+        UsageError: The spool is new, and not exactly one of `--mission` and `--new` is given.
     """
     token, mission, new = find_token(chosen["token"]), chosen["mission"], chosen["new"]
     if has_spool(spool):
@@ -121,10 +115,8 @@ def find_target(spool: Path, chosen: dict[str, Any]) -> Target:
 def make_mission(url: str, token: str, *, fields: dict[str, Any]) -> int:
     """Create a mission on the server; return its number.
 
-    Raises
-    ------
-    ExpMapError
-        The server refuses, or does not respond.
+    Raises:
+        ExpMapError: The server refuses, or does not respond.
     """
     uplink = Uplink(url, token, timeout_s=_PATIENCE_S)
     answer = uplink.post("/missions", fields)
@@ -135,12 +127,7 @@ def make_mission(url: str, token: str, *, fields: dict[str, Any]) -> int:
 
 
 def parse_start(text: str | None) -> dict[str, float] | None:
-    """Parse `LAT,LON,HEADING`, all in degrees.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Parse `LAT,LON,HEADING`, all in degrees. Raises UsageError."""
     if text is None:
         return None
     hint = "write 50.0755,14.4378,90: degrees north, degrees east, heading clockwise from north"

@@ -102,9 +102,11 @@ def _thin(numbers: tuple[int, ...], rule: Rule, *, settings: Settings, dry_run: 
     failed = tracks = removed = 0
     with existing_library(settings) as place, terminal_progress("thinning") as progress:
         with place.database.read() as session:
-            young = thin_tracks.young(session, numbers, rule=rule)
-            ids = [id for id in numbers if id not in young] if numbers else thin_tracks.due(session, rule)
-        for id in young:
+            too_recent = thin_tracks.too_recent(session, numbers, rule=rule)
+            ids = (
+                [id for id in numbers if id not in too_recent] if numbers else thin_tracks.due(session, rule)
+            )
+        for id in too_recent:
             days = rule.after / timedelta(days=1)
             click.echo(f"mission {id} is skipped: it changed less than {days:g} days ago")
         progress.size(len(ids))

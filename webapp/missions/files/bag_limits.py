@@ -53,17 +53,12 @@ class _Decompressor(Protocol):
 def unpacked(data: bytes, *, size: int, start: Callable[[], _Decompressor]) -> bytes:
     """Decompress a chunk, and stop once it is larger than it should be.
 
-    Parameters
-    ----------
-    size : int
-        Size of the decompressed chunk that the bag states.
-    start : callable
-        Makes the decompressor of a frame; a chunk may have several.
+    Args:
+        size: Size of the decompressed chunk that the bag states.
+        start: Makes the decompressor of a frame; a chunk may have several.
 
-    Raises
-    ------
-    TrackError
-        The size is beyond the limits, or wrong.
+    Raises:
+        TrackError: The size is beyond the limits, or wrong.
     """
     if size > MAX_CHUNK or (size > _SMALL_CHUNK and size > _MAX_RATIO * len(data)):
         raise TrackError(
@@ -153,12 +148,7 @@ def _check_or_close(reader: Reader1 | Reader2) -> None:
 
 
 def check_definitions(connections: Iterable[Connection]) -> None:
-    """Reject message definitions from which rosbags would generate very much code.
-
-    Raises
-    ------
-    TrackError
-    """
+    """Reject message definitions from which rosbags would generate very much code. Raises TrackError."""
     different = {(one.msgtype, one.msgdef) for one in connections}
     if sum(len(definition.data) for _, definition in different) > MAX_DEFINITIONS:
         raise TrackError(f"the bag has more than {MAX_DEFINITIONS} characters of message definitions")
@@ -199,11 +189,8 @@ def _check_arrays(types: Typesdict, *, where: str) -> None:
 def check_database(connection: apsw.Connection) -> None:
     """Limit what a database of somebody else can do, and reject one that has more than tables and indexes.
 
-    A view, a trigger, a generated column or a virtual table could compute anything while it is read.
-
-    Raises
-    ------
-    TrackError
+    A view, a trigger, a generated column or a virtual table could compute anything while it is read. Raises
+    TrackError.
     """
     import apsw
 

@@ -57,21 +57,14 @@ def read(
     Rows with an id are objects, all others poses. With `lat` and `lon` rows are on the Earth, with `x` and
     `y` in the robot's frame.
 
-    Parameters
-    ----------
-    file : binary file
-        Must be seekable.
-    columns : str or None
-        Meaning of the columns (see `webapp.core.columns`); None to infer it from the header.
-    axes : Axes or None
-        Axes of the frame; None to detect them.
+    Args:
+        file: Must be seekable.
+        columns: Meaning of the columns (see `webapp.core.columns`); None to infer it from the header.
+        axes: Axes of the frame; None to detect them.
 
-    Raises
-    ------
-    TrackError
-        The table is empty, or its columns are not recognized.
-    UsageError
-        `columns` does not fit the table, or its time column holds no times.
+    Raises:
+        TrackError: The table is empty, or its columns are not recognized.
+        UsageError: `columns` does not fit the table, or its time column holds no times.
     """
     table = open_table(file, columns)
     rows = _Rows(table, _survey(file, table, columns, axes=axes, findings=findings))
@@ -82,18 +75,10 @@ def read(
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """Properties that are detected in a first pass over the rows.
+    """Properties that are detected in a first pass over the rows."""
 
-    Attributes
-    ----------
-    timed : frozenset
-        Tracks that have times.
-    order : str
-        Order of day, month and year in dates: see `Table`.
-    """
-
-    timed: frozenset[Key]
-    order: str
+    timed: frozenset[Key]  # Tracks that have times
+    order: str  # Order of day, month and year in dates: see `Table`
     frames: Frames
 
 

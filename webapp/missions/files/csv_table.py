@@ -31,23 +31,13 @@ Key = tuple[Source, str]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Layout of a table, by which its cells are parsed.
-
-    Attributes
-    ----------
-    skip : int
-        Number of the last line of the header and the comments before the rows.
-    order : {"ymd", "dmy", "mdy", ""}
-        Order of day, month and year in dates; empty if unknown.
-    header : tuple of str
-        Empty if there is none.
-    """
+    """Layout of a table, by which its cells are parsed."""
 
     columns: Columns
     delimiter: str
-    skip: int
-    order: str = ""
-    header: tuple[str, ...] = ()
+    skip: int  # Number of the last line of the header and the comments before the rows
+    order: str = ""  # "ymd", "dmy", "mdy" or "". Order of day, month and year in dates; empty if unknown.
+    header: tuple[str, ...] = ()  # Empty if there is none
 
     def text(self, fields: Sequence[str], name: str) -> str:
         """Return the text of a field; empty if the row or the table lacks it."""
@@ -125,12 +115,9 @@ class Table:
 def open_table(file: BinaryIO, columns: str | None) -> Table:
     """Find the header, which may be a comment, and the meaning of the columns.
 
-    Raises
-    ------
-    TrackError
-        The table is empty, or its columns are not recognized.
-    UsageError
-        `columns` does not fit the table.
+    Raises:
+        TrackError: The table is empty, or its columns are not recognized.
+        UsageError: `columns` does not fit the table.
     """
     remarks: list[str] = []
     first: tuple[int, str] | None = None
@@ -181,27 +168,13 @@ def _with_columns(
 
 @dataclass(frozen=True, slots=True)
 class TableHead:
-    """The beginning of a table, for display.
+    """The beginning of a table, for display."""
 
-    Attributes
-    ----------
-    header : tuple of str
-        Empty if there is none.
-    rows : tuple of tuple of str
-        The first rows.
-    columns : dict of str to int
-        Index of the column of each field, from 0.
-    units : dict of str to str
-        Units of the fields that have one.
-    problem : str
-        Why the columns are not recognised; empty if they are.
-    """
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    columns: dict[str, int]
-    units: dict[str, str]
-    problem: str = ""
+    header: tuple[str, ...]  # Empty if there is none
+    rows: tuple[tuple[str, ...], ...]  # The first rows
+    columns: dict[str, int]  # Index of the column of each field, from 0
+    units: dict[str, str]  # Units of the fields that have one
+    problem: str = ""  # Why the columns are not recognised; empty if they are
 
     def named(self) -> list[str]:
         """Return the column specification, in the format of the option `--columns`."""

@@ -28,11 +28,9 @@ _UNKNOWN = (None, None, None)
 def format_poses_csv(mission: MissionExport) -> Iterator[bytes]:
     """Write all poses, track by track, a header line first.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. Times are written as ISO 8601 and in seconds since 1970, both UTC; tracks without times have
-        empty cells. `thinned_m` is the largest error of thinning, `inf` if only both ends are left.
+            empty cells. `thinned_m` is the largest error of thinning, `inf` if only both ends are left.
     """
     yield csv_lines([POSE_COLUMNS])
     for track in mission.tracks:
@@ -55,9 +53,7 @@ def format_poses_csv(mission: MissionExport) -> Iterator[bytes]:
 def format_objects_csv(mission: MissionExport) -> Iterator[bytes]:
     """Write all objects with their last positions, a header line first.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8.
     """
     rows: list[Sequence[object]] = [OBJECT_COLUMNS]

@@ -35,12 +35,9 @@ _LEFT_OUT = {
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read the track of a file.
 
-    Raises
-    ------
-    TrackError
-        The file is too large, or damaged.
-    MissingPart
-        fitdecode is not installed.
+    Raises:
+        TrackError: The file is too large, or damaged.
+        MissingPart: fitdecode is not installed.
     """
     if file.seek(0, os.SEEK_END) > MAX_BYTES:
         raise TrackError(

@@ -40,10 +40,8 @@ _MS_FROM = 1e11
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a file.
 
-    Raises
-    ------
-    TrackError
-        The file is too large, damaged, or not GeoJSON.
+    Raises:
+        TrackError: The file is too large, damaged, or not GeoJSON.
     """
     features = _Features(findings)
     for feature in _features(_document(file)):
@@ -78,21 +76,15 @@ def _features(document: Any) -> Iterator[dict[str, Any]]:
 
 @dataclass(slots=True)
 class _Features:
-    """Converts features to pieces.
-
-    Attributes
-    ----------
-    poses : dict
-        Points with times, by the name of their track, which follow at the end as tracks.
-    points, points_of_feature : int
-        Number of points so far in the file, and in the current feature.
-    """
+    """Converts features to pieces."""
 
     findings: Findings
     number: int = 0
     lines: int = 0
+    # `points`, `points_of_feature`: Number of points so far in the file, and in the current feature.
     points: int = 0
     points_of_feature: int = 0
+    # Points with times, by the name of their track, which follow at the end as tracks.
     poses: dict[str, list[LinePoint]] = field(default_factory=dict)
 
     def feature(self, feature: Mapping[str, Any]) -> Iterator[Piece]:

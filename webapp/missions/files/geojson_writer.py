@@ -21,9 +21,7 @@ from webapp.missions.core.trajectory.records import Poses, join, make_poses
 def format_mission_geojson(mission: MissionExport) -> Iterator[bytes]:
     """Write a mission.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. Unknown values are null; an unknown height is omitted from the position.
     """
     return write_collection(mission.name, _features(mission))
@@ -77,11 +75,8 @@ def _nested(track: ExportTrack, written: Callable[[Poses], list[str]], *, kind: 
 def _cut(parts: Iterable[Poses]) -> Iterator[tuple[Poses, bool]]:
     """Cut at the 180th meridian: each line ends, and the next one begins, with a pose on the meridian.
 
-    Yields
-    ------
-    Poses
+    Yields:
         At least one pose.
-    bool
         Whether a line ends with them.
     """
     last: list[Poses] = []

@@ -28,15 +28,11 @@ def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
 
     Headings are read from our own extension or `course`, covariances from our own extension.
 
-    Parameters
-    ----------
-    file : binary file
-        Must be seekable.
+    Args:
+        file: Must be seekable.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, or declares a document type.
+    Raises:
+        TrackError: The file is damaged, or declares a document type.
     """
     timed = _timed(file)
     file.seek(0)
@@ -97,11 +93,9 @@ def _object(waypoint: GpxWaypoint, *, findings: Findings) -> WorldObjects:
 def format_mission_gpx(mission: MissionExport) -> Iterator[bytes]:
     """Write a mission.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. `src` of a track is its source, `type` of a waypoint the object's class; the state is in an
-        extension.
+            extension.
     """
     for text in _pieces(mission):
         yield text.encode("utf-8", "replace")

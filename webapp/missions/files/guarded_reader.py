@@ -49,20 +49,14 @@ def read(
 
     Parameters and errors are those of `track_reader.read`, and:
 
-    Parameters
-    ----------
-    progress : Progress
-        Checked while waiting for pieces.
-    budget : Budget, optional
-        By default that of the default settings.
+    Args:
+        progress: Checked while waiting for pieces.
+        budget: By default that of the default settings.
 
-    Raises
-    ------
-    TooSlow
-        Reading takes more time than the budget.
-    TrackError
-        Reading takes more memory than the budget, or the file has more than `MAX_TRACKS` tracks.
-    Cancelled
+    Raises:
+        TooSlow: Reading takes more time than the budget.
+        TrackError: Reading takes more memory than the budget, or the file has more than `MAX_TRACKS` tracks.
+        Cancelled
     """
     tracks: set[str] = set()
     arguments = {"path": str(path), "kind": kind, "selection": asdict(selection)}
@@ -83,10 +77,8 @@ def read(
 def topics(path: Path, kind: Kind) -> list[Topic]:
     """List the topics of a bag.
 
-    Raises
-    ------
-    TrackError
-        The bag is damaged, or reading it takes more than the default settings allow.
+    Raises:
+        TrackError: The bag is damaged, or reading it takes more than the default settings allow.
     """
     messages = _run("topic_messages", {"path": str(path), "kind": kind}, kind=kind)
     return [Topic(*decode(message)) for message in messages]  # type: ignore[misc]

@@ -34,10 +34,8 @@ def is_igc(lines: list[str]) -> bool:
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a flight.
 
-    Raises
-    ------
-    TrackError
-        The file has no date before its first fix.
+    Raises:
+        TrackError: The file has no date before its first fix.
     """
     log = _Log()
     rows: list[tuple[float, ...]] = []

@@ -67,15 +67,11 @@ class _Placemark:
 def read(file: BinaryIO, *, findings: Findings, tracks: tuple[str, ...] = ()) -> Iterator[Piece]:
     """Read a KML file.
 
-    Parameters
-    ----------
-    tracks : tuple of str
-        Names of the lines to read; empty for all.
+    Args:
+        tracks: Names of the lines to read; empty for all.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, declares a document type, or has more than `MAX_LINES` lines to read.
+    Raises:
+        TrackError: The file is damaged, declares a document type, or has more than `MAX_LINES` lines to read.
     """
     marks = lines = 0
     for event, element in walk(file, whole={"Placemark"}):
@@ -198,11 +194,9 @@ def _coordinates(text: str, *, findings: Findings, where: str) -> NDArray[np.flo
 def opened_kml(path: Path) -> Iterator[BinaryIO]:
     """Open the KML of a KMZ: `doc.kml`, or else the first one.
 
-    Raises
-    ------
-    TrackError
-        The file is not a zip, has no KML, is encrypted or damaged, or declares an implausible uncompressed
-        size; also raised while the KML is read.
+    Raises:
+        TrackError: The file is not a zip, has no KML, is encrypted or damaged, or declares an implausible
+            uncompressed size; also raised while the KML is read.
     """
     if has_many_files(path, limit=_MAX_FILES):
         raise TrackError(f"the zip has more than {_MAX_FILES} files", hint="export the track again")

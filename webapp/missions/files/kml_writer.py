@@ -25,16 +25,11 @@ def format_mission_kml(
 ) -> Iterator[bytes]:
     """Write a mission.
 
-    Parameters
-    ----------
-    icons : mapping of str to str, optional
-        Path in the KMZ of the icon of each class of objects; classes without one get coloured pins.
-    photos : mapping of str to str, optional
-        Path in the KMZ of a picture of each photo, by its SHA-256.
+    Args:
+        icons: Path in the KMZ of the icon of each class of objects; classes without one get coloured pins.
+        photos: Path in the KMZ of a picture of each photo, by its SHA-256.
 
-    Yields
-    ------
-    bytes
+    Yields:
         UTF-8. Unknown heights are written as 0, which has no effect since tracks are clamped to the ground.
     """
     return write_kml(_pieces(mission, icons or {}, photos=photos or {}))
@@ -43,16 +38,11 @@ def format_mission_kml(
 def format_network_link(title: str, *, href: str, refresh_s: float) -> bytes:
     """Write a KML that only links to another one, to be fetched at an interval.
 
-    Parameters
-    ----------
-    href : str
-        Absolute URL.
-    refresh_s : float
-        Interval, seconds.
+    Args:
+        href: Absolute URL.
+        refresh_s: Interval, seconds.
 
-    Returns
-    -------
-    bytes
+    Returns:
         UTF-8.
     """
     lines = (

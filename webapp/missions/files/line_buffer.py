@@ -38,16 +38,11 @@ def is_mostly_timed(timed: int, count: int) -> bool:
 
 @dataclass(slots=True)
 class LineBuffer:
-    """The points of a line that are not yet in a piece.
-
-    Attributes
-    ----------
-    timed : bool
-        Whether at least half of the points have a time: then those without one are left out. Otherwise the
-        times are dropped, and only the order of the points is kept.
-    """
+    """The points of a line that are not yet in a piece."""
 
     name: str
+    # Whether at least half of the points have a time: then those without one are left out. Otherwise the
+    # times are dropped, and only the order of the points is kept.
     timed: bool
     source: Source = "gps"
     points: list[LinePoint] = field(default_factory=list)

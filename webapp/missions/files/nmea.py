@@ -48,10 +48,8 @@ class _Fix:
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read a log; sentences of other types are ignored.
 
-    Parameters
-    ----------
-    file : binary file
-        At its beginning; must be seekable.
+    Args:
+        file: At its beginning; must be seekable.
     """
     rows: list[tuple[float, ...]] = []
     for row in _fixes(file, findings=findings):

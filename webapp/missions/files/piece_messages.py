@@ -58,7 +58,6 @@ def values_message(values: Sequence[Any]) -> bytes:
 
 
 def decode(message: bytes) -> Piece | Remark | list[Any]:
-    """Decode a message."""
     text, _, data = message.partition(b"\n")
     found: list[Any] = json.loads(text)
     kind, rest = found[0], found[1:]

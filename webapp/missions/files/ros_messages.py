@@ -39,20 +39,14 @@ _ADD = 0
 
 @dataclass(frozen=True, slots=True)
 class RosPose:
-    """A pose.
+    """A pose."""
 
-    Attributes
-    ----------
-    values : tuple of float
-        Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
-        variances of east and north, or of x and y, and their covariance, square metres.
-    stamped : bool
-        The time is from the header of the pose, not that at which the message was recorded.
-    """
-
+    # Seconds since 1970; latitude, longitude and height, or x, y and z in the robot's frame; yaw, radians;
+    # variances of east and north, or of x and y, and their covariance, square metres.
     values: tuple[float, ...]
     frame: str = ""
     body: str = ""
+    # The time is from the header of the pose, not that at which the message was recorded.
     stamped: bool = True
 
 

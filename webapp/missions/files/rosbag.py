@@ -39,20 +39,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    type : str
-        Type of its messages: `nav_msgs/msg/Odometry`.
-    readable : bool
-        Whether poses or objects can be read from it.
-    """
+    """A topic of a bag."""
 
     name: str
-    type: str
+    type: str  # Type of its messages: `nav_msgs/msg/Odometry`
     messages: int
-    readable: bool
+    readable: bool  # Whether poses or objects can be read from it
 
 
 def topics(path: Path, *, suffix: str) -> list[Topic]:
@@ -65,21 +57,15 @@ def topics(path: Path, *, suffix: str) -> list[Topic]:
 def read(path: Path, *, suffix: str, wanted: Collection[str] = (), findings: Findings) -> Iterator[Piece]:
     """Read the poses and objects of a bag in the order of its messages.
 
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
-    suffix : {".bag", ".db3", ".mcap", ""}
-        Format, which may differ from the suffix of `path`; empty for a folder.
-    wanted : collection of str
-        Topics; empty for all that can be read.
+    Args:
+        path: A file, or the folder of a ROS 2 bag.
+        suffix: ".bag", ".db3", ".mcap" or "". Format, which may differ from the suffix of `path`; empty for a
+            folder.
+        wanted: Topics; empty for all that can be read.
 
-    Raises
-    ------
-    TrackError
-        The bag is damaged or unfinished, a wanted topic is missing, or no topic can be read.
-    MissingPart
-        rosbags is not installed.
+    Raises:
+        TrackError: The bag is damaged or unfinished, a wanted topic is missing, or no topic can be read.
+        MissingPart: rosbags is not installed.
     """
     with _opened(path, suffix) as bag:
         chosen = _chosen(bag.connections, wanted, findings=findings)

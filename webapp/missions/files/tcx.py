@@ -20,15 +20,11 @@ _TRACKS = {"Activity": "activity", "Course": "course"}
 def read(file: BinaryIO, *, findings: Findings) -> Iterator[Piece]:
     """Read the activities and courses.
 
-    Parameters
-    ----------
-    file : binary file
-        Must be seekable.
+    Args:
+        file: Must be seekable.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, or declares a document type.
+    Raises:
+        TrackError: The file is damaged, or declares a document type.
     """
     timed = _timed(file)
     file.seek(0)

@@ -22,44 +22,26 @@ UNTIMED_OBJECTS = "objects without a time are dated 1970-01-01"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldPiece:
-    """Poses on the Earth.
+    """Poses on the Earth."""
 
-    Attributes
-    ----------
-    track : str
-        Name of the track in the file, such as a topic; empty if a file has only one.
-    poses : Poses
-        Without `travelled_m`. Positions may be invalid; those are left out later.
-    timed : bool
-        False if the file has no times for this track: `poses.times_s` then only keeps the order.
-    """
-
-    track: str
+    track: str  # Name of the track in the file, such as a topic; empty if a file has only one
     source: Source
-    poses: Poses
+    poses: Poses  # Without `travelled_m`. Positions may be invalid; those are left out later.
+    # False if the file has no times for this track: `poses.times_s` then only keeps the order.
     timed: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPiece:
-    """Poses in a robot's frame.
-
-    Attributes
-    ----------
-    frame, body : str
-        Names of the frame of the poses, and of the moving body; empty if the file has none.
-    poses : LocalPoses
-        Finite positions.
-    timed : bool
-        As for `WorldPiece`.
-    """
+    """Poses in a robot's frame."""
 
     track: str
     source: Source
+    # `frame`, `body`: Names of the frame of the poses, and of the moving body; empty if the file has none.
     frame: str
     body: str
-    poses: LocalPoses
-    timed: bool = True
+    poses: LocalPoses  # Finite positions
+    timed: bool = True  # As for `WorldPiece`
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,20 +53,12 @@ class WorldObjects:
 
 @dataclass(frozen=True, slots=True)
 class LocalSighting:
-    """Sighting of an object at a position in a frame; the other attributes are those of `Sighting`.
+    """Sighting of an object at a position in a frame; the other attributes are those of `Sighting`."""
 
-    Attributes
-    ----------
-    object_id : str or None
-        None for a detection without an id, which is associated when it is stored.
-    xyz_m : tuple of float
-        Metres forward, left and up; finite.
-    """
-
-    object_id: str | None
+    object_id: str | None  # None for a detection without an id, which is associated when it is stored
     kind: str
     time_s: float
-    xyz_m: tuple[float, float, float]
+    xyz_m: tuple[float, float, float]  # Metres forward, left and up; finite
     confidence: float | None = None
     size_m: tuple[float, float, float] | None = None
 
@@ -102,19 +76,11 @@ Piece = WorldPiece | RobotPiece | WorldObjects | RobotObjects
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Items that were left out, or are doubtful, for one reason.
+    """Items that were left out, or are doubtful, for one reason."""
 
-    Attributes
-    ----------
-    reason : str
-        Kind of the items, and the reason: `sentences with a wrong checksum`.
-    where : str
-        Location of the first: a line, a topic, a track.
-    """
-
-    reason: str
+    reason: str  # Kind of the items, and the reason: `sentences with a wrong checksum`
     count: int
-    where: str
+    where: str  # Location of the first: a line, a topic, a track
 
     def __str__(self) -> str:
         """Return the text for display; the count in brackets needs no singular form."""
@@ -123,14 +89,9 @@ class Skipped:
 
 @dataclass(slots=True)
 class Findings:
-    """Remarks of a reader: items left out, doubtful items, and notes.
+    """Remarks of a reader: items left out, doubtful items, and notes."""
 
-    Attributes
-    ----------
-    notes : list of str
-        Sentences on how the file was interpreted, without repetition.
-    """
-
+    # Sentences on how the file was interpreted, without repetition.
     notes: list[str] = field(default_factory=list)
     _counts: Counter[str] = field(default_factory=Counter)
     _first: dict[str, str] = field(default_factory=dict)

@@ -53,15 +53,11 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 def kind_of(path: Path, *, table: bool = False) -> Kind:
     """Detect the kind of a file, or of the folder of a ROS 2 bag.
 
-    Parameters
-    ----------
-    table : bool
-        Treat any text file as a table.
+    Args:
+        table: Treat any text file as a table.
 
-    Raises
-    ------
-    TrackError
-        The file is not a track, cannot be read, or is XML that declares a document type.
+    Raises:
+        TrackError: The file is not a track, cannot be read, or is XML that declares a document type.
     """
     try:
         if path.is_dir():

@@ -33,37 +33,22 @@ BAG_SUFFIXES: dict[Kind, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What to read of a file.
+    """What to read of a file."""
 
-    Attributes
-    ----------
-    topics : tuple of str
-        Only these topics of a bag, or lines of a KML; empty for all.
-    columns : str or None
-        Meaning of the columns of a table; None to infer it.
-    axes : Axes or None
-        Axes of frames in TUM, KITTI and tables; None to detect them.
-    """
-
-    topics: tuple[str, ...] = ()
-    columns: str | None = None
-    axes: Axes | None = None
+    topics: tuple[str, ...] = ()  # Only these topics of a bag, or lines of a KML; empty for all
+    columns: str | None = None  # Meaning of the columns of a table; None to infer it
+    axes: Axes | None = None  # Axes of frames in TUM, KITTI and tables; None to detect them
 
 
 def read(path: Path, kind: Kind, *, selection: Selection, findings: Findings) -> Iterator[Piece]:
     """Yield the pieces of a file, before they are georeferenced.
 
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
+    Args:
+        path: A file, or the folder of a ROS 2 bag.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, or has no usable content.
-    UsageError
-        The given columns do not fit the table.
+    Raises:
+        TrackError: The file is damaged, or has no usable content.
+        UsageError: The given columns do not fit the table.
     """
     if kind in BAG_SUFFIXES:
         suffix, topics = BAG_SUFFIXES[kind], selection.topics

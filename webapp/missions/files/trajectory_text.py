@@ -43,17 +43,12 @@ def read(
 ) -> Iterator[RobotPiece]:
     """Read a trajectory; lines that begin with `#` are comments.
 
-    Parameters
-    ----------
-    file : binary file
-        Must be seekable.
-    axes : Axes or None
-        None for those of the format, unless the motion clearly shows others.
+    Args:
+        file: Must be seekable.
+        axes: None for those of the format, unless the motion clearly shows others.
 
-    Raises
-    ------
-    TrackError
-        The file is not text, or has no pose.
+    Raises:
+        TrackError: The file is not text, or has no pose.
     """
     frames = _frames(file, layout, axes=axes, findings=findings)
     if layout == "kitti":

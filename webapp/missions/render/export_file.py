@@ -50,21 +50,16 @@ def export_mission_file(
 ) -> Download:
     """Export a mission.
 
-    Parameters
-    ----------
-    form : str
-        One of `FORMATS`.
-    most : int, optional
-        Maximum number of poses of each track, evenly spread; ignored for `html`, which has its own limit.
-    private : bool
-        Include data that visitors do not get: previews of the photos of objects (KMZ), names of people.
+    Args:
+        form: One of `FORMATS`.
+        most: Maximum number of poses of each track, evenly spread; ignored for `html`, which has its own
+            limit.
+        private: Include data that visitors do not get: previews of the photos of objects (KMZ), names of
+            people.
 
-    Raises
-    ------
-    UsageError
-        The format is unknown, or the mission is too large for it.
-    NotFound
-        The mission does not exist.
+    Raises:
+        UsageError: The format is unknown, or the mission is too large for it.
+        NotFound: The mission does not exist.
     """
     if form not in FORMATS:
         raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
@@ -83,12 +78,9 @@ def export_mission_file(
 def mission_page(library: Library, mission_id: int, *, settings: Settings) -> Download:
     """Return a mission as a web page, on the image of its map if that is georeferenced.
 
-    Raises
-    ------
-    NotFound
-        The mission does not exist.
-    UsageError
-        The mission has too many objects for one page.
+    Raises:
+        NotFound: The mission does not exist.
+        UsageError: The mission has too many objects for one page.
     """
     mission = reading.read(library.database, mission_id, most=MAX_POSES)
     found = list(islice(mission.objects(), MAX_OBJECTS + 1))

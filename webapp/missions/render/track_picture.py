@@ -48,30 +48,18 @@ _95 = math.sqrt(-2.0 * math.log(0.05))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """The content of a picture.
+    """The content of a picture."""
 
-    Attributes
-    ----------
-    tracks : sequence of (Source, Poses)
-        Drawn in this order; fixes as dots, paths as lines.
-    gated : sequence of (LatLon, LatLon)
-        Rejected fixes, and their expected positions.
-    pieces : sequence of float
-        Times at which fused tracks begin and restart.
-    """
-
-    tracks: Sequence[tuple[Source, Poses]]
-    gated: Sequence[tuple[LatLon, LatLon]] = ()
-    pieces: Sequence[float] = field(default=())
+    tracks: Sequence[tuple[Source, Poses]]  # Drawn in this order; fixes as dots, paths as lines
+    gated: Sequence[tuple[LatLon, LatLon]] = ()  # Rejected fixes, and their expected positions
+    pieces: Sequence[float] = field(default=())  # Times at which fused tracks begin and restart
 
 
 def of_mission(library: Library, mission_id: int) -> Image.Image:
     """Draw a mission whose tracks were fused.
 
-    Raises
-    ------
-    NotFound
-        The tracks were not fused.
+    Raises:
+        NotFound: The tracks were not fused.
     """
     report = fuse.read_report(library, mission_id)
     with library.database.read() as session:
@@ -94,14 +82,10 @@ def of_mission(library: Library, mission_id: int) -> Image.Image:
 def draw_tracks(shown: Shown) -> Image.Image:
     """Draw tracks.
 
-    Parameters
-    ----------
-    shown : Shown
-        Has at least one pose.
+    Args:
+        shown: Has at least one pose.
 
-    Returns
-    -------
-    PIL.Image.Image
+    Returns:
         RGB. Scaled to the larger extent of the tracks; a legend and a scale bar are below.
     """
     places = [poses.latlon for _, poses in shown.tracks] + [np.array(pair) for pair in shown.gated]

@@ -22,11 +22,8 @@ def identify(
 ) -> tuple[list[tuple[str, Sighting]], dict[str, ObjectEstimate]]:
     """Find the object id of each sighting; sightings that have an id are never associated.
 
-    Returns
-    -------
-    list of (str, Sighting)
+    Returns:
         In the same order, without the detections that are stored already.
-    dict of str to ObjectEstimate
         The associated objects among them, updated with these detections.
     """
     sent = sorted({one.object_id for one in seen if one.object_id is not None})

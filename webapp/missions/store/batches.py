@@ -32,10 +32,8 @@ FILE = "import:"
 class OutOfOrder(Conflict):
     """Records are missing before these.
 
-    Parameters
-    ----------
-    next_seq : int
-        Number of the record that is expected next.
+    Args:
+        next_seq: Number of the record that is expected next.
     """
 
     def __init__(self, next_seq: int) -> None:
@@ -51,10 +49,8 @@ class OutOfOrder(Conflict):
 def locked(session: Session, mission_id: int) -> Mission:
     """Lock a mission for writing; other writers wait.
 
-    Raises
-    ------
-    NotFound
-        The mission was deleted in the meantime.
+    Raises:
+        NotFound: The mission was deleted in the meantime.
     """
     return session.get_one(Mission, mission_id, with_for_update=True)
 
@@ -62,22 +58,15 @@ def locked(session: Session, mission_id: int) -> Mission:
 def advance(session: Session, mission_id: int, sender: str, *, first: int, count: int) -> tuple[int, int]:
     """Advance the record counter of a sender, in the transaction that stores the records.
 
-    Parameters
-    ----------
-    first : int
-        Number of the first record.
+    Args:
+        first: Number of the first record.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of these records that are stored already.
-    int
         Number of the record that is expected next.
 
-    Raises
-    ------
-    OutOfOrder
-        Records before these are missing.
+    Raises:
+        OutOfOrder: Records before these are missing.
     """
     row = session.get(MissionSender, (mission_id, sender))
     known = 0 if row is None else row.next_seq
@@ -102,11 +91,9 @@ def remember(
 ) -> None:
     """Store the answer to a batch, in case it is sent again.
 
-    Parameters
-    ----------
-    keep : timedelta or None
-        Older answers to clients are deleted. Results of files, whose keys begin with `FILE`, are kept, as a
-        file may be imported again at any time.
+    Args:
+        keep: Older answers to clients are deleted. Results of files, whose keys begin with `FILE`, are kept,
+            as a file may be imported again at any time.
     """
     if keep is not None:
         old = (MissionBatch.mission_id == mission_id, MissionBatch.at < now() - keep)

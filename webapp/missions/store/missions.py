@@ -56,19 +56,13 @@ def create(
 ) -> Mission:
     """Create a mission without tracks.
 
-    Parameters
-    ----------
-    account_id : int
-        Creator of the mission.
-    map_id : int or None
-        Map whose roles apply to the mission; None for no map: it then belongs to the account alone.
-    start : dict or None
-        `lat`, `lon` and `heading_deg` of the origin of the robot's frame.
+    Args:
+        account_id: Creator of the mission.
+        map_id: Map whose roles apply to the mission; None for no map: it then belongs to the account alone.
+        start: `lat`, `lon` and `heading_deg` of the origin of the robot's frame.
 
-    Raises
-    ------
-    UsageError
-        The name or the note is invalid.
+    Raises:
+        UsageError: The name or the note is invalid.
     """
     mission = Mission(
         name=checked_name(name), account_id=account_id, map_id=map_id, start=start, note=checked_note(note)
@@ -79,12 +73,7 @@ def create(
 
 
 def checked_name(name: str) -> str:
-    """Validate and normalise the name of a mission.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Validate and normalise the name of a mission. Raises UsageError."""
     tidy = texts.tidy_name(name, most=_MAX_NAME)
     if tidy is None:
         raise UsageError(
@@ -96,12 +85,7 @@ def checked_name(name: str) -> str:
 
 
 def checked_note(note: str) -> str:
-    """Validate a note.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Validate a note. Raises UsageError."""
     if len(note) > MAX_NOTE or texts.has_controls(note, besides="\n\r\t"):
         raise UsageError(
             "this is not a valid note for a mission",
@@ -114,12 +98,9 @@ def checked_note(note: str) -> str:
 def find(session: Session, id: int, *, account: Account, role: Role = "viewer") -> Mission:
     """Find a mission that an account may use in a role, also in the bin.
 
-    Raises
-    ------
-    NotFound
-        The mission does not exist, or is not shared with the account.
-    NotAllowed
-        The account may see the mission, but lacks the role.
+    Raises:
+        NotFound: The mission does not exist, or is not shared with the account.
+        NotAllowed: The account may see the mission, but lacks the role.
     """
     mission = session.get(Mission, id)
     own = None if mission is None else role_of(session, mission, account=account)
@@ -207,12 +188,7 @@ def counts(session: Session, mission_id: int) -> tuple[int, int, int]:
 
 
 def find_object(session: Session, mission_id: int, object_id: str) -> MissionObject:
-    """Find an object of a mission.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find an object of a mission. Raises NotFound."""
     found = session.get(MissionObject, (mission_id, object_id))
     if found is None:
         raise NotFound("object not found in the mission", where=object_id)
@@ -234,12 +210,7 @@ def photos(session: Session, mission_id: int) -> list[MissionPhoto]:
 
 
 def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
-    """Find a photo of a mission.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a photo of a mission. Raises NotFound."""
     found = session.get(MissionPhoto, (mission_id, sha256))
     if found is None:
         raise NotFound("photo not found in the mission", where=sha256)
@@ -248,22 +219,12 @@ def find_photo(session: Session, mission_id: int, sha256: str) -> MissionPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A mission in a list.
-
-    Attributes
-    ----------
-    role : str or None
-        Role of the caller.
-    slug : str or None
-        Slug of its map.
-    tracks : list of Track
-        In order of creation.
-    """
+    """A mission in a list."""
 
     mission: Mission
-    role: str | None
-    slug: str | None
-    tracks: list[Track]
+    role: str | None  # Role of the caller
+    slug: str | None  # Slug of its map
+    tracks: list[Track]  # In order of creation
     objects: int
     photos: int
 
@@ -280,15 +241,9 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class MissionListPart(ListPart):
-    """Filter of the list of missions; the search covers the names of missions and of their maps.
+    """Filter of the list of missions; the search covers the names of missions and of their maps."""
 
-    Attributes
-    ----------
-    map_id : int or None
-        Only those on that map.
-    """
-
-    map_id: int | None = None
+    map_id: int | None = None  # Only those on that map
 
 
 _ALL = MissionListPart()

@@ -21,31 +21,20 @@ STATES: tuple[State, ...] = get_args(State)
 
 @dataclass(frozen=True, slots=True)
 class StateChange:
-    """A new state of an object.
-
-    Attributes
-    ----------
-    by : str
-        Name of the account.
-    was : str or None
-        The previous state that they expect; None for any.
-    """
+    """A new state of an object."""
 
     state: State
-    by: str
-    was: State | None = None
+    by: str  # Name of the account
+    was: State | None = None  # The previous state that they expect; None for any
     note: str = ""
 
 
 def change_state(session: Session, mission: Mission, *, object_id: str, change: StateChange) -> MissionObject:
     """Set the state of an object; a repeated state without a note has no effect.
 
-    Raises
-    ------
-    NotFound
-        The mission has no object of this id.
-    Conflict
-        The state of the object is not the one that the caller expects.
+    Raises:
+        NotFound: The mission has no object of this id.
+        Conflict: The state of the object is not the one that the caller expects.
     """
     row = missions.find_object(session, mission.id, object_id)
     if change.state == row.state and not change.note:

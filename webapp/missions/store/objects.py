@@ -21,21 +21,11 @@ SORTS: dict[str, InstrumentedAttribute[str] | InstrumentedAttribute[float] | Ins
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page of a list.
+    """A page of a list."""
 
-    Attributes
-    ----------
-    kind : str or None
-        Only objects of that class.
-    state : str or None
-        Only objects in that state.
-    sort : str
-        One of `SORTS`.
-    """
-
-    kind: str | None = None
-    state: str | None = None
-    sort: str = "id"
+    kind: str | None = None  # Only objects of that class
+    state: str | None = None  # Only objects in that state
+    sort: str = "id"  # One of `SORTS`
     descending: bool = False
     limit: int = 1000
     offset: int = 0
@@ -60,14 +50,10 @@ def changed_since(
 ) -> tuple[list[MissionObject], int | None]:
     """List objects that changed after a revision of the mission, the least recently changed first.
 
-    Parameters
-    ----------
-    most : int
-        Maximum number; only complete revisions are returned, and exceed it if the first one does.
+    Args:
+        most: Maximum number; only complete revisions are returned, and exceed it if the first one does.
 
-    Returns
-    -------
-    int or None
+    Returns:
         The revision up to which the list is complete; None for the latest one.
     """
     mine = select(MissionObject).where(MissionObject.mission_id == mission_id)

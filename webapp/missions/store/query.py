@@ -97,46 +97,29 @@ _TABLES = {"poses": _POSES, "objects": _OBJECTS, "sightings": _SIGHTINGS, "chang
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A query, as sent.
+    """A query, as sent."""
 
-    Attributes
-    ----------
-    table : str
-        One of `TABLES`.
-    select, where, order : str
-        Columns, condition, sort order; empty for all columns, all rows, no order.
-    limit : int
-        Maximum number of rows, up to `MAX_ROWS`.
-    """
-
-    table: str
+    table: str  # One of `TABLES`
+    # `select`, `where`, `order`: Columns, condition, sort order; empty for all columns, all rows, no order.
     select: str = ""
     where: str = ""
     order: str = ""
-    limit: int = 1000
+    limit: int = 1000  # Maximum number of rows, up to `MAX_ROWS`
 
 
 @dataclass(frozen=True, slots=True)
 class ParsedQuery:
-    """A parsed query.
-
-    Attributes
-    ----------
-    rows : Select
-        Selects one row more than the limit, to detect whether there are more.
-    """
+    """A parsed query."""
 
     columns: tuple[str, ...]
-    rows: Select[Any]
+    rows: Select[Any]  # Selects one row more than the limit, to detect whether there are more
 
 
-def understand(mission_id: int, question: Question) -> ParsedQuery:
+def parse_question(mission_id: int, question: Question) -> ParsedQuery:
     """Parse a query on a mission.
 
-    Raises
-    ------
-    UsageError
-        Invalid syntax; `where` gives the field and the character.
+    Raises:
+        UsageError: Invalid syntax; `where` gives the field and the character.
     """
     if question.table not in _TABLES:
         raise UsageError(
@@ -166,10 +149,8 @@ def understand(mission_id: int, question: Question) -> ParsedQuery:
 def answer(session: Session, asked: ParsedQuery) -> Generator[tuple[Any, ...], None, None]:
     """Run a query; yield its rows.
 
-    Raises
-    ------
-    UsageError
-        The query exceeds the time limit.
+    Raises:
+        UsageError: The query exceeds the time limit.
     """
     until = time.monotonic() + MAX_SECONDS
     try:

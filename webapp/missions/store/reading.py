@@ -35,23 +35,16 @@ def read(
 ) -> MissionExport:
     """Read a mission.
 
-    Parameters
-    ----------
-    most : int, optional
-        Maximum number of poses of each track, evenly spread, including the first and the last.
-    people : bool
-        Include the names of people who have set the states of objects.
+    Args:
+        most: Maximum number of poses of each track, evenly spread, including the first and the last.
+        people: Include the names of people who have set the states of objects.
 
-    Returns
-    -------
-    MissionExport
+    Returns:
         Its functions read from the database when they are called; they raise `Conflict` if a track was
-        rewritten in the meantime, so that no truncated file looks complete.
+            rewritten in the meantime, so that no truncated file looks complete.
 
-    Raises
-    ------
-    NotFound
-        The mission does not exist.
+    Raises:
+        NotFound: The mission does not exist.
     """
     with database.read() as session:
         mission = session.get(Mission, mission_id)
@@ -71,12 +64,9 @@ def some_objects(
 ) -> list[MissionObject]:
     """Read some objects of a mission, ordered by id.
 
-    Parameters
-    ----------
-    since : int
-        Only those that changed after that revision of the mission.
-    limit, offset : int
-        Maximum number, and number to skip.
+    Args:
+        since: Only those that changed after that revision of the mission.
+        limit, offset: Maximum number, and number to skip.
     """
     found = select(MissionObject).where(
         MissionObject.mission_id == mission_id, MissionObject.revision > since

@@ -201,8 +201,6 @@ class MissionObject(Base):
 
 
 class ObjectSighting(Base):
-    """One sighting of an object."""
-
     __tablename__ = "sighting"
     __table_args__ = (Index(None, "mission_id", "time_s"),)
 

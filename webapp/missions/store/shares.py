@@ -33,22 +33,15 @@ def list_shares(session: Session, mission: Mission) -> list[MissionShare]:
 
 
 def find(session: Session, mission: Mission, *, id: int) -> MissionShare:
-    """Find a share of a mission.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a share of a mission. Raises NotFound."""
     return sharing.find_share(session, MissionShare, id=id, where=MissionShare.mission_id == mission.id)
 
 
 def open_share(session: Session, token: str) -> OpenedMission:
     """Find the share with the token of a link.
 
-    Raises
-    ------
-    NotFound
-        The token is not valid, or the mission is in the bin.
+    Raises:
+        NotFound: The token is not valid, or the mission is in the bin.
     """
     share = sharing.share_by_token(session, MissionShare, token=token)
     mission = None if share is None else session.get_one(Mission, share.mission_id)

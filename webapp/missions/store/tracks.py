@@ -44,12 +44,7 @@ def best(found: Sequence[Track]) -> Track | None:
 
 
 def find(session: Session, mission_id: int, track_id: int) -> Track:
-    """Find a track of a mission.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a track of a mission. Raises NotFound."""
     track = session.get(Track, track_id)
     if track is None or track.mission_id != mission_id:
         raise NotFound(f"the mission has no track {track_id}", hint="reload the page")
@@ -59,12 +54,9 @@ def find(session: Session, mission_id: int, track_id: int) -> Track:
 def get_or_create(session: Session, mission_id: int, *, source: str, name: str = "") -> Track:
     """Find the track of a source and name, or create it.
 
-    Parameters
-    ----------
-    source : str
-        One of `webapp.missions.core.trajectory.records.SOURCES`.
-    name : str
-        Distinguishes several tracks of one source.
+    Args:
+        source: One of `webapp.missions.core.trajectory.records.SOURCES`.
+        name: Distinguishes several tracks of one source.
     """
     same = (Track.mission_id == mission_id, Track.source == source, Track.name == name)
     track = session.scalars(select(Track).where(*same)).first()
@@ -81,12 +73,9 @@ def append(session: Session, track: Track, poses: Poses, *, skipped: int = 0) ->
     After `PIECE` new poses, the job that builds pieces for display is queued in the same session. The caller
     must call `missions.count_change` in the same session.
 
-    Parameters
-    ----------
-    poses : Poses
-        Where `travelled_m` is NaN, it is measured from the previous pose.
-    skipped : int
-        Number of poses that were left out between them.
+    Args:
+        poses: Where `travelled_m` is NaN, it is measured from the previous pose.
+        skipped: Number of poses that were left out between them.
     """
     track.skipped += skipped
     if not len(poses):
@@ -128,12 +117,9 @@ def thin(session: Session, track: Track, poses: Poses, *, thinned_m: float | Non
     The time depends only on the number of poses kept: surplus rows no longer count as poses, and are deleted
     later by `delete_removed`.
 
-    Parameters
-    ----------
-    poses : Poses
-        Poses to keep, including the first and the last.
-    thinned_m : float or None
-        Maximum distance of the removed poses from the motion through these; None if unknown.
+    Args:
+        poses: Poses to keep, including the first and the last.
+        thinned_m: Maximum distance of the removed poses from the motion through these; None if unknown.
     """
     removed = track.poses - len(poses)
     if removed:
@@ -173,12 +159,9 @@ def inherit_thinning(track: Track, inputs: Sequence[Track]) -> None:
 def read(session: Session, track: Track, *, first: int = 0, stop: int | None = None) -> Poses:
     """Read poses of a track by their numbers.
 
-    Parameters
-    ----------
-    first : int
-        Number of the first pose.
-    stop : int or None
-        Number after the last; None for the end of the track.
+    Args:
+        first: Number of the first pose.
+        stop: Number after the last; None for the end of the track.
     """
     stop = track.poses if stop is None else min(stop, track.poses)
     found = select(*_READ).where(Pose.track_id == track.id, Pose.number >= first, Pose.number < stop)
@@ -269,19 +252,13 @@ def _count(track: Track, poses: Poses, *, way_m: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Metadata of a piece, without its points.
-
-    Attributes
-    ----------
-    bounds : (float, float, float, float)
-        South, west, north, east, degrees.
-    """
+    """Metadata of a piece, without its points."""
 
     chunk: int
     first_number: int
     count: int
     points: int
-    bounds: tuple[float, float, float, float]
+    bounds: tuple[float, float, float, float]  # South, west, north, east, degrees
 
 
 def add_piece(
@@ -289,11 +266,9 @@ def add_piece(
 ) -> None:
     """Store a piece of a track.
 
-    Parameters
-    ----------
-    count : int
-        Number of poses that it represents.
-    points : (m, 5) float64
+    Args:
+        count: Number of poses that it represents.
+        points: (m, 5) float64
     """
     south, west = points[:, 2:4].min(axis=0).tolist()
     north, east = points[:, 2:4].max(axis=0).tolist()

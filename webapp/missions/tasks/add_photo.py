@@ -30,18 +30,11 @@ _MAX_STEM = 40
 
 @dataclass(frozen=True, slots=True)
 class PhotoMetadata:
-    """Metadata of a photo, given by its sender.
+    """Metadata of a photo, given by its sender."""
 
-    Attributes
-    ----------
-    time_s : float or None
-        When it was taken, Unix seconds; defaults to the EXIF time, if that has a time zone.
-    object_id : str or None
-        The object of the mission that it shows.
-    """
-
+    # When it was taken, Unix seconds; defaults to the EXIF time, if that has a time zone.
     time_s: float | None = None
-    object_id: str | None = None
+    object_id: str | None = None  # The object of the mission that it shows
 
 
 def add_mission_photo(
@@ -51,22 +44,15 @@ def add_mission_photo(
 
     When this returns, photo and record are on the disk.
 
-    Parameters
-    ----------
-    source : Path
-        Complete file on the same disk as the library; it is moved or deleted.
-    name : str
-        Name of the original file; any text.
+    Args:
+        source: Complete file on the same disk as the library; it is moved or deleted.
+        name: Name of the original file; any text.
 
-    Raises
-    ------
-    PhotoError
-        The file is not a photo of a known format, damaged, truncated, or larger than the limits. `source` is
-        left unchanged.
-    NotFound
-        The mission no longer exists.
-    DiskFull, StorageError
-        Writing failed.
+    Raises:
+        PhotoError: The file is not a photo of a known format, damaged, truncated, or larger than the limits.
+            `source` is left unchanged.
+        NotFound: The mission no longer exists.
+        DiskFull, StorageError: Writing failed.
     """
     name = tidy_name(name)
     with show_file_as(name, source):
@@ -106,10 +92,8 @@ def add_mission_photo(
 def original(library: Library, photo: MissionPhoto) -> Path:
     """Find the original file of a photo.
 
-    Raises
-    ------
-    NotFound
-        The file is missing on the disk.
+    Raises:
+        NotFound: The file is missing on the disk.
     """
     path = missions.folder(library, photo.mission_id) / photo.path
     if not path.is_file():

@@ -27,17 +27,12 @@ Write = Callable[[], AbstractContextManager[Session]]
 def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
     """Queue the deletion of a mission, which hides it at once.
 
-    Parameters
-    ----------
-    session : Session
-        Session of a write transaction.
-    account_id : int
-        Account that requested it.
+    Args:
+        session: Session of a write transaction.
+        account_id: Account that requested it.
 
-    Raises
-    ------
-    Conflict
-        The mission is not in the bin.
+    Raises:
+        Conflict: The mission is not in the bin.
     """
     _check(mission)
     return jobs.enqueue(
@@ -54,22 +49,15 @@ def delete_mission(library: Library, mission_id: int, *, write: Write, progress:
 
     If interrupted, the mission stays in the bin with shorter tracks, and can be deleted again.
 
-    Parameters
-    ----------
-    mission_id : int
-        The mission may be deleted already.
-    write : callable
-        Opens a write transaction.
-    progress : Progress
-        One step per pose.
+    Args:
+        mission_id: The mission may be deleted already.
+        write: Opens a write transaction.
+        progress: One step per pose.
 
-    Raises
-    ------
-    Conflict
-        The mission is not in the bin.
-    StorageError
-        Writing failed.
-    Cancelled
+    Raises:
+        Conflict: The mission is not in the bin.
+        StorageError: Writing failed.
+        Cancelled
     """
     with library.database.read() as session:
         progress.size(missions.counts(session, mission_id)[0])

@@ -55,28 +55,18 @@ def export_mission(
 ) -> Download:
     """Export a mission, using a few megabytes of memory regardless of its size.
 
-    Parameters
-    ----------
-    form : str
-        One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
-    most : int, optional
-        Maximum number of poses of each track, evenly spread.
-    pictures : Settings, optional
-        If given, a KMZ includes previews of the photos of objects, without EXIF.
-    people : bool
-        Include the names of people who have set the states of objects.
+    Args:
+        form: One of `FORMATS`: `csv` has the poses, `objects.csv` the objects.
+        most: Maximum number of poses of each track, evenly spread.
+        pictures: If given, a KMZ includes previews of the photos of objects, without EXIF.
+        people: Include the names of people who have set the states of objects.
 
-    Returns
-    -------
-    Download
+    Returns:
         The current content of the mission. Its pieces raise `Conflict` if a track is rewritten meanwhile.
 
-    Raises
-    ------
-    UsageError
-        The format is unknown.
-    NotFound
-        The mission does not exist.
+    Raises:
+        UsageError: The format is unknown.
+        NotFound: The mission does not exist.
     """
     if form not in FORMATS:
         raise UsageError(f"unknown export format {form!r}", where="format", hint=f"use {', '.join(FORMATS)}")
@@ -112,11 +102,9 @@ def export_mission_kmz(
 ) -> Download:
     """Return a mission as KMZ, which includes icons for the classes of its objects.
 
-    Parameters
-    ----------
-    picture : function, optional
-        Finds a picture of a photo, without metadata, by its SHA-256; may return None. If not given, the KMZ
-        has no photos.
+    Args:
+        picture: Finds a picture of a photo, without metadata, by its SHA-256; may return None. If not given,
+            the KMZ has no photos.
     """
     pieces = stream_zip(_members(mission, picture or (lambda _sha: None)))
     return Download(f"{plain_name(mission.name)}.kmz", KMZ, pieces)
@@ -125,12 +113,9 @@ def export_mission_kmz(
 def export_network_link(name: str, *, href: str, refresh_s: float) -> Download:
     """Return a KML network link that makes programs fetch `href` every `refresh_s` seconds.
 
-    Parameters
-    ----------
-    name : str
-        Name of the mission.
-    href : str
-        Absolute address of a KML or KMZ.
+    Args:
+        name: Name of the mission.
+        href: Absolute address of a KML or KMZ.
     """
     link = format_network_link(name, href=href, refresh_s=refresh_s)
     return Download(f"{plain_name(name)}-live.kml", KML, iter([link]))

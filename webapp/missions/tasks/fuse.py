@@ -66,23 +66,16 @@ def queue(session: Session, mission: Mission, *, account_id: int) -> Job:
 def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: Progress) -> dict[str, Any]:
     """Fuse odometry and fixes of a mission; the fused track is replaced atomically.
 
-    Parameters
-    ----------
-    write : callable
-        Opens a write transaction.
+    Args:
+        write: Opens a write transaction.
 
-    Returns
-    -------
-    dict
+    Returns:
         The report, which is also stored in the mission's folder.
 
-    Raises
-    ------
-    UsageError
-        The mission cannot be fused, for instance without fixes.
-    NotFound
-        The mission no longer exists.
-    Cancelled
+    Raises:
+        UsageError: The mission cannot be fused, for instance without fixes.
+        NotFound: The mission no longer exists.
+        Cancelled
     """
     with library.database.read() as session:
         session.get_one(Mission, mission_id)
@@ -111,10 +104,8 @@ def fuse_mission(library: Library, mission_id: int, *, write: Write, progress: P
 def read_report(library: Library, mission_id: int) -> dict[str, Any]:
     """Read the report on the last fusion.
 
-    Raises
-    ------
-    NotFound
-        The mission was never fused.
+    Raises:
+        NotFound: The mission was never fused.
     """
     path = missions.folder(library, mission_id) / REPORT
     if not path.is_file():

@@ -24,14 +24,10 @@ _RIM = "#ffffff"
 def icon(kind: str) -> bytes:
     """Draw the symbol of a class of objects.
 
-    Parameters
-    ----------
-    kind : str
-        Any text; a class without its own symbol shows its first letter, or a dot.
+    Args:
+        kind: Any text; a class without its own symbol shows its first letter, or a dot.
 
-    Returns
-    -------
-    bytes
+    Returns:
         PNG, `SIDE` x `SIDE`, transparent around the symbol, whose centre marks the position.
     """
     picture = Image.new("RGBA", (SIDE * _FINE, SIDE * _FINE))

@@ -50,21 +50,12 @@ Key = tuple[Source, str]
 
 @dataclass(frozen=True, slots=True)
 class MissionToMake:
-    """A mission to be created once the file was checked, so that an unreadable file creates none.
-
-    Attributes
-    ----------
-    account_id : int
-        Creator of the mission.
-    map_id : int or None
-        None for a mission without a map.
-    made : callable
-        Called with the session that creates the mission, and its id, which a restarted import needs.
-    """
+    """A mission to be created once the file was checked, so that an unreadable file creates none."""
 
     name: str
-    account_id: int
-    map_id: int | None
+    account_id: int  # Creator of the mission
+    map_id: int | None  # None for a mission without a map
+    # Called with the session that creates the mission, and its id, which a restarted import needs.
     made: Callable[[Session, int], None]
 
 
@@ -82,34 +73,16 @@ class ImportedTrack:
 
 @dataclass(frozen=True, slots=True)
 class TrackImport:
-    """The result of an import.
+    """The result of an import."""
 
-    Attributes
-    ----------
-    mission : int
-        Id of the mission.
-    kind : str
-        Format of the file, for display.
-    objects : int
-        Number of sightings of objects in the file.
-    new : bool
-        Whether anything was stored that was not imported before.
-    skipped : tuple of Skipped
-        Items that could not be used, with reasons.
-    doubts : tuple of Skipped
-        Implausible items that were imported unchanged.
-    notes : tuple of str
-        How the file was interpreted.
-    """
-
-    mission: int
-    kind: str
+    mission: int  # Id of the mission
+    kind: str  # Format of the file, for display
     tracks: tuple[ImportedTrack, ...]
-    objects: int
-    new: bool
-    skipped: tuple[Skipped, ...]
-    doubts: tuple[Skipped, ...]
-    notes: tuple[str, ...]
+    objects: int  # Number of sightings of objects in the file
+    new: bool  # Whether anything was stored that was not imported before
+    skipped: tuple[Skipped, ...]  # Items that could not be used, with reasons
+    doubts: tuple[Skipped, ...]  # Implausible items that were imported unchanged
+    notes: tuple[str, ...]  # How the file was interpreted
 
 
 def import_track_file(
@@ -123,23 +96,15 @@ def import_track_file(
 ) -> TrackImport:
     """Import a file.
 
-    Parameters
-    ----------
-    into : int or MissionToMake
-        Id of the mission.
-    progress : Progress, optional
-        One step per pose or object.
-    writes : callable, optional
-        Opens a write transaction, such as that of a job, which requires its lease.
+    Args:
+        into: Id of the mission.
+        progress: One step per pose or object.
+        writes: Opens a write transaction, such as that of a job, which requires its lease.
 
-    Raises
-    ------
-    NotFound
-        The mission no longer exists, or is in the bin.
-    TrackError, UsageError
-        The file cannot be read, or has no usable content: nothing was stored.
-    Cancelled
-        Parts that are stored are kept; importing the file again continues after them.
+    Raises:
+        NotFound: The mission no longer exists, or is in the bin.
+        TrackError, UsageError: The file cannot be read, or has no usable content: nothing was stored.
+        Cancelled: Parts that are stored are kept; importing the file again continues after them.
     """
     progress, write = progress or Progress(), writes or library.database.write
     limits = settings.files

@@ -18,30 +18,18 @@ from webapp.store.library import Library
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A file to import, with options.
+    """A file to import, with options."""
 
-    Attributes
-    ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
-    name : str
-        Original name of the file, after which tracks are named.
-    options : ReadOptions
-        If `start` is None, that of the mission is used.
-    """
-
-    path: Path
-    name: str
-    options: ReadOptions
+    path: Path  # A file, or the folder of a ROS 2 bag
+    name: str  # Original name of the file, after which tracks are named
+    options: ReadOptions  # If `start` is None, that of the mission is used
 
 
 def waiting_path(library: Library, token: str) -> Path:
     """Return the path of an uploaded file that waits for its import; create its folder if missing.
 
-    Parameters
-    ----------
-    token : str
-        Hexadecimal digits.
+    Args:
+        token: Hexadecimal digits.
     """
     folder = library.inner / "imports"
     folder.mkdir(exist_ok=True)
@@ -51,16 +39,12 @@ def waiting_path(library: Library, token: str) -> Path:
 def order_of(path: Path, form: Mapping[str, Any]) -> Order:
     """Parse the options of an import from a form or the arguments of a job.
 
-    Parameters
-    ----------
-    form : mapping
-        `name`, and optionally `source`, `min_move`, `columns`, `axes`, `start` as latitude, longitude and
-        heading, `topics`, separated by commas, and `tracks`, pairs of source and name.
+    Args:
+        form: `name`, and optionally `source`, `min_move`, `columns`, `axes`, `start` as latitude, longitude
+            and heading, `topics`, separated by commas, and `tracks`, pairs of source and name.
 
-    Raises
-    ------
-    UsageError
-        An option is invalid.
+    Raises:
+        UsageError: An option is invalid.
     """
     topics = tuple(name for part in (form.get("topics") or "").split(",") if (name := part.strip()))
     min_move = parse_min_move(form["min_move"]) if form.get("min_move") else MinMove()
@@ -87,10 +71,8 @@ def _tracks_of(pairs: Iterable[tuple[str, str]] | None) -> tuple[tuple[Source, s
 def source_of(text: str | None) -> Source | None:
     """Parse the source of poses; None means that given by the file.
 
-    Raises
-    ------
-    UsageError
-        The text is not a source.
+    Raises:
+        UsageError: The text is not a source.
     """
     if not text:
         return None

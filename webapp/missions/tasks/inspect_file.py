@@ -30,68 +30,41 @@ _PREVIEW = 400
 
 @dataclass(frozen=True, slots=True)
 class FileSource:
-    """A track in a file.
+    """A track in a file."""
 
-    Attributes
-    ----------
-    source, track : str
-        Source and name with which it will be imported.
-    frame : {"earth", "robot"}
-        A robot's frame needs a start.
-    first_time_s, last_time_s : float or None
-        Earliest and latest time, seconds since 1970, UTC; None if the track has no times.
-    extent : dict of str to float
-        On the Earth the bounds `south`, `west`, `north`, `east`; in a robot's frame the size `x`, `y`, `z` in
-        metres.
-    headings, heights : int
-        Number of poses that have one.
-    line : list of (float, float)
-        The track, thinned: latitude and longitude, or metres forward and left of the first pose in its frame.
-    """
-
+    # `source`, `track`: Source and name with which it will be imported.
     source: str
     track: str
-    frame: str
+    frame: str  # "earth" or "robot". A robot's frame needs a start.
     poses: int
+    # `first_time_s`, `last_time_s`: Earliest and latest time, seconds since 1970, UTC; None if the track has
+    # no times.
     first_time_s: float | None
     last_time_s: float | None
+    # On the Earth the bounds `south`, `west`, `north`, `east`; in a robot's frame the size `x`, `y`, `z` in
+    # metres.
     extent: dict[str, float]
+    # `headings`, `heights`: Number of poses that have one.
     headings: int
     heights: int
+    # The track, thinned: latitude and longitude, or metres forward and left of the first pose in its frame.
     line: list[tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """Report on the content of a file.
+    """Report on the content of a file."""
 
-    Attributes
-    ----------
-    kind : str
-        Format, for display.
-    objects : int
-        Number of sightings of objects.
-    skipped, doubts : tuple of Skipped
-        Items that would be left out, and implausible ones.
-    notes : tuple of str
-        How the file was interpreted.
-    options : tuple of str
-        Options that apply to this file: `columns`, `axes`.
-    table : TableHead or None
-        Header and first rows of a table.
-    problem : str
-        Why nothing can be imported with these options; empty otherwise.
-    """
-
-    kind: str
+    kind: str  # Format, for display
     sources: tuple[FileSource, ...]
-    objects: int
+    objects: int  # Number of sightings of objects
+    # `skipped`, `doubts`: Items that would be left out, and implausible ones.
     skipped: tuple[Skipped, ...]
     doubts: tuple[Skipped, ...]
-    notes: tuple[str, ...]
-    options: tuple[str, ...] = ()
-    table: TableHead | None = None
-    problem: str = ""
+    notes: tuple[str, ...]  # How the file was interpreted
+    options: tuple[str, ...] = ()  # Options that apply to this file: `columns`, `axes`
+    table: TableHead | None = None  # Header and first rows of a table
+    problem: str = ""  # Why nothing can be imported with these options; empty otherwise
 
 
 def inspect_file(
@@ -104,24 +77,17 @@ def inspect_file(
 ) -> FileReport:
     """Read a file and report its content; nothing is stored, and no start is needed.
 
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
-    progress : Progress, optional
-        One step per pose or object.
-    now_s : float, optional
-        Seconds since 1970; later times are doubtful.
-    budget : Budget, optional
-        What reading may cost; by default as the default settings say.
+    Args:
+        path: A file, or the folder of a ROS 2 bag.
+        progress: One step per pose or object.
+        now_s: Seconds since 1970; later times are doubtful.
+        budget: What reading may cost; by default as the default settings say.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, or its format unknown. Unrecognised columns of a table are a `problem` instead.
-    UsageError
-        An option does not fit the file.
-    Cancelled
+    Raises:
+        TrackError: The file is damaged, or its format unknown. Unrecognised columns of a table are a
+            `problem` instead.
+        UsageError: An option does not fit the file.
+        Cancelled
     """
     options = replace(options or ReadOptions(), min_move=MinMove(0.0))
     progress, findings = progress or Progress(), Findings()
@@ -160,10 +126,8 @@ def inspect_file(
 def as_json(report: FileReport, *, lines: bool = True) -> dict[str, Any]:
     """Convert a report to JSON types.
 
-    Parameters
-    ----------
-    lines : bool
-        Include the lines of the sources.
+    Args:
+        lines: Include the lines of the sources.
     """
     whole = asdict(report)
     for source in whole["sources"]:
@@ -235,10 +199,8 @@ def _take(
 ) -> int:
     """Add a piece to the statistics in `found`; return its number of objects.
 
-    Parameters
-    ----------
-    anchors : dict
-        The first pose in each frame, which an import aligns with the start.
+    Args:
+        anchors: The first pose in each frame, which an import aligns with the start.
     """
     if isinstance(piece, RobotPiece):
         poses = piece.poses

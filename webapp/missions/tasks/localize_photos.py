@@ -37,16 +37,12 @@ Write = Callable[[], AbstractContextManager[Session]]
 def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
     """Return the response to a robot, which is also stored with the photo.
 
-    Parameters
-    ----------
-    time_s : float or None
-        When the photo was taken, Unix seconds.
+    Args:
+        time_s: When the photo was taken, Unix seconds.
 
-    Returns
-    -------
-    dict
+    Returns:
         The object of `localize --json`, and `time`, `lat`, `lon`, `heading_deg`, `position_covariance_m2`,
-        and `no_pose`: None, or why there is no position.
+            and `no_pose`: None, or why there is no position.
     """
     found = visual_fix(result.form, result.opened.pipeline.map.georeference)
     if isinstance(found, NoPose):
@@ -67,19 +63,13 @@ def fix_json(result: LocalizeResult, *, time_s: float | None) -> dict[str, Any]:
 def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, Any]) -> None:
     """Store a fix with its photo, and as a pose of the track; it replaces an earlier fix of the photo.
 
-    Parameters
-    ----------
-    session : Session
-        Session of a write transaction.
-    sha256 : str
-        Of the photo.
-    fix : mapping
-        Result of `fix_json`.
+    Args:
+        session: Session of a write transaction.
+        sha256: Of the photo.
+        fix: Result of `fix_json`.
 
-    Raises
-    ------
-    NotFound
-        The mission or the photo no longer exists.
+    Raises:
+        NotFound: The mission or the photo no longer exists.
     """
     mission = session.get_one(Mission, mission_id, with_for_update=True)
     photo = missions.find_photo(session, mission_id, sha256)
@@ -97,17 +87,12 @@ def keep(session: Session, mission_id: int, *, sha256: str, fix: Mapping[str, An
 def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], account_id: int) -> Job:
     """Queue the localization of photos of a mission.
 
-    Parameters
-    ----------
-    session : Session
-        Session of a write transaction.
-    account_id : int
-        Account that requested it.
+    Args:
+        session: Session of a write transaction.
+        account_id: Account that requested it.
 
-    Raises
-    ------
-    NotFound
-        The mission has no map.
+    Raises:
+        NotFound: The mission has no map.
     """
     map_of(mission)
     for photo in photos:
@@ -126,10 +111,8 @@ def queue(session: Session, mission: Mission, *, photos: list[MissionPhoto], acc
 def map_of(mission: Mission) -> int:
     """Return the id of the map of a mission.
 
-    Raises
-    ------
-    NotFound
-        The mission has no map.
+    Raises:
+        NotFound: The mission has no map.
     """
     if mission.map_id is None:
         raise NotFound(
@@ -150,25 +133,17 @@ def localize_waiting_photos(
 ) -> dict[str, int]:
     """Localize the queued photos of a mission, storing each result in its own transaction.
 
-    Parameters
-    ----------
-    write : callable
-        Opens a write transaction.
-    progress : Progress
-        One step per photo.
+    Args:
+        write: Opens a write transaction.
+        progress: One step per photo.
 
-    Returns
-    -------
-    dict
+    Returns:
         Numbers of photos that are `localized`, have `no_pose`, and have `failed`.
 
-    Raises
-    ------
-    NotFound
-        The mission no longer exists, or has no map.
-    NotReady, MapError, IndexDamaged
-        The map cannot be used for localization.
-    Cancelled
+    Raises:
+        NotFound: The mission no longer exists, or has no map.
+        NotReady, MapError, IndexDamaged: The map cannot be used for localization.
+        Cancelled
     """
     with library.database.read() as session:
         map_id = map_of(session.get_one(Mission, mission_id))

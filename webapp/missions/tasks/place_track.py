@@ -41,30 +41,15 @@ NO_START = "poses in the robot's own frame: the mission needs a start position a
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """Options for reading a file with tracks.
+    """Options for reading a file with tracks."""
 
-    Attributes
-    ----------
-    start : Start or None
-        Start pose of the robot; needed for poses in its own frame.
-    topics : tuple of str
-        Only these topics of a bag, or lines of a KML; empty for all.
-    columns : str or None
-        Meaning of the columns of a table (`webapp.core.columns`); None to infer it.
-    source : Source or None
-        Source of all tracks; None to infer it from the file.
-    axes : Axes or None
-        Axes of frames in TUM, KITTI and tables; None to detect them.
-    tracks : tuple of (Source, str) or None
-        Only these tracks; None for all. Objects are not tracks.
-    """
-
-    start: Start | None = None
+    start: Start | None = None  # Start pose of the robot; needed for poses in its own frame
     min_move: MinMove = field(default_factory=MinMove)
-    topics: tuple[str, ...] = ()
-    columns: str | None = None
-    source: Source | None = None
-    axes: Axes | None = None
+    topics: tuple[str, ...] = ()  # Only these topics of a bag, or lines of a KML; empty for all
+    columns: str | None = None  # Meaning of the columns of a table (`webapp.core.columns`); None to infer it
+    source: Source | None = None  # Source of all tracks; None to infer it from the file
+    axes: Axes | None = None  # Axes of frames in TUM, KITTI and tables; None to detect them
+    # Only these tracks; None for all. Objects are not tracks.
     tracks: tuple[tuple[Source, str], ...] | None = None
 
     def key(self, piece: WorldPiece | RobotPiece) -> tuple[Source, str]:
@@ -78,43 +63,23 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackSegment:
-    """The next poses of a track, with the distance travelled.
-
-    Attributes
-    ----------
-    poses : Poses
-        Poses that are kept; may be empty.
-    skipped : int
-        Number of poses of this part that `min_move` left out.
-    travelled_m : float
-        At the end of the part, including poses that were left out.
-    timed : bool
-        As in `webapp.missions.files.track_chunks.WorldPiece`.
-    """
+    """The next poses of a track, with the distance travelled."""
 
     track: str
     source: Source
-    poses: Poses
-    skipped: int
-    travelled_m: float
-    timed: bool
+    poses: Poses  # Poses that are kept; may be empty
+    skipped: int  # Number of poses of this part that `min_move` left out
+    travelled_m: float  # At the end of the part, including poses that were left out
+    timed: bool  # As in `webapp.missions.files.track_chunks.WorldPiece`
 
 
 @dataclass(slots=True)
 class TrackPlacer:
-    """Georeferences pieces; keeps the state of each track and frame.
-
-    Attributes
-    ----------
-    findings : Findings
-        Filled with items that are left out or doubtful.
-    now_s : float
-        Seconds since 1970; later times are doubtful.
-    """
+    """Georeferences pieces; keeps the state of each track and frame."""
 
     options: ReadOptions
-    findings: Findings
-    now_s: float
+    findings: Findings  # Filled with items that are left out or doubtful
+    now_s: float  # Seconds since 1970; later times are doubtful
     _meters: dict[tuple[Source, str], tuple[Odometer, Thinner]] = field(default_factory=dict)
     _frames: dict[str, RobotFrame] = field(default_factory=dict)
     _bodies: dict[str, RobotFrame] = field(default_factory=dict)

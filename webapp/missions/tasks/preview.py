@@ -36,20 +36,11 @@ _LEAST_M = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPreview:
-    """The content of a preview.
+    """The content of a preview."""
 
-    Attributes
-    ----------
-    map : MapRecord or None
-        Map whose image is the background; None if no part of the mission lies on it.
-    size : (float, float)
-        Width and height: map pixels, or metres without a map.
-    line, dots : (n, 2) float64
-        The track and the objects: x to the right, y down.
-    """
-
-    map: MapRecord | None
-    size: tuple[float, float]
+    map: MapRecord | None  # Map whose image is the background; None if no part of the mission lies on it
+    size: tuple[float, float]  # Width and height: map pixels, or metres without a map
+    # `line`, `dots`: (n, 2) float64. The track and the objects: x to the right, y down.
     line: NDArray[np.float64]
     dots: NDArray[np.float64]
 

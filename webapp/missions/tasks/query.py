@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from typing import IO, Any, Literal
 
 from webapp.missions.files.csv_writer import csv_lines
-from webapp.missions.store.query import ParsedQuery, Question, answer, understand
+from webapp.missions.store.query import ParsedQuery, Question, answer, parse_question
 from webapp.store.library import Library
 from webapp.tasks.exchange.export_source import Download
 
@@ -26,18 +26,14 @@ def query_mission(library: Library, mission_id: int, *, question: Question, form
     The whole answer is written to a temporary file before its first byte is sent: an error or a limit never
     results in a truncated answer, and a slow client does not block the database.
 
-    Parameters
-    ----------
-    form : str
-        `json`: `columns`, `rows` (a list each) and `complete`, false if the limit cut off rows. `csv`: a
-        header line, then the rows. Times are seconds since 1970, UTC.
+    Args:
+        form: `json`: `columns`, `rows` (a list each) and `complete`, false if the limit cut off rows. `csv`:
+            a header line, then the rows. Times are seconds since 1970, UTC.
 
-    Raises
-    ------
-    UsageError
-        The query is invalid, or takes too long.
+    Raises:
+        UsageError: The query is invalid, or takes too long.
     """
-    asked = understand(mission_id, question)
+    asked = parse_question(mission_id, question)
     with ExitStack() as stack:
         file = stack.enter_context(tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY))
         with library.database.read() as session, closing(answer(session, asked)) as rows:

@@ -28,45 +28,25 @@ _MAX_TITLE = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadTrack:
-    """A complete track.
-
-    Attributes
-    ----------
-    skipped : int
-        Number of poses that `min_move` left out.
-    distance_m : float
-        Along all poses, including those left out.
-    """
+    """A complete track."""
 
     name: str
     source: Source
     poses: Poses
-    skipped: int
-    distance_m: float
+    skipped: int  # Number of poses that `min_move` left out
+    distance_m: float  # Along all poses, including those left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadReport:
-    """The content of a file.
+    """The content of a file."""
 
-    Attributes
-    ----------
-    kind : str
-        Format of the file, for display.
-    skipped : tuple of Skipped
-        Items that could not be used, with reasons.
-    doubts : tuple of Skipped
-        Implausible items, which are included unchanged.
-    notes : tuple of str
-        Sentences on how the file was interpreted.
-    """
-
-    kind: str
+    kind: str  # Format of the file, for display
     tracks: tuple[ReadTrack, ...]
     sightings: tuple[Sighting, ...]
-    skipped: tuple[Skipped, ...]
-    doubts: tuple[Skipped, ...]
-    notes: tuple[str, ...]
+    skipped: tuple[Skipped, ...]  # Items that could not be used, with reasons
+    doubts: tuple[Skipped, ...]  # Implausible items, which are included unchanged
+    notes: tuple[str, ...]  # Sentences on how the file was interpreted
 
 
 def read_track(
@@ -74,20 +54,14 @@ def read_track(
 ) -> ReadReport:
     """Read a whole file into memory; use `stream` for large files.
 
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of a ROS 2 bag.
-    progress : Progress, optional
-        One step per pose or object.
+    Args:
+        path: A file, or the folder of a ROS 2 bag.
+        progress: One step per pose or object.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, of an unknown format, or has no usable content.
-    UsageError
-        The given columns do not fit the table.
-    Cancelled
+    Raises:
+        TrackError: The file is damaged, of an unknown format, or has no usable content.
+        UsageError: The given columns do not fit the table.
+        Cancelled
     """
     findings = Findings()
     parts: dict[tuple[Source, str], list[TrackSegment]] = {}
@@ -115,10 +89,8 @@ def read_track(
 def topics(path: Path) -> list[Topic]:
     """List the topics of a bag.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, or not a bag.
+    Raises:
+        TrackError: The file is damaged, or not a bag.
     """
     with about_file(path):
         kind = kind_of(path)
@@ -130,12 +102,9 @@ def topics(path: Path) -> list[Topic]:
 def title(file: str, track: str) -> str:
     """Return the name of an imported track: the file's name without suffix, and the track's name there.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, with its suffix.
-    track : str
-        May be empty.
+    Args:
+        file: Name of the file, with its suffix.
+        track: May be empty.
     """
     return one_line(f"{PurePath(file).stem} {track}", most=_MAX_TITLE)
 
@@ -153,14 +122,10 @@ def stream(
 
     Parameters and errors are those of `read_track`, and:
 
-    Parameters
-    ----------
-    findings : Findings
-        Filled with items that are left out or doubtful, and with notes.
-    now_s : float, optional
-        Seconds since 1970; later times are doubtful.
-    budget : Budget, optional
-        What reading may cost; by default as the default settings say.
+    Args:
+        findings: Filled with items that are left out or doubtful, and with notes.
+        now_s: Seconds since 1970; later times are doubtful.
+        budget: What reading may cost; by default as the default settings say.
     """
     progress = progress or Progress()
     with about_file(path):

@@ -22,40 +22,21 @@ from webapp.progress import Progress
 
 
 class Event(NamedTuple):
-    """A record, and the time at which a robot would have sent it.
+    """A record, and the time at which a robot would have sent it."""
 
-    Attributes
-    ----------
-    time_s : float
-        Seconds since 1970, UTC.
-    record : dict
-        In the format of batches.
-    """
-
-    time_s: float
-    record: dict[str, Any]
+    time_s: float  # Seconds since 1970, UTC
+    record: dict[str, Any]  # In the format of batches
 
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """The content of a file as events.
+    """The content of a file as events."""
 
-    Attributes
-    ----------
-    events : list of Event
-        Merged by time; each track keeps its own order.
-    left_out : tuple of Skipped
-        Items of the file that could not be used, with reasons.
-    skipped : int
-        Number of poses that `min_move` left out.
-    rest : list of dict
-        Tracks whose last poses were left out, as in the record of the end: `source`, `track`, `skipped`,
-        `travelled_m`.
-    """
-
-    events: list[Event]
-    left_out: tuple[Skipped, ...]
-    skipped: int
+    events: list[Event]  # Merged by time; each track keeps its own order
+    left_out: tuple[Skipped, ...]  # Items of the file that could not be used, with reasons
+    skipped: int  # Number of poses that `min_move` left out
+    # Tracks whose last poses were left out, as in the record of the end: `source`, `track`, `skipped`,
+    # `travelled_m`.
     rest: list[dict[str, Any]]
 
 
@@ -69,21 +50,14 @@ def replay_track(
 ) -> Replay:
     """Read a file; the same file with the same options gives the same events.
 
-    Parameters
-    ----------
-    path : Path
-        In any format that `read_track` reads.
-    min_move : MinMove
-        Poses that moved by no more than this are left out, after the distance has been measured.
-    topics : tuple of str
-        Only these topics of a bag; empty for all.
-    start : Start, optional
-        Start pose of the robot; without it, poses in its own frame are left out.
+    Args:
+        path: In any format that `read_track` reads.
+        min_move: Poses that moved by no more than this are left out, after the distance has been measured.
+        topics: Only these topics of a bag; empty for all.
+        start: Start pose of the robot; without it, poses in its own frame are left out.
 
-    Raises
-    ------
-    TrackError
-        The file is damaged, of an unknown format, or has no usable content.
+    Raises:
+        TrackError: The file is damaged, of an unknown format, or has no usable content.
     """
     options = ReadOptions(start=start, min_move=MinMove(0.0), topics=topics)
     found = read_track.read_track(path, options=options, progress=progress)

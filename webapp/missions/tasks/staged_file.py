@@ -28,18 +28,10 @@ _ID_LENGTH = 32
 
 @dataclass(frozen=True, slots=True)
 class StagedFile:
-    """A file that is being uploaded, or complete.
+    """A file that is being uploaded, or complete."""
 
-    Attributes
-    ----------
-    path : Path
-        File with the bytes that have arrived.
-    size_bytes : int
-        Size of the whole file.
-    """
-
-    path: Path
-    size_bytes: int
+    path: Path  # File with the bytes that have arrived
+    size_bytes: int  # Size of the whole file
 
     @property
     def id(self) -> str:
@@ -55,18 +47,13 @@ class StagedFile:
 def begin(library: Library, *, name: str, size_bytes: int, account_id: int, settings: Settings) -> StagedFile:
     """Begin an upload.
 
-    Parameters
-    ----------
-    name : str
-        Original name, for error messages.
+    Args:
+        name: Original name, for error messages.
 
-    Raises
-    ------
-    TrackError
-        The file is empty, or too large.
-    UsageError
-        The account has too many staged files.
-    DiskFull
+    Raises:
+        TrackError: The file is empty, or too large.
+        UsageError: The account has too many staged files.
+        DiskFull
     """
     if size_bytes == 0:
         raise TrackError("the file is empty", where=name)
@@ -90,9 +77,7 @@ def begin(library: Library, *, name: str, size_bytes: int, account_id: int, sett
 def find(library: Library, id: str, *, account_id: int) -> StagedFile:
     """Find a file that an account has staged, and restart the period after which it is swept.
 
-    Raises
-    ------
-    NotFound
+    Raises NotFound.
     """
     found = None
     if len(id) == _ID_LENGTH and id.isalnum():
@@ -104,12 +89,7 @@ def find(library: Library, id: str, *, account_id: int) -> StagedFile:
 
 
 def check_complete(staged: StagedFile) -> None:
-    """Check that all of a file has arrived.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Check that all of a file has arrived. Raises UsageError."""
     if staged.arrived < staged.size_bytes:
         raise UsageError(
             f"{staged.arrived} of {staged.size_bytes} bytes have arrived", hint="send the rest of it first"
@@ -121,17 +101,12 @@ def inspect_staged(
 ) -> dict[str, Any]:
     """Report the content of a staged file, as JSON types.
 
-    Parameters
-    ----------
-    form : mapping
-        `name`, and optionally `columns`, `axes` and `source`, in the format of `order_of`.
-    budget : Budget
-        What reading may cost.
+    Args:
+        form: `name`, and optionally `columns`, `axes` and `source`, in the format of `order_of`.
+        budget: What reading may cost.
 
-    Raises
-    ------
-    TrackError, UsageError
-        As `inspect_file`.
+    Raises:
+        TrackError, UsageError: As `inspect_file`.
     """
     order = order_of(staged.path, form)
     try:
@@ -147,10 +122,8 @@ def inspect_staged(
 def take(library: Library, staged: StagedFile) -> str:
     """Move a file to the folder of waiting imports; return the token by which the job finds it.
 
-    Raises
-    ------
-    DiskFull, StorageError
-        The file stays staged.
+    Raises:
+        DiskFull, StorageError: The file stays staged.
     """
     token = secrets.token_hex(16)
     part_file.move_in(staged.path, waiting_path(library, token))

@@ -17,18 +17,10 @@ from webapp.store.library import Library
 
 @dataclass(frozen=True, slots=True)
 class Numbered:
-    """Sender of a batch, and the number of its first record.
+    """Sender of a batch, and the number of its first record."""
 
-    Attributes
-    ----------
-    sender : str
-        Name of the client; no other client may use it in this mission.
-    first : int
-        Counted from 0.
-    """
-
-    sender: str
-    first: int
+    sender: str  # Name of the client; no other client may use it in this mission
+    first: int  # Counted from 0
 
 
 def store_batch(
@@ -36,26 +28,17 @@ def store_batch(
 ) -> dict[str, Any]:
     """Store records that their sender has numbered; when this returns, they are on the disk.
 
-    Parameters
-    ----------
-    records : sequence
-        In the format of `batch.parse`; may be empty, to query the next number.
+    Args:
+        records: In the format of `batch.parse`; may be empty, to query the next number.
 
-    Returns
-    -------
-    dict
+    Returns:
         `next`, `stored`, `already` and `revision`.
 
-    Raises
-    ------
-    InputError
-        A record is invalid; none was stored.
-    OutOfOrder
-        Records before these are missing.
-    NotFound
-        The mission was deleted in the meantime.
-    StorageError, DiskFull
-        Writing failed.
+    Raises:
+        InputError: A record is invalid; none was stored.
+        OutOfOrder: Records before these are missing.
+        NotFound: The mission was deleted in the meantime.
+        StorageError, DiskFull: Writing failed.
     """
     batch = parse(records)
     # flush only once, at the end
@@ -78,26 +61,17 @@ def store_keyed_batch(
 ) -> dict[str, Any]:
     """Store records with an idempotency key instead of numbers; when this returns, they are on the disk.
 
-    Parameters
-    ----------
-    records : sequence
-        As for `store_batch`.
-    key : str
-        Unique for each batch of the mission; a batch that is sent again is not stored again.
-    keep : timedelta
-        How long keys are remembered.
+    Args:
+        records: As for `store_batch`.
+        key: Unique for each batch of the mission; a batch that is sent again is not stored again.
+        keep: How long keys are remembered.
 
-    Returns
-    -------
-    dict
+    Returns:
         As for `store_batch`; `next` is None.
 
-    Raises
-    ------
-    Conflict
-        The key was used for other records.
-    InputError, NotFound, StorageError, DiskFull
-        As for `store_batch`.
+    Raises:
+        Conflict: The key was used for other records.
+        InputError, NotFound, StorageError, DiskFull: As for `store_batch`.
     """
     batch, digest = parse(records), _digest(records)
     with library.database.write(locks_rows=True) as session:

@@ -43,19 +43,12 @@ Write = Callable[[], AbstractContextManager[Session]]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A rule for thinning tracks.
+    """A rule for thinning tracks."""
 
-    Attributes
-    ----------
-    to_m : float or None
-        Maximum distance of a removed pose from the motion through the kept ones, metres; None: keep only the
-        first and the last.
-    after : timedelta
-        Time after its last change at which a mission is due.
-    """
-
+    # Maximum distance of a removed pose from the motion through the kept ones, metres; None: keep only the
+    # first and the last.
     to_m: float | None
-    after: timedelta = timedelta(0)
+    after: timedelta = timedelta(0)  # Time after its last change at which a mission is due
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +84,7 @@ def due(session: Session, rule: Rule) -> list[int]:
     return list(session.scalars(found.order_by(Mission.id)))
 
 
-def young(session: Session, ids: Sequence[int], *, rule: Rule) -> list[int]:
+def too_recent(session: Session, ids: Sequence[int], *, rule: Rule) -> list[int]:
     """List those of some missions that changed too recently for a rule."""
     found = select(Mission.id).where(Mission.id.in_(ids), Mission.changed_at > now() - rule.after)
     return list(session.scalars(found.order_by(Mission.id)))
@@ -114,27 +107,18 @@ def thin_mission(
 ) -> Iterator[ThinnedTrack]:
     """Thin the tracks of a mission, one after the other.
 
-    Parameters
-    ----------
-    write : callable
-        Opens a write transaction.
-    progress : Progress
-        Checked for cancellation before each track.
-    dry_run : bool
-        Only report what would be done.
+    Args:
+        write: Opens a write transaction.
+        progress: Checked for cancellation before each track.
+        dry_run: Only report what would be done.
 
-    Yields
-    ------
-    ThinnedTrack
+    Yields:
         Each track that has lost poses.
 
-    Raises
-    ------
-    NotFound
-        The mission does not exist.
-    Conflict
-        The mission is marked to be kept, in the bin, under way, or being changed.
-    Cancelled
+    Raises:
+        NotFound: The mission does not exist.
+        Conflict: The mission is marked to be kept, in the bin, under way, or being changed.
+        Cancelled
     """
     with library.database.read() as session:
         check(session, id)
@@ -149,12 +133,7 @@ def thin_mission(
 
 
 def check(session: Session, id: int) -> Mission:
-    """Find a mission whose tracks may be thinned.
-
-    Raises
-    ------
-    NotFound, Conflict
-    """
+    """Find a mission whose tracks may be thinned. Raises NotFound, Conflict."""
     mission, where = session.get(Mission, id), f"mission {id}"
     if mission is None:
         raise NotFound("mission not found", where=where, hint="see: expmap mission list")

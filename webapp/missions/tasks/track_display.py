@@ -54,21 +54,14 @@ def tolerance_of(level: int) -> float:
 def build_pieces(library: Library, mission_id: int, *, write: Write, progress: Progress) -> int:
     """Build the pieces of new poses, one transaction per chunk, so that others can write in between.
 
-    Parameters
-    ----------
-    write : callable
-        Opens a write transaction.
-    progress : Progress
-        One step per chunk.
+    Raises Cancelled.
 
-    Returns
-    -------
-    int
+    Args:
+        write: Opens a write transaction.
+        progress: One step per chunk.
+
+    Returns:
         Number of chunks that were built.
-
-    Raises
-    ------
-    Cancelled
     """
     with library.database.read() as session:
         found = tracks.list_tracks(session, mission_id)
@@ -124,43 +117,24 @@ def table_of(poses: Poses, *, first: int) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class LineView:
-    """The requested part of a track, and its resolution.
+    """The requested part of a track, and its resolution."""
 
-    Attributes
-    ----------
-    tolerance_m : float
-        Maximum distance of a pose from the line.
-    box : (float, float, float, float) or None
-        South, west, north, east, degrees, to clip the line; if west > east, across the 180th meridian.
-    since : int
-        Only poses with greater numbers.
-    """
-
-    tolerance_m: float = 0.0
+    tolerance_m: float = 0.0  # Maximum distance of a pose from the line
+    # South, west, north, east, degrees, to clip the line; if west > east, across the 180th meridian.
     box: tuple[float, float, float, float] | None = None
-    since: int = -1
+    since: int = -1  # Only poses with greater numbers
 
 
 @dataclass(frozen=True, slots=True)
 class TrackLine:
-    """The line of a track.
+    """The line of a track."""
 
-    Attributes
-    ----------
-    level : int
-        Level of simplification; -1: none.
-    points : (n, 5) float64
-        number, time_s, lat, lon, heading_deg.
-    gaps : (m,) intp
-        Indices of points that are not connected with the previous one: the track leaves the box in between.
-    complete : bool
-        Whether it has the requested resolution.
-    """
-
-    level: int
-    points: NDArray[np.float64]
+    level: int  # Level of simplification; -1: none
+    points: NDArray[np.float64]  # (n, 5) float64. number, time_s, lat, lon, heading_deg.
+    # (m,) intp. Indices of points that are not connected with the previous one: the track leaves the box in
+    # between.
     gaps: NDArray[np.intp]
-    complete: bool
+    complete: bool  # Whether it has the requested resolution
 
 
 def track_line(session: Session, track: Track, view: LineView) -> TrackLine:
@@ -319,15 +293,11 @@ def _thinned(
 def track_profile(session: Session, track: Track, *, points: int) -> NDArray[np.float64]:
     """Read the profile of a track.
 
-    Parameters
-    ----------
-    points : int
-        Maximum number of points.
+    Args:
+        points: Maximum number of points.
 
-    Returns
-    -------
-    (n, 4) float64
-        time_s, travelled_m, speed_mps, height_m; NaN where unknown.
+    Returns:
+        (n, 4) float64: time_s, travelled_m, speed_mps, height_m; NaN where unknown.
     """
     table = np.empty((0, 4)) if track.poses <= _DIRECT else tracks.profiles(session, track)
     first = track.built_to if len(table) else 0

@@ -124,16 +124,11 @@ def revision_of(session: Session, mission_id: int) -> int | None:
 def make_event(session: Session, mission: Mission, *, known: str | None) -> tuple[str, str]:
     """Return an event with all changes since a cursor.
 
-    Parameters
-    ----------
-    known : str or None
-        A cursor; None or an invalid one if the client's state is unknown.
+    Args:
+        known: A cursor; None or an invalid one if the client's state is unknown.
 
-    Returns
-    -------
-    str
+    Returns:
         The encoded event.
-    str
         The cursor after it.
     """
     before = None if known is None else read_cursor(known)

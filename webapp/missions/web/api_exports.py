@@ -146,11 +146,9 @@ def query(mission_id: int, asked: dict[str, Any]) -> Response:
 def export(mission_id: int, *, ending: str, query: dict[str, Any], private: bool = False) -> Response:
     """Send a mission as a file of a format; `private` includes data that visitors do not get.
 
-    Raises
-    ------
-    NotFound
-        The format is unknown.
-    TooMany
+    Raises:
+        NotFound: The format is unknown.
+        TooMany
     """
     if ending not in FORMATS:
         raise NotFound(f"unknown export format {ending!r}", hint=f"use one of {', '.join(FORMATS)}")
@@ -172,10 +170,8 @@ def link(name: str, *, token: str, every: int) -> Response:
 def stream_download(make: Callable[[], Download]) -> Response:
     """Stream a file as a download.
 
-    Raises
-    ------
-    TooMany
-        Too many downloads are running already.
+    Raises:
+        TooMany: Too many downloads are running already.
     """
     free = _limit.semaphore()
     if not free.acquire(blocking=False):

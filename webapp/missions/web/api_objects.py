@@ -63,8 +63,6 @@ class DetectionOut(Schema):
 
 
 class SightingOut(DetectionOut):
-    """One sighting of an object."""
-
     time_s = Float()
 
 

@@ -315,12 +315,7 @@ def import_staged(file_id: str, given: dict[str, Any]) -> dict[str, int]:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Let each account read one file at a time, and all together a few.
-
-    Raises
-    ------
-    Busy
-    """
+    """Let each account read one file at a time, and all together a few. Raises Busy."""
     folder, wait_s = library().inner / "reading", ceil(settings().files.request_s)
     own = folder / f"account-{account().id}.lock"
     any_free = [folder / f"{number}.lock" for number in range(settings().files.at_once)]
@@ -348,11 +343,9 @@ def _file_name(given: str) -> str:
 def _destination(given: dict[str, Any]) -> tuple[int | None, int | None, str | None]:
     """Return the mission, its map, and the name of a mission to be created.
 
-    Raises
-    ------
-    UsageError
-        Neither or both of `mission` and `new_mission` are given, or the name is invalid.
-    NotFound, NotAllowed
+    Raises:
+        UsageError: Neither or both of `mission` and `new_mission` are given, or the name is invalid.
+        NotFound, NotAllowed
     """
     new = given["new_mission"]
     if (given["mission"] is None) == (new is None):

@@ -92,10 +92,8 @@ def points_json(points: NDArray[np.float64]) -> list[list[float | None]]:
 def line_json(session: Session, track: Track, query: dict[str, Any]) -> dict[str, Any]:
     """Return a track as a line for the fields of a `LineQuery`; the fields of `LineOut`.
 
-    Raises
-    ------
-    UsageError
-        The box lacks a side.
+    Raises:
+        UsageError: The box lacks a side.
     """
     given = [query[side] for side in _SIDES if side in query]
     if len(given) not in (0, len(_SIDES)):

@@ -27,9 +27,7 @@ PATH_PARAMETERS: dict[str, dict[str, Any]] = {
 def open_mission(id: int, role: Role = "viewer", *, binned: bool = False) -> Mission:
     """Find a mission that the caller may use in a role, as `open_map` finds maps.
 
-    Raises
-    ------
-    NotSignedIn, NotFound, NotAllowed
+    Raises NotSignedIn, NotFound, NotAllowed.
     """
     who = account()
     with library().database.read() as session:

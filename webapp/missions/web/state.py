@@ -226,10 +226,8 @@ def shared_photos(session: Session, opened: OpenedMission) -> list[MissionPhoto]
 def find_shared_photo(session: Session, opened: OpenedMission, *, sha256: str) -> MissionPhoto:
     """Find a photo that a share shows.
 
-    Raises
-    ------
-    NotFound
-        The share does not show it.
+    Raises:
+        NotFound: The share does not show it.
     """
     if not opened.share.photos:
         raise NotFound("photos are not shared here")

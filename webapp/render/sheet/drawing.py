@@ -33,23 +33,14 @@ _registering = threading.Lock()
 
 
 class TextStyle(NamedTuple):
-    """How a line of text looks.
+    """How a line of text looks."""
 
-    Attributes
-    ----------
-    size : float
-        Of the font, points.
-    anchor : {"left", "middle", "right"}
-        Which part of the line is at its position, on the baseline.
-    halo : float
-        Width of a white rim, points.
-    """
-
-    size: float
+    size: float  # Of the font, points
     colour: RGB = INK
     bold: bool = False
+    # "left", "middle" or "right". Which part of the line is at its position, on the baseline.
     anchor: Anchor = "left"
-    halo: float = 0.0
+    halo: float = 0.0  # Width of a white rim, points
 
 
 class Drawing(Protocol):
@@ -97,12 +88,9 @@ def shorten(text: str, size: float, *, width: float, bold: bool = False) -> str:
 class PngDrawing:
     """A sheet of pixels.
 
-    Parameters
-    ----------
-    size : (float, float)
-        Width and height, points.
-    dpi : int
-        Pixels per inch.
+    Args:
+        size: Width and height, points.
+        dpi: Pixels per inch.
     """
 
     def __init__(self, size: tuple[float, float], *, dpi: int) -> None:
@@ -175,12 +163,9 @@ class PngDrawing:
 class PdfDrawing:
     """A PDF, with vector shapes and text.
 
-    Parameters
-    ----------
-    size : (float, float)
-        Width and height, points.
-    title : str
-        Of the document.
+    Args:
+        size: Width and height, points.
+        title: Of the document.
     """
 
     def __init__(self, size: tuple[float, float], *, title: str) -> None:

@@ -38,19 +38,13 @@ class Box(NamedTuple):
 
 
 class LabelWanted(NamedTuple):
-    """A label, and the mark that it belongs to.
+    """A label, and the mark that it belongs to."""
 
-    Attributes
-    ----------
-    x, y, reach : float
-        Centre and radius of the mark.
-    width, height : float
-        Of the label.
-    """
-
+    # `x`, `y`, `reach`: Centre and radius of the mark.
     x: float
     y: float
     reach: float
+    # `width`, `height`: Of the label.
     width: float
     height: float
 
@@ -74,16 +68,11 @@ class _Taken:
 def place_labels(wanted: Sequence[LabelWanted], *, taken: Iterable[Box], frame: Box) -> list[Box | None]:
     """Place labels around their marks so that they overlap neither a mark nor one another.
 
-    Parameters
-    ----------
-    wanted : sequence of LabelWanted
-        In the order of priority.
-    taken : iterable of Box
-        Areas that must stay visible: the marks.
+    Args:
+        wanted: In the order of priority.
+        taken: Areas that must stay visible: the marks.
 
-    Returns
-    -------
-    list of Box or None
+    Returns:
         None for labels that do not fit.
     """
     there, found = _Taken(taken), list[Box | None]()

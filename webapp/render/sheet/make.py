@@ -46,14 +46,10 @@ def print_map(
 ) -> bytes:
     """Print a map on one sheet of paper, as PDF or PNG; of several floors one, or each on a page of a PDF.
 
-    Raises
-    ------
-    UsageError
-        The map has no such floor, or its floors do not fit into one file.
-    PhotoError
-        The satellite image cannot be used.
-    MapError
-        Its path leads out of the map's folder.
+    Raises:
+        UsageError: The map has no such floor, or its floors do not fit into one file.
+        PhotoError: The satellite image cannot be used.
+        MapError: Its path leads out of the map's folder.
     """
     if not options.attribution:
         known = source_of(source.cfg.parent, source.map.satellite.path).get("attribution")
@@ -146,10 +142,8 @@ def draw_book(
 ) -> bytes:
     """Draw a PDF with a page for each content; one at a time is in memory.
 
-    Parameters
-    ----------
-    title : str
-        Of the document; each page has that of its content.
+    Args:
+        title: Of the document; each page has that of its content.
     """
     drawing = PdfDrawing(options.page_sizes()[0], title=title)
     for number, content in enumerate(contents):

@@ -40,18 +40,10 @@ _POINTS_PER_METRE = 72 / 0.0254
 
 @dataclass(frozen=True, slots=True)
 class SheetView:
-    """The part of the image that is printed, and where it is on the paper.
+    """The part of the image that is printed, and where it is on the paper."""
 
-    Attributes
-    ----------
-    part : Box
-        Map pixels.
-    frame : Box
-        Points.
-    """
-
-    part: Box
-    frame: Box
+    part: Box  # Map pixels
+    frame: Box  # Points
 
     @property
     def scale(self) -> float:
@@ -73,33 +65,19 @@ class SheetView:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The scale of a printed map.
+    """The scale of a printed map."""
 
-    Attributes
-    ----------
-    metres : float
-        A round distance.
-    length : float
-        Length of that distance on the paper, points.
-    ratio : float
-        Denominator of the scale, as in 1 : 1000.
-    even : bool
-        Whether it is nearly the same all over the map.
-    """
-
-    metres: float
-    length: float
-    ratio: float
-    even: bool
+    metres: float  # A round distance
+    length: float  # Length of that distance on the paper, points
+    ratio: float  # Denominator of the scale, as in 1 : 1000
+    even: bool  # Whether it is nearly the same all over the map
 
 
 def scale_of(georeference: Georeference, view: SheetView, *, longest: float) -> Scale | None:
     """Compute the scale in the middle of a view; None if the image has none there.
 
-    Parameters
-    ----------
-    longest : float
-        Maximum length of the round distance on the paper, points.
+    Args:
+        longest: Maximum length of the round distance on the paper, points.
     """
     left, top, right, bottom = view.part
     corners = [MapPixel(x, y) for x in (left, right) for y in (top, bottom)]

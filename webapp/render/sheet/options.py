@@ -36,42 +36,20 @@ _SIZES: Mapping[Paper, tuple[float, float]] = {
 
 @dataclass(frozen=True, slots=True)
 class SheetOptions:
-    """How a map is printed.
-
-    Attributes
-    ----------
-    orientation : {"auto", "portrait", "landscape"}
-        "auto" takes the one in which the map is larger.
-    dpi : int
-        Of a PNG, and of the satellite image in a PDF.
-    labels : {"none", "numbers", "names"}
-        Labels of the photos; numbers are their ids.
-    headings : bool
-        Whether the viewing directions of the photos are shown.
-    control_points : bool
-        Whether control points are shown, with their names.
-    notes : bool
-        Whether notes are shown on the map, with their texts below it.
-    extent : {"image", "photos"}
-        The whole image, or the surroundings of the photos.
-    title : str or None
-        Replaces that of the map.
-    attribution : str
-        Attribution of the image.
-    floor : int or None
-        Id of the floor, on a map that has several; None prints each on its own page.
-    """
+    """How a map is printed."""
 
     paper: Paper = "a4"
+    # "auto", "portrait" or "landscape". "auto" takes the one in which the map is larger.
     orientation: Orientation = "auto"
-    dpi: int = USUAL_DPI
-    labels: Labels = "numbers"
-    headings: bool = True
-    control_points: bool = False
-    notes: bool = True
-    extent: Extent = "image"
-    title: str | None = None
-    attribution: str = ""
+    dpi: int = USUAL_DPI  # Of a PNG, and of the satellite image in a PDF
+    labels: Labels = "numbers"  # "none", "numbers" or "names". Labels of the photos; numbers are their ids.
+    headings: bool = True  # Whether the viewing directions of the photos are shown
+    control_points: bool = False  # Whether control points are shown, with their names
+    notes: bool = True  # Whether notes are shown on the map, with their texts below it
+    extent: Extent = "image"  # "image" or "photos". The whole image, or the surroundings of the photos.
+    title: str | None = None  # Replaces that of the map
+    attribution: str = ""  # Attribution of the image
+    # Id of the floor, on a map that has several; None prints each on its own page.
     floor: int | None = BASE_FLOOR
 
     def page_sizes(self) -> list[tuple[float, float]]:
@@ -98,10 +76,8 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
 
     Photos that are more probably not on the map are left out.
 
-    Raises
-    ------
-    KeyError, TypeError
-        These are not answers.
+    Raises:
+        KeyError, TypeError: These are not answers.
     """
     found = []
     for answer in answers:
@@ -123,17 +99,9 @@ def answers_from_json(answers: Iterable[Mapping[str, Any]]) -> tuple[SheetAnswer
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """The words of one language.
+    """The words of one language."""
 
-    Attributes
-    ----------
-    photos : callable
-        Formats a number of photos.
-    labels_left_out : str
-        With `{n}`.
-    """
-
-    photos: Callable[[int], str]
+    photos: Callable[[int], str]  # Formats a number of photos
     date: str
     photo: str = "photo"
     looks: str = "direction of view"
@@ -141,7 +109,7 @@ class SheetWords:
     note: str = "note"
     answer: str = "answer, by its probability"
     radius: str = "uncertainty radius"
-    labels_left_out: str = "{n} labels left out for lack of space"
+    labels_left_out: str = "{n} labels left out for lack of space"  # With `{n}`
     notes_left_out: str = "{n} notes left out for lack of space"
     no_scale: str = "No georeference: the scale and north are not known."
     about: str = "about {scale}"

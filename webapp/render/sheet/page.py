@@ -41,22 +41,13 @@ _AROUND = 0.06
 
 @dataclass(frozen=True, slots=True)
 class SheetContent:
-    """The content of a sheet.
-
-    Attributes
-    ----------
-    satellite : (h, w, 3) uint8
-        Red, green, blue; it may have another size than the map states.
-    title : str
-        Used unless the options have a title.
-    answers : tuple of SheetAnswer
-        Those outside of the image are left out.
-    """
+    """The content of a sheet."""
 
     map: Map
+    # (h, w, 3) uint8. Red, green, blue; it may have another size than the map states.
     satellite: NDArray[np.uint8]
-    title: str
-    answers: tuple[SheetAnswer, ...] = ()
+    title: str  # Used unless the options have a title
+    answers: tuple[SheetAnswer, ...] = ()  # Those outside of the image are left out
 
 
 def draw_sheet(
@@ -64,9 +55,7 @@ def draw_sheet(
 ) -> bytes:
     """Draw a map on one sheet of paper.
 
-    Returns
-    -------
-    bytes
+    Returns:
         PDF or PNG; the same content always gives the same bytes.
     """
     size = page_size(content.map, options)

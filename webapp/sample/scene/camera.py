@@ -19,27 +19,15 @@ _MONUMENT_M = 3.5
 
 @dataclass(frozen=True)
 class SceneCamera:
-    """A pinhole camera without distortion and without roll.
+    """A pinhole camera without distortion and without roll."""
 
-    Attributes
-    ----------
-    position : tuple of float
-        East, north, up of the centre of projection, metres.
-    heading_deg : float
-        Direction of the view, degrees clockwise from north.
-    fov_deg : float
-        Horizontal field of view.
-    width, height : int
-        Pixels of the photo.
-    pitch_deg : float
-        Degrees above the horizon; -90 looks straight down, with `heading_deg` to the top of the photo.
-    """
-
-    position: tuple[float, float, float]
-    heading_deg: float
-    fov_deg: float
+    position: tuple[float, float, float]  # East, north, up of the centre of projection, metres
+    heading_deg: float  # Direction of the view, degrees clockwise from north
+    fov_deg: float  # Horizontal field of view
+    # `width`, `height`: Pixels of the photo.
     width: int
     height: int
+    # Degrees above the horizon; -90 looks straight down, with `heading_deg` to the top of the photo.
     pitch_deg: float = 0.0
 
     @cached_property
@@ -66,32 +54,23 @@ class SceneCamera:
     def to_camera(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform world points to camera coordinates.
 
-        Parameters
-        ----------
-        points : (n, 3) float64
-            East, north, up, metres.
+        Args:
+            points: (n, 3) float64. East, north, up, metres.
 
-        Returns
-        -------
-        (n, 3) float64
-            Right, down, forward, metres.
+        Returns:
+            (n, 3) float64: Right, down, forward, metres.
         """
         return np.asarray((points - np.array(self.position)) @ self.camera_from_world.T, np.float64)
 
     def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project world points to pixels.
 
-        Parameters
-        ----------
-        points : (n, 3) float64
-            East, north, up, metres.
+        Args:
+            points: (n, 3) float64. East, north, up, metres.
 
-        Returns
-        -------
-        pixels : (n, 2) float64
-            Meaningless where the depth is not positive.
-        depth : (n,) float64
-            Metres along the optical axis.
+        Returns:
+            pixels: (n, 2) float64. Meaningless where the depth is not positive.
+            depth: (n,) float64. Metres along the optical axis.
         """
         local = self.to_camera(points)
         depth = local[:, 2]
@@ -113,22 +92,13 @@ class SceneCamera:
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """Position and direction of a photo.
+    """Position and direction of a photo."""
 
-    Attributes
-    ----------
-    east, north : float
-        Metres.
-    heading_deg : float
-        Degrees clockwise from north, 0 to 360.
-    pitch_deg : float
-        Degrees above the horizon: a camera in the hand is never quite level.
-    """
-
+    # `east`, `north`: Metres.
     east: float
     north: float
-    heading_deg: float
-    pitch_deg: float
+    heading_deg: float  # Degrees clockwise from north, 0 to 360
+    pitch_deg: float  # Degrees above the horizon: a camera in the hand is never quite level
 
     def camera(self, *, fov_deg: float, width: int, height: int) -> SceneCamera:
         """Return a camera there, at eye height."""

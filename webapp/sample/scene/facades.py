@@ -229,17 +229,12 @@ def front(
 ) -> NDArray[np.uint8]:
     """Paint one front of a building.
 
-    Parameters
-    ----------
-    size_m : tuple of float
-        Width and height.
-    entrance : bool
-        With a door and the sign; other fronts get other distinctive features.
+    Args:
+        size_m: Width and height.
+        entrance: With a door and the sign; other fronts get other distinctive features.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        `PIXELS_PER_METRE` pixels per metre.
+    Returns:
+        (h, w, 3) uint8: `PIXELS_PER_METRE` pixels per metre.
     """
     width, height = (round(side * PIXELS_PER_METRE) for side in size_m)
     wall = surface(rng, (height, width), material=style.material, colour=style.wall)

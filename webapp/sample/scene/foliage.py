@@ -26,31 +26,16 @@ Leaves = tuple[tuple[Sprite, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Foliage:
-    """Clumps of leaves.
+    """Clumps of leaves."""
 
-    Attributes
-    ----------
-    centre : (n, 3) float32
-        Metres.
-    radius : (n,) float32
-        Metres.
-    colour : (n, 3) uint8
-    normal : (n, 3) float32
-        Outwards from the crown; determines how much light the clump gets.
-    depth : (n,) float32
-        Depth inside its crown: 0 at the surface, 1 in the middle.
-    plant : (n,) int32
-        Number of its tree or bush.
-    evergreen : (n,) bool
-    """
-
-    centre: NDArray[np.float32]
-    radius: NDArray[np.float32]
-    colour: NDArray[np.uint8]
+    centre: NDArray[np.float32]  # (n, 3) float32. Metres.
+    radius: NDArray[np.float32]  # (n,) float32. Metres.
+    colour: NDArray[np.uint8]  # (n, 3) uint8
+    # (n, 3) float32. Outwards from the crown; determines how much light the clump gets.
     normal: NDArray[np.float32]
-    depth: NDArray[np.float32]
-    plant: NDArray[np.int32]
-    evergreen: NDArray[np.bool_]
+    depth: NDArray[np.float32]  # (n,) float32. Depth inside its crown: 0 at the surface, 1 in the middle.
+    plant: NDArray[np.int32]  # (n,) int32. Number of its tree or bush.
+    evergreen: NDArray[np.bool_]  # (n,) bool
 
     def take(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Foliage:
         """Return some of the clumps."""
@@ -143,12 +128,9 @@ def draw_foliage(
 ) -> None:
     """Draw all clumps where they are nearer than the surface in the frame.
 
-    Parameters
-    ----------
-    frame : Frame
-        Changed in place.
-    sun : (n,) float32
-        Share of the sun's light on each clump.
+    Args:
+        frame: Changed in place.
+        sun: (n,) float32. Share of the sun's light on each clump.
     """
     pixels, depth = camera.project(foliage.centre.astype(np.float64))
     side = 2.5 * camera.focal_px * foliage.radius / np.maximum(depth, NEAR_M)

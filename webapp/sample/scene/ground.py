@@ -25,20 +25,11 @@ DETAIL_METRES_PER_PIXEL = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """Textures of the ground.
+    """Textures of the ground."""
 
-    Attributes
-    ----------
-    park : Quad
-        The park and `BORDER_M` around it.
-    country : Quad
-        The surroundings, slightly lower and coarse.
-    detail : (3, 512, 512) uint8
-        Tiling brightness (128 for no change), seen from near: grass, gravel, waves.
-    """
-
-    park: Quad
-    country: Quad
+    park: Quad  # The park and `BORDER_M` around it
+    country: Quad  # The surroundings, slightly lower and coarse
+    # (3, 512, 512) uint8. Tiling brightness (128 for no change), seen from near: grass, gravel, waves.
     detail: NDArray[np.uint8]
 
 

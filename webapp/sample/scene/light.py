@@ -12,35 +12,19 @@ Rgb = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """The conditions a photo is taken in. Colours are linear, 1 is white in full sun.
+    """The conditions a photo is taken in. Colours are linear, 1 is white in full sun."""
 
-    Attributes
-    ----------
-    sun_azimuth_deg : float
-        Direction of the sun, degrees clockwise from north.
-    sun_elevation_deg : float
-        Above the horizon.
-    sun, ambient : tuple of float
-        Light of the sun, and of the whole sky.
-    zenith, horizon : tuple of float
-        Colours of the sky overhead and low down (the latter also of haze).
-    clouds : float
-        Share of the sky, 0-1.
-    noise : float
-        Standard deviation of the camera's noise, grey levels of 255.
-    autumn : bool
-        Coloured leaves, some of them on the ground.
-    """
-
-    sun_azimuth_deg: float
-    sun_elevation_deg: float
+    sun_azimuth_deg: float  # Direction of the sun, degrees clockwise from north
+    sun_elevation_deg: float  # Above the horizon
+    # `sun`, `ambient`: Light of the sun, and of the whole sky.
     sun: Rgb
     ambient: Rgb
+    # `zenith`, `horizon`: Colours of the sky overhead and low down (the latter also of haze).
     zenith: Rgb
     horizon: Rgb
-    clouds: float
-    noise: float
-    autumn: bool = False
+    clouds: float  # Share of the sky, 0-1
+    noise: float  # Standard deviation of the camera's noise, grey levels of 255
+    autumn: bool = False  # Coloured leaves, some of them on the ground
 
     @property
     def to_sun(self) -> NDArray[np.float64]:

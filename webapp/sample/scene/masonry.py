@@ -25,15 +25,12 @@ def surface(
 ) -> NDArray[np.uint8]:
     """Make a wall without openings.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width, pixels of 1 / `PIXELS_PER_METRE` metres.
-    material : {"brick", "stone", "boards", "plaster"}
+    Args:
+        shape: Height and width, pixels of 1 / `PIXELS_PER_METRE` metres.
+        material: "brick", "stone", "boards" or "plaster"
 
-    Returns
-    -------
-    (h, w, 3) uint8
+    Returns:
+        (h, w, 3) uint8
     """
     if material == "plaster":
         tone = 1 + 0.05 * fractal(rng, shape, cell_px=120, octaves=4) + 0.03 * _grain(rng, shape)
@@ -53,21 +50,14 @@ def courses(
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Lay blocks in rows, every second row shifted by half a block.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width, pixels.
-    size_px : tuple of float
-        Width and height of a block, and width of the joint.
-    spread : float
-        Standard deviation of the blocks' tones.
+    Args:
+        shape: Height and width, pixels.
+        size_px: Width and height of a block, and width of the joint.
+        spread: Standard deviation of the blocks' tones.
 
-    Returns
-    -------
-    tone : (h, w) float32
-        One tone per block, about 1.
-    joint : (h, w) bool
-        Joints between the blocks.
+    Returns:
+        tone: (h, w) float32. One tone per block, about 1.
+        joint: (h, w) bool. Joints between the blocks.
     """
     height, width = shape
     long, high, gap = size_px
@@ -108,42 +98,22 @@ def _weathered(rng: np.random.Generator, wall: NDArray[np.uint8]) -> NDArray[np.
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How the fronts of one building look.
+    """How the fronts of one building look."""
 
-    Attributes
-    ----------
-    name : str
-        On the sign over the door.
-    material : {"brick", "stone", "boards", "plaster"}
-    wall, trim, door, roof : tuple of int
-        Colours.
-    window_m : tuple of float
-        Width and height of a window.
-    spacing_m : float
-        From the middle of one window to the next.
-    panes : tuple of int
-        Panes of a window, across and down.
-    lintel : {"none", "beam", "gable", "arch"}
-        Over each window.
-    frame_px : int
-        Width of the window frames, pixels of the texture.
-    flower_boxes : float
-        Share of the windows that have one.
-    """
-
-    name: str
-    material: Material
+    name: str  # On the sign over the door
+    material: Material  # "brick", "stone", "boards" or "plaster"
+    # `wall`, `trim`, `door`, `roof`: Colours.
     wall: Colour
     trim: Colour
     door: Colour
     roof: Colour
-    window_m: tuple[float, float] = (1.1, 1.5)
-    spacing_m: float = 2.3
-    panes: tuple[int, int] = (2, 2)
+    window_m: tuple[float, float] = (1.1, 1.5)  # Width and height of a window
+    spacing_m: float = 2.3  # From the middle of one window to the next
+    panes: tuple[int, int] = (2, 2)  # Panes of a window, across and down
     shutters: bool = False
-    lintel: Lintel = "none"
-    frame_px: int = 5
-    flower_boxes: float = 0.0
+    lintel: Lintel = "none"  # "none", "beam", "gable" or "arch". Over each window.
+    frame_px: int = 5  # Width of the window frames, pixels of the texture
+    flower_boxes: float = 0.0  # Share of the windows that have one
 
 
 def fill_box(image: NDArray[np.uint8], box: tuple[float, float, float, float], *, colour: Colour) -> None:

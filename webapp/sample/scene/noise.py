@@ -17,21 +17,14 @@ def fractal(
 ) -> NDArray[np.float32]:
     """Make smooth noise with detail at several scales.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width.
-    cell_px : float
-        Size of the largest bumps, pixels.
-    octaves : int
-        Each further one has half the size and 0.55 of the strength.
-    tiling : bool
-        Whether opposite edges match, so that the pattern can be repeated.
+    Args:
+        shape: Height and width.
+        cell_px: Size of the largest bumps, pixels.
+        octaves: Each further one has half the size and 0.55 of the strength.
+        tiling: Whether opposite edges match, so that the pattern can be repeated.
 
-    Returns
-    -------
-    (h, w) float32
-        Mean about 0, mostly within -1 to 1.
+    Returns:
+        (h, w) float32: Mean about 0, mostly within -1 to 1.
     """
     height, width = shape
     total = np.zeros((2, 2), np.float32)
@@ -64,16 +57,12 @@ def _stretch(grid: NDArray[np.float32], shape: tuple[int, int], *, tiling: bool)
 def tint(colour: tuple[int, int, int], tone: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Multiply one colour by a picture of tones.
 
-    Parameters
-    ----------
-    colour : tuple of int
-        Red, green, blue.
-    tone : (h, w) float32
-        1 keeps the colour.
+    Args:
+        colour: Red, green, blue.
+        tone: (h, w) float32. 1 keeps the colour.
 
-    Returns
-    -------
-    (h, w, 3) uint8
+    Returns:
+        (h, w, 3) uint8
     """
     base = np.array(colour, np.float32)
     return np.asarray(np.clip(tone[..., None] * base, 0, 255), np.uint8)

@@ -16,19 +16,11 @@ _CENTRE = np.array([WIDTH_M / 2, DEPTH_M / 2])
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """A building seen from above.
+    """A building seen from above."""
 
-    Attributes
-    ----------
-    centre : (2,) float64
-    facing : (2,) float64
-        Unit vector out of the front door.
-    width, depth : float
-        Of the front, and at right angles to it, metres.
-    """
-
-    centre: NDArray[np.float64]
-    facing: NDArray[np.float64]
+    centre: NDArray[np.float64]  # (2,) float64
+    facing: NDArray[np.float64]  # (2,) float64. Unit vector out of the front door.
+    # `width`, `depth`: Of the front, and at right angles to it, metres.
     width: float
     depth: float
     floors: int
@@ -73,23 +65,15 @@ class Tree:
 
 @dataclass(frozen=True, slots=True)
 class ParkPlan:
-    """The layout of a park.
+    """The layout of a park."""
 
-    Attributes
-    ----------
-    loop, link : (n, 2) float64
-        Middle lines of the path around and of the path across, a point every half metre.
-    square : (2,) float64
-        The middle of the paved square.
-    pond : (n, 2) float64
-        Outline of the water.
-    """
-
+    # `loop`, `link`: (n, 2) float64. Middle lines of the path around and of the path across, a point every
+    # half metre.
     loop: NDArray[np.float64]
     link: NDArray[np.float64]
-    square: NDArray[np.float64]
+    square: NDArray[np.float64]  # (2,) float64. The middle of the paved square.
     square_radius: float
-    pond: NDArray[np.float64]
+    pond: NDArray[np.float64]  # (n, 2) float64. Outline of the water.
     buildings: tuple[Footprint, ...]
     trees: tuple[Tree, ...]
 

@@ -16,14 +16,9 @@ NEAR_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """A picture at full, half, quarter ... size (mipmap).
+    """A picture at full, half, quarter ... size (mipmap)."""
 
-    Attributes
-    ----------
-    levels : tuple of (h, w, 4) uint8
-        Red, green, blue, opacity (drawn where it is above one half).
-    """
-
+    # tuple of (h, w, 4) uint8. Red, green, blue, opacity (drawn where it is above one half).
     levels: tuple[NDArray[np.uint8], ...]
 
     @staticmethod
@@ -41,23 +36,14 @@ class Texture:
 
 @dataclass(frozen=True)
 class Quad:
-    """A flat textured parallelogram.
+    """A flat textured parallelogram."""
 
-    Attributes
-    ----------
-    corner : (3,) float64
-        Bottom left of the texture, metres.
-    along, up : (3,) float64
-        From there to the bottom right and to the top left, metres.
-    two_sided : bool
-        Also visible from behind (mirrored).
-    """
-
-    corner: NDArray[np.float64]
+    corner: NDArray[np.float64]  # (3,) float64. Bottom left of the texture, metres.
+    # `along`, `up`: (3,) float64. From there to the bottom right and to the top left, metres.
     along: NDArray[np.float64]
     up: NDArray[np.float64]
     texture: Texture
-    two_sided: bool = False
+    two_sided: bool = False  # Also visible from behind (mirrored)
 
     @cached_property
     def normal(self) -> NDArray[np.float64]:
@@ -68,21 +54,11 @@ class Quad:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """The surface seen at each pixel, before it is lit.
+    """The surface seen at each pixel, before it is lit."""
 
-    Attributes
-    ----------
-    colour : (h, w) uint32
-        Red, green, blue and one unused byte, in memory order.
-    sun : (h, w) float32
-        Share of the sun's light that arrives, 0-1.
-    depth : (h, w) float32
-        Metres along the optical axis; infinite for the sky.
-    """
-
-    colour: NDArray[np.uint32]
-    sun: NDArray[np.float32]
-    depth: NDArray[np.float32]
+    colour: NDArray[np.uint32]  # (h, w) uint32. Red, green, blue and one unused byte, in memory order.
+    sun: NDArray[np.float32]  # (h, w) float32. Share of the sun's light that arrives, 0-1.
+    depth: NDArray[np.float32]  # (h, w) float32. Metres along the optical axis; infinite for the sky.
 
     @staticmethod
     def empty(camera: SceneCamera) -> Frame:
@@ -99,24 +75,14 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """The pixels at which a quad is the nearest surface so far.
+    """The pixels at which a quad is the nearest surface so far."""
 
-    Attributes
-    ----------
-    index : (n,) int64
-        Into the flattened frame.
-    across, down : (n,) float32
-        Position on the quad, 0-1 from its left and from its top.
-    depth : (n,) float32
-        Metres.
-    texels : (n,) float32
-        Texels of the finest level under a pixel, geometric mean of both directions.
-    """
-
-    index: NDArray[np.int64]
+    index: NDArray[np.int64]  # (n,) int64. Into the flattened frame.
+    # `across`, `down`: (n,) float32. Position on the quad, 0-1 from its left and from its top.
     across: NDArray[np.float32]
     down: NDArray[np.float32]
-    depth: NDArray[np.float32]
+    depth: NDArray[np.float32]  # (n,) float32. Metres.
+    # (n,) float32. Texels of the finest level under a pixel, geometric mean of both directions.
     texels: NDArray[np.float32]
 
 
@@ -153,10 +119,8 @@ def hit_quad(frame: Frame, camera: SceneCamera, *, quad: Quad) -> Hits | None:
 def sample(texture: Texture, hits: Hits) -> NDArray[np.uint32]:
     """Look up the texture at each hit, at the level that fits its texels per pixel.
 
-    Returns
-    -------
-    (n,) uint32
-        Red, green, blue, opacity, in memory order.
+    Returns:
+        (n,) uint32: Red, green, blue, opacity, in memory order.
     """
     level = np.clip(np.log2(np.maximum(hits.texels, 1e-6)) + 0.3, 0, len(texture.levels) - 1).astype(np.int8)
     out = np.empty(hits.index.size, np.uint32)
@@ -186,9 +150,8 @@ def remap(
 ) -> NDArray[np.uint8]:
     """Interpolate a picture at (n,) positions; `border` is OpenCV's mode beyond its edges.
 
-    Returns
-    -------
-    (n, channels) uint8
+    Returns:
+        (n, channels) uint8
     """
     side = 512  # OpenCV wants rows shorter than 2^15
     rows = -(-x.size // side)
@@ -207,12 +170,9 @@ def remap(
 def draw_quad(frame: Frame, camera: SceneCamera, *, quad: Quad, sun: float) -> None:
     """Draw a quad where it is nearer than the surface in the frame.
 
-    Parameters
-    ----------
-    frame : Frame
-        Changed in place.
-    sun : float
-        Share of the sun's light on it, 0-1.
+    Args:
+        frame: Changed in place.
+        sun: Share of the sun's light on it, 0-1.
     """
     hits = hit_quad(frame, camera, quad=quad)
     if hits is None:

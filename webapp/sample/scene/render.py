@@ -23,15 +23,11 @@ _ALTITUDE_M = 4000.0
 def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Render a photo.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        For the camera's noise.
+    Args:
+        rng: For the camera's noise.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        Red, green, blue.
+    Returns:
+        (h, w, 3) uint8: Red, green, blue.
     """
     large = camera.resized(_OVERSAMPLING)
     frame = Frame.empty(large)
@@ -46,10 +42,8 @@ def render(stage: Stage, camera: SceneCamera, *, rng: np.random.Generator) -> ND
 def visible(stage: Stage, camera: SceneCamera) -> NDArray[np.intp]:
     """Find the quads that can be in the photo, the nearest first.
 
-    Returns
-    -------
-    (n,) intp
-        Numbers of quads of the world.
+    Returns:
+        (n,) intp: Numbers of quads of the world.
     """
     world = stage.world
     local = camera.to_camera(world.corners.reshape(-1, 3)).reshape(-1, 4, 3)
@@ -163,17 +157,13 @@ def _develop(lit: NDArray[np.float32], stage: Stage, rng: np.random.Generator) -
 def overhead(stage: Stage, metres_per_pixel: float, *, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Render a picture from so high above that it is nearly orthographic.
 
-    Parameters
-    ----------
-    metres_per_pixel : float
-        Of the ground.
-    rng : numpy.random.Generator
-        For the camera's noise.
+    Args:
+        metres_per_pixel: Of the ground.
+        rng: For the camera's noise.
 
-    Returns
-    -------
-    (h, w, 3) uint8
-        Red, green, blue; north is up, and it shows exactly the park's rectangle on the ground.
+    Returns:
+        (h, w, 3) uint8: Red, green, blue; north is up, and it shows exactly the park's rectangle on the
+            ground.
     """
     width, height = round(WIDTH_M / metres_per_pixel), round(DEPTH_M / metres_per_pixel)
     fov = 2 * np.degrees(np.arctan(WIDTH_M / 2 / _ALTITUDE_M))

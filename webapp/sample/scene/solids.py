@@ -90,16 +90,11 @@ def box_quads(
 ) -> list[Quad]:
     """Build a box.
 
-    Parameters
-    ----------
-    foot : (3,) float64
-        Centre of its base.
-    side : (2,) float64
-        Unit vector along its width.
-    size : tuple of float
-        Width, depth, height, metres.
-    texture : Texture
-        On all sides and on top.
+    Args:
+        foot: (3,) float64. Centre of its base.
+        side: (2,) float64. Unit vector along its width.
+        size: Width, depth, height, metres.
+        texture: On all sides and on top.
     """
     across = lift(side * size[0] / 2, 0.0)
     out = lift(np.array([side[1], -side[0]]) * size[1] / 2, 0.0)

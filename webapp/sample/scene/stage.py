@@ -24,32 +24,16 @@ _MARGIN_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """Everything that is needed to render a photo.
-
-    Attributes
-    ----------
-    ground : Ground
-        In the season of the light.
-    foliage : Foliage
-        In the season of the light.
-    foliage_sun : (n,) float32
-        Share of the sun's light on each clump.
-    quad_sun : (n,) float64
-        The same on each quad of the world.
-    shadow : (h, w) uint8
-        255 where the sun reaches the ground.
-    clouds : (512, 512) uint8
-        Tiling; 255 is full cloud cover.
-    """
+    """Everything that is needed to render a photo."""
 
     world: World
     light: Light
-    ground: Ground
-    foliage: Foliage
-    foliage_sun: NDArray[np.float32]
-    quad_sun: NDArray[np.float64]
-    shadow: NDArray[np.uint8]
-    clouds: NDArray[np.uint8]
+    ground: Ground  # In the season of the light
+    foliage: Foliage  # In the season of the light
+    foliage_sun: NDArray[np.float32]  # (n,) float32. Share of the sun's light on each clump.
+    quad_sun: NDArray[np.float64]  # (n,) float64. The same on each quad of the world.
+    shadow: NDArray[np.uint8]  # (h, w) uint8. 255 where the sun reaches the ground.
+    clouds: NDArray[np.uint8]  # (512, 512) uint8. Tiling; 255 is full cloud cover.
 
 
 def set_stage(rng: np.random.Generator, world: World, *, light: Light) -> Stage:

@@ -107,36 +107,22 @@ _LINTELS: tuple[Lintel, ...] = ("none", "beam", "gable", "arch")
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A park.
-
-    Attributes
-    ----------
-    quads : tuple of Quad
-        All flat surfaces above the ground.
-    corners : (n, 4, 3) float64
-        Of the quads, metres.
-    normals : (n, 3) float64
-        Of the quads; zero for two-sided ones.
-    leaves : tuple
-        Pictures of clumps of leaves.
-    """
+    """A park."""
 
     plan: ParkPlan
     ground: Ground
-    quads: tuple[Quad, ...]
-    corners: NDArray[np.float64]
-    normals: NDArray[np.float64]
+    quads: tuple[Quad, ...]  # All flat surfaces above the ground
+    corners: NDArray[np.float64]  # (n, 4, 3) float64. Of the quads, metres.
+    normals: NDArray[np.float64]  # (n, 3) float64. Of the quads; zero for two-sided ones.
     foliage: Foliage
-    leaves: Leaves
+    leaves: Leaves  # Pictures of clumps of leaves
 
 
 def build_world(rng: np.random.Generator) -> World:
     """Generate a park.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        The same state gives the same park.
+    Args:
+        rng: The same state gives the same park.
     """
     for_plan, for_ground, for_houses, for_rest, for_leaves = rng.spawn(5)
     plan = draw_plan(for_plan)

@@ -31,17 +31,12 @@ def ensure_owner(session: Session) -> Account:
 def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
     """Create an account; signing in requires a link or a password, which it does not have yet.
 
-    Parameters
-    ----------
-    is_owner : bool
-        Whether it owns the whole library.
+    Args:
+        is_owner: Whether it owns the whole library.
 
-    Raises
-    ------
-    UsageError
-        The name is empty or too long.
-    Conflict
-        The name is taken.
+    Raises:
+        UsageError: The name is empty or too long.
+        Conflict: The name is taken.
     """
     account = Account(name=_free_name(session, name), is_owner=is_owner)
     session.add(account)
@@ -52,21 +47,14 @@ def create(session: Session, name: str, *, is_owner: bool = False) -> Account:
 def rename(session: Session, account: Account, *, name: str) -> None:
     """Rename an account.
 
-    Raises
-    ------
-    UsageError, Conflict
-        As for a new account.
+    Raises:
+        UsageError, Conflict: As for a new account.
     """
     account.name = _free_name(session, name, own=account.id)
 
 
 def named(session: Session, name: str) -> Account:
-    """Find an account by its name, ignoring case.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find an account by its name, ignoring case. Raises NotFound."""
     found = _named(session, name)
     if found is None:
         raise NotFound(
@@ -83,10 +71,8 @@ def list_accounts(session: Session) -> list[Account]:
 def remove(session: Session, account: Account) -> None:
     """Delete an account; its maps are kept, and accessible to the owners of the library.
 
-    Raises
-    ------
-    UsageError
-        It is the last account that owns the library.
+    Raises:
+        UsageError: It is the last account that owns the library.
     """
     owners = session.scalars(select(func.count()).select_from(Account).where(Account.is_owner)).one()
     if account.is_owner and owners == 1:
@@ -102,17 +88,12 @@ def end_sessions(account: Account) -> None:
 def new_token(session: Session, account: Account, *, name: str) -> str:
     """Create an API token.
 
-    Returns
-    -------
-    str
+    Returns:
         The token; only its hash is stored.
 
-    Raises
-    ------
-    UsageError
-        The name is empty or too long.
-    Conflict
-        The account already has a token of that name.
+    Raises:
+        UsageError: The name is empty or too long.
+        Conflict: The account already has a token of that name.
     """
     name = _checked_name(name)
     if any(token.name == name for token in tokens(session, account)):
@@ -149,10 +130,8 @@ def record_use(session: Session, token_id: int) -> None:
 def revoke_token(session: Session, account: Account, *, token_id: int) -> None:
     """Revoke a token.
 
-    Raises
-    ------
-    NotFound
-        The account does not have this token.
+    Raises:
+        NotFound: The account does not have this token.
     """
     token = session.get(ApiToken, token_id)
     if token is None or token.account_id != account.id:
@@ -197,10 +176,8 @@ def members_of(session: Session, record: MapRecord) -> list[tuple[Account, Role]
 def set_member_role(session: Session, record: MapRecord, *, account: Account, role: str) -> None:
     """Share a map with an account, or change its role.
 
-    Raises
-    ------
-    UsageError
-        The role is unknown, or the map would have no owner.
+    Raises:
+        UsageError: The role is unknown, or the map would have no owner.
     """
     if role not in ROLES:
         raise UsageError("unknown role", where=role[:20], hint=f"it is one of {', '.join(ROLES)}")
@@ -216,10 +193,8 @@ def set_member_role(session: Session, record: MapRecord, *, account: Account, ro
 def remove_member(session: Session, record: MapRecord, *, account: Account) -> None:
     """Stop sharing a map with an account; no error if it was not shared with it.
 
-    Raises
-    ------
-    UsageError
-        The map would have no owner.
+    Raises:
+        UsageError: The map would have no owner.
     """
     member = session.get(Member, (record.id, account.id))
     if member is not None:

@@ -29,9 +29,7 @@ _SIGNED_IN = select(Account).where(
 def new_link(session: Session, account: Account, *, hours: int) -> str:
     """Create a sign-in link for an account.
 
-    Returns
-    -------
-    str
+    Returns:
         The secret end of its URL; only its hash is stored.
     """
     token = secrets.token_urlsafe(24)
@@ -49,10 +47,8 @@ def new_link(session: Session, account: Account, *, hours: int) -> str:
 def link_account(session: Session, token: str) -> Account:
     """Return the account of a sign-in link, without using it up.
 
-    Raises
-    ------
-    NotSignedIn
-        The link is unknown, used or expired.
+    Raises:
+        NotSignedIn: The link is unknown, used or expired.
     """
     link = session.get(SignInLink, accounts.hashed(token))
     if link is None or link.used_at is not None or link.expires_at < now():
@@ -66,10 +62,8 @@ def link_account(session: Session, token: str) -> Account:
 def redeem_link(session: Session, token: str) -> Account:
     """Use up a sign-in link, and return its account.
 
-    Raises
-    ------
-    NotSignedIn
-        The link is unknown, used or expired.
+    Raises:
+        NotSignedIn: The link is unknown, used or expired.
     """
     account = link_account(session, token)
     session.get_one(SignInLink, accounts.hashed(token)).used_at = now()
@@ -79,10 +73,8 @@ def redeem_link(session: Session, token: str) -> Account:
 def password_hash(password: str, *, minimum: int) -> str:
     """Hash a password; this takes a tenth of a second, so do not do it in a write transaction.
 
-    Raises
-    ------
-    UsageError
-        The password is too short or too long.
+    Raises:
+        UsageError: The password is too short or too long.
     """
     if not minimum <= len(password) <= _MAX_PASSWORD:
         raise UsageError(
@@ -96,19 +88,13 @@ def by_password(
 ) -> Account:
     """Sign in by name and password.
 
-    Parameters
-    ----------
-    address : str
-        Client address of the request.
-    limits : WebSettings
-        Sets the limit of failures and its time window.
+    Args:
+        address: Client address of the request.
+        limits: Sets the limit of failures and its time window.
 
-    Raises
-    ------
-    NotSignedIn
-        Wrong name or password; the error does not say which is wrong.
-    TooMany
-        There were too many failures for this name or from this address.
+    Raises:
+        NotSignedIn: Wrong name or password; the error does not say which is wrong.
+        TooMany: There were too many failures for this name or from this address.
     """
     tried = [f"name:{texts.plain(name)}"[:_MAX_WHO], f"address:{address}"[:_MAX_WHO]]
     # Counted as a failure before it is checked, so that the limit holds for parallel attempts, too.
@@ -118,7 +104,7 @@ def by_password(
         account = _named(session, name)
     known = account.password_hash if account is not None else None
     # An unknown name takes as long as a wrong password: the response time does not reveal which names exist.
-    right = check_password_hash(known or _nobodys_hash(), password[: _MAX_PASSWORD + 1])
+    right = check_password_hash(known or _dummy_hash(), password[: _MAX_PASSWORD + 1])
     if account is None or known is None or not right:
         raise NotSignedIn(
             "wrong name or password",
@@ -138,7 +124,7 @@ def _named(session: Session, name: str) -> Account | None:
 
 
 @cache
-def _nobodys_hash() -> str:
+def _dummy_hash() -> str:
     return generate_password_hash(secrets.token_hex(16), "scrypt")
 
 
@@ -175,12 +161,9 @@ def _note_failure(session: Session, subjects: list[str], *, limits: WebSettings)
 def end_session(session: Session, session_id: str, *, days: int) -> None:
     """Record that a session has been signed out.
 
-    Parameters
-    ----------
-    session_id : str
-        As in its cookie.
-    days : int
-        Validity of cookies: older records are deleted.
+    Args:
+        session_id: As in its cookie.
+        days: Validity of cookies: older records are deleted.
     """
     session.execute(delete(EndedSession).where(EndedSession.at < now() - timedelta(days=days)))
     session.merge(EndedSession(id_hash=accounts.hashed(session_id)))

@@ -42,15 +42,11 @@ class Backend(ABC):
     def make_engine(self, url: URL, *, threads: int) -> Engine:
         """Create the engine, without connecting yet.
 
-        Parameters
-        ----------
-        threads : int
-            Number of threads that use it in parallel.
+        Args:
+            threads: Number of threads that use it in parallel.
 
-        Raises
-        ------
-        MissingPart
-            The driver is not installed.
+        Raises:
+            MissingPart: The driver is not installed.
         """
 
     @abstractmethod
@@ -61,10 +57,8 @@ class Backend(ABC):
     def migration(self, connection: Connection) -> AbstractContextManager[None]:
         """Check the database, and prevent concurrent migrations.
 
-        Raises
-        ------
-        StorageError
-            The database cannot hold a library.
+        Raises:
+            StorageError: The database cannot hold a library.
         """
 
     @abstractmethod
@@ -88,10 +82,8 @@ class Backend(ABC):
     def time_limit(self, session: Session, seconds: float) -> AbstractContextManager[None]:
         """Let the database cancel the statements of the block after some seconds.
 
-        Raises
-        ------
-        TimeoutError
-            They took longer.
+        Raises:
+            TimeoutError: They took longer.
         """
 
     @abstractmethod

@@ -147,10 +147,8 @@ class PhotoSearch:
 
         If the server lacks the extension, this does nothing, and logs that once.
 
-        Parameters
-        ----------
-        check : callable
-            Called before each map; may raise to stop, and the rest is done the next time.
+        Args:
+            check: Called before each map; may raise to stop, and the rest is done the next time.
         """
         if not self._prepare():
             return
@@ -170,19 +168,14 @@ class PhotoSearch:
     ) -> dict[int, float]:
         """Compare a photo with those of maps.
 
-        Parameters
-        ----------
-        query : (128,) float32
-            A unit vector.
-        map_ids : collection of int
-            Maps that the user may see: only their photos are compared.
+        Args:
+            query: (128,) float32. A unit vector.
+            map_ids: Maps that the user may see: only their photos are compared.
 
-        Returns
-        -------
-        dict of int to float
+        Returns:
             Mean cosine similarity of the most similar photos of each map. If there are too many photos, only
-            maps that the index finds likely are compared; others have estimates below -1, in the order of
-            their photos found by the index. Maps without rows are left out.
+                maps that the index finds likely are compared; others have estimates below -1, in the order of
+                their photos found by the index. Maps without rows are left out.
         """
         values = {
             "query": f"[{','.join(map(repr, query.tolist()))}]",

@@ -45,12 +45,9 @@ class Polling:
 class Listener:
     """Receives the announcements of a PostgreSQL database, for all threads of a process.
 
-    Parameters
-    ----------
-    connect : callable
-        Opens a connection of psycopg in autocommit mode.
-    error : type
-        Base class of the errors of psycopg.
+    Args:
+        connect: Opens a connection of psycopg in autocommit mode.
+        error: Base class of the errors of psycopg.
     """
 
     def __init__(self, connect: Callable[[], Any], *, error: type[Exception]) -> None:

@@ -17,18 +17,11 @@ INDEX_JOB = "index"
 
 @dataclass(slots=True)
 class MapChange:
-    """A change of a map in progress.
-
-    Attributes
-    ----------
-    record : MapRecord
-        Loaded in `session`.
-    job : int or None
-        Set at the end of the block if the photos on the map have changed: the job that updates the index.
-    """
+    """A change of a map in progress."""
 
     session: Session
-    record: MapRecord
+    record: MapRecord  # Loaded in `session`
+    # Set at the end of the block if the photos on the map have changed: the job that updates the index.
     job: int | None = None
 
 
@@ -40,15 +33,11 @@ def change_map(session: Session, map_id: int) -> Iterator[MapChange]:
     the set of placed photos has changed, that is, the record's `photos_revision`. `map.cfg` and `map.json`
     are written by the worker, which finds the maps whose files are older than their records.
 
-    Parameters
-    ----------
-    session : Session
-        A writing one, which the caller commits.
+    Args:
+        session: A writing one, which the caller commits.
 
-    Raises
-    ------
-    NotFound
-        The map does not exist.
+    Raises:
+        NotFound: The map does not exist.
     """
     record = session.get(MapRecord, map_id, with_for_update=True)
     if record is None:

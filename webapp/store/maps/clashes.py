@@ -21,12 +21,9 @@ def placed_on_present_image(
     Others have placed photos on the present image since an edit set or removed it, or photos would lie
     outside the restored image.
 
-    Parameters
-    ----------
-    edit : Edit
-        To be undone or redone, which brings another image back.
-    image : mapping of str to Any
-        Fields of that image.
+    Args:
+        edit: To be undone or redone, which brings another image back.
+        image: Fields of that image.
     """
     later = (
         select(Edit, Account.name)

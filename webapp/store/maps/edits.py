@@ -79,16 +79,11 @@ _CLOSE_UNDONE = (  # a parameter of an UPDATE cannot have the name of a column
 
 @dataclass(frozen=True, slots=True)
 class UndoResult:
-    """The result of an undo or redo.
-
-    Attributes
-    ----------
-    clash : str or None
-        Why it was not done: the same thing has been changed since. The edit is then closed, so that the
-        next undo takes the one before.
-    """
+    """The result of an undo or redo."""
 
     edit: Edit
+    # Why it was not done: the same thing has been changed since. The edit is then closed, so that the next
+    # undo takes the one before.
     clash: str | None
 
 
@@ -116,29 +111,19 @@ def apply(
 ) -> Edit | None:
     """Change some fields of a map as one step that can be undone.
 
-    Parameters
-    ----------
-    changes : mapping of str to mapping or None
-        New values of fields by target; None removes a position in another placement, a control point, a
-        note or a floor. A photo's position without `radius_px` is exact.
-    kind : str
-        A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
-    account_id : int or None
-        Author of the edit.
-    seen : int or None
-        Newest revision that the author has seen. A target that changed later is a conflict.
+    Args:
+        changes: New values of fields by target; None removes a position in another placement, a control
+            point, a note or a floor. A photo's position without `radius_px` is exact.
+        kind: A word for the edit: `place`, `move`, `turn`, `remove`, `satellite` ...
+        account_id: Author of the edit.
+        seen: Newest revision that the author has seen. A target that changed later is a conflict.
 
-    Returns
-    -------
-    Edit or None
+    Returns:
         None if all fields already have these values.
 
-    Raises
-    ------
-    Conflict
-        Nothing was changed.
-    NotFound
-        The map has no such photo.
+    Raises:
+        Conflict: Nothing was changed.
+        NotFound: The map has no such photo.
     """
     rows = _Rows(session, record, changes)
     steps: list[dict[str, Any]] = []
@@ -264,12 +249,7 @@ class _Rows:
             self._elsewhere |= {(placement, row.photo_id): row for row in session.scalars(found)}
 
     def photo(self, number: str) -> Photo:
-        """Return a photo of the map.
-
-        Raises
-        ------
-        NotFound
-        """
+        """Return a photo of the map. Raises NotFound."""
         photo = self._photos.get(int(number))
         if photo is None:
             raise NotFound(f"the map has no photo {number}", hint="reload the page")

@@ -34,15 +34,11 @@ RESERVED = frozenset({"new", "import", "bin"})
 def create(session: Session, name: str, *, account_id: int, folders: Collection[str] = ()) -> MapRecord:
     """Create an empty map, owned by the account.
 
-    Parameters
-    ----------
-    folders : collection of str
-        Existing folders of the library, whose names cannot become the map's slug.
+    Args:
+        folders: Existing folders of the library, whose names cannot become the map's slug.
 
-    Raises
-    ------
-    UsageError
-        The name is empty or too long.
+    Raises:
+        UsageError: The name is empty or too long.
     """
     record = MapRecord(name=checked_name(name), slug=_free_slug(session, name, folders))
     session.add(record)
@@ -52,12 +48,7 @@ def create(session: Session, name: str, *, account_id: int, folders: Collection[
 
 
 def checked_name(name: str) -> str:
-    """Check a map's name, and return it as it is stored.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Check a map's name, and return it as it is stored. Raises UsageError."""
     tidy = texts.tidy_name(name, most=_MAX_NAME)
     if tidy is None:
         raise UsageError(
@@ -69,10 +60,8 @@ def checked_name(name: str) -> str:
 def rename(record: MapRecord, name: str) -> None:
     """Rename a map; this is a new revision, as its files contain the name, too.
 
-    Raises
-    ------
-    UsageError
-        The name is empty or too long.
+    Raises:
+        UsageError: The name is empty or too long.
     """
     record.name = checked_name(name)
     record.revision += 1
@@ -82,12 +71,9 @@ def rename(record: MapRecord, name: str) -> None:
 def find(session: Session, slug: str, *, account: Account, role: Role = "viewer") -> MapRecord:
     """Find a map that an account may use in a role; maps in the bin are included.
 
-    Raises
-    ------
-    NotFound
-        There is none, or it is not shared with the account.
-    NotAllowed
-        The account may see it, but its role is too low.
+    Raises:
+        NotFound: There is none, or it is not shared with the account.
+        NotAllowed: The account may see it, but its role is too low.
     """
     record = session.scalars(select(MapRecord).where(MapRecord.slug == slug)).first()
     own = None if record is None else role_of(session, record, account=account)
@@ -201,10 +187,8 @@ class Dot(NamedTuple):
 def first_photos(session: Session, record: MapRecord, *, most: int, placed: bool = False) -> list[Photo]:
     """List the photos that a page shows first: those in the tray, then the others, each by time.
 
-    Parameters
-    ----------
-    placed : bool
-        Whether to list only photos with a position.
+    Args:
+        placed: Whether to list only photos with a position.
     """
     found = select(Photo).where(*_present(record, placed=placed))
     order = (Photo.x_px.is_not(None), Photo.taken_at.is_(None), Photo.taken_at, Photo.name, Photo.id)
@@ -269,10 +253,8 @@ def photos_by_id(session: Session, record: MapRecord, ids: Collection[int]) -> d
 def present_photos(session: Session, record: MapRecord, ids: Collection[int]) -> dict[int, Photo]:
     """Fetch many photos, none of which may be removed.
 
-    Raises
-    ------
-    NotFound
-        The map does not have one of them, or it was removed.
+    Raises:
+        NotFound: The map does not have one of them, or it was removed.
     """
     found = photos_by_id(session, record, ids)
     for id in ids:
@@ -283,12 +265,7 @@ def present_photos(session: Session, record: MapRecord, ids: Collection[int]) ->
 
 
 def photo(session: Session, record: MapRecord, id: int) -> Photo:
-    """Fetch a photo, which must not be removed.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Fetch a photo, which must not be removed. Raises NotFound."""
     found = session.get(Photo, (record.id, id))
     if found is None or found.removed:
         raise NotFound(f"the map has no photo {id}", hint="reload the page")
@@ -300,14 +277,10 @@ def add_photo(session: Session, record: MapRecord, *, row: Photo) -> Photo:
 
     A removed photo is restored at its old position. The map's revision is increased if anything changes.
 
-    Parameters
-    ----------
-    row : Photo
-        Without map and revision; if it has no id, it gets the next one.
+    Args:
+        row: Without map and revision; if it has no id, it gets the next one.
 
-    Returns
-    -------
-    Photo
+    Returns:
         `row`, or the existing photo.
     """
     same = select(Photo).where(Photo.map_id == record.id, Photo.sha256 == row.sha256)

@@ -55,19 +55,11 @@ class MapVectors(Base):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredBasis:
-    """A basis of the library.
-
-    Attributes
-    ----------
-    photos : int
-        Number of photos of the library when it was trained.
-    ready : bool
-        Whether the photos of all maps are described by it.
-    """
+    """A basis of the library."""
 
     id: int
-    photos: int
-    ready: bool
+    photos: int  # Number of photos of the library when it was trained
+    ready: bool  # Whether the photos of all maps are described by it
     basis: Basis
 
 

@@ -20,14 +20,10 @@ def begin(
 
     The photo's id is reserved now, so that photos are numbered in the order in which their uploads began.
 
-    Parameters
-    ----------
-    name : str
-        The sender's name of the file.
-    size_bytes : int
-        Of the whole file.
-    fingerprint : str
-        Identifies the file for its sender: made of name, size and time of the file.
+    Args:
+        name: The sender's name of the file.
+        size_bytes: Of the whole file.
+        fingerprint: Identifies the file for its sender: made of name, size and time of the file.
     """
     same = select(Upload).where(
         Upload.map_id == record.id, Upload.account_id == account_id, Upload.fingerprint == fingerprint
@@ -53,12 +49,7 @@ def begin(
 
 
 def find(session: Session, id: str, *, map_id: int, account_id: int) -> Upload:
-    """Find an upload of an account.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find an upload of an account. Raises NotFound."""
     upload = session.get(Upload, id)
     if upload is None or (upload.map_id, upload.account_id) != (map_id, account_id):
         raise NotFound("upload not found: it is finished or was cancelled", hint="start it again")

@@ -48,17 +48,11 @@ Convert = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class TableCopy:
-    """A table that has been copied, or compared.
-
-    Attributes
-    ----------
-    sha256 : str
-        Hash of its rows, in the order of their keys.
-    """
+    """A table that has been copied, or compared."""
 
     name: str
     rows: int
-    sha256: str
+    sha256: str  # Hash of its rows, in the order of their keys
 
 
 class SourceChanged(Exception):
@@ -68,19 +62,13 @@ class SourceChanged(Exception):
 def prepare(target: Database, *, key: str, again: bool = False) -> None:
     """Create the tables in an empty database, and mark it as being filled.
 
-    Parameters
-    ----------
-    key : str
-        Of the move; an interrupted move with the same key is resumed.
-    again : bool
-        Whether to discard what the move has copied so far.
+    Args:
+        key: Of the move; an interrupted move with the same key is resumed.
+        again: Whether to discard what the move has copied so far.
 
-    Raises
-    ------
-    UsageError
-        The database is not empty.
-    StorageError
-        The database cannot hold a library, or cannot be written.
+    Raises:
+        UsageError: The database is not empty.
+        StorageError: The database cannot hold a library, or cannot be written.
     """
     has_tables(target)  # checks the database itself
     with target.moving() as connection:
@@ -105,20 +93,14 @@ def prepare(target: Database, *, key: str, again: bool = False) -> None:
 def copy_records(source: Connection, target: Database, *, progress: Progress) -> tuple[TableCopy, ...]:
     """Copy all tables to a database after `prepare`; tables that were copied earlier are compared.
 
-    Parameters
-    ----------
-    source : Connection
-        In a transaction that sees a consistent snapshot.
-    progress : Progress
-        One step per row.
+    Args:
+        source: In a transaction that sees a consistent snapshot.
+        progress: One step per row.
 
-    Raises
-    ------
-    SourceChanged
-        The source has changed since an earlier copy.
-    StorageError, DiskFull
-        The database refused rows, or returns different ones.
-    Cancelled
+    Raises:
+        SourceChanged: The source has changed since an earlier copy.
+        StorageError, DiskFull: The database refused rows, or returns different ones.
+        Cancelled
     """
     tables = _tables(source)
     rows = {table.name: _count(source, table) for table in tables}
@@ -222,7 +204,6 @@ class _Digest:
         self._plain = [_plain(column.type) for column in table.columns]
 
     def add(self, batch: Sequence[Row]) -> None:
-        """Add rows."""
         for row in batch:
             self._hash.update(repr(_by_column(row, self._plain)).encode())
 

@@ -24,18 +24,10 @@ MARKS = frozenset(_METADATA.tables)
 
 @dataclass(frozen=True, slots=True)
 class MovedMark:
-    """The new location of moved records.
+    """The new location of moved records."""
 
-    Attributes
-    ----------
-    key : str
-        Of the move.
-    place : str
-        Description of the location, for messages.
-    """
-
-    key: str
-    place: str
+    key: str  # Of the move
+    place: str  # Description of the location, for messages
 
 
 def filling_key(connection: Connection) -> str | None:

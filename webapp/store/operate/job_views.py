@@ -31,10 +31,8 @@ def recent(session: Session, *, map_ids: Select[Any], account: Account, limit: i
 
     Jobs without a map are included if they are the account's own; an owner of the library gets all jobs.
 
-    Parameters
-    ----------
-    map_ids : Select
-        Selects the ids of the maps.
+    Args:
+        map_ids: Selects the ids of the maps.
     """
     alone = Job.map_id.is_(None)
     theirs = alone if account.is_owner else alone & (Job.account_id == account.id)
@@ -54,22 +52,13 @@ def _not_ended_before(at: datetime) -> CompoundSelect[tuple[int]]:
 
 @dataclass(frozen=True, slots=True)
 class QueueFigures:
-    """The state of the queue.
+    """The state of the queue."""
 
-    Attributes
-    ----------
-    waiting, running : int
-        Numbers of jobs.
-    abandoned : int
-        Number of running jobs without a lease, or whose lease has expired.
-    oldest_s : float
-        Seconds for which the oldest waiting job has waited.
-    """
-
+    # `waiting`, `running`: Numbers of jobs.
     waiting: int
     running: int
-    abandoned: int
-    oldest_s: float
+    abandoned: int  # Number of running jobs without a lease, or whose lease has expired
+    oldest_s: float  # Seconds for which the oldest waiting job has waited
 
 
 def queue_figures(session: Session) -> QueueFigures:
@@ -97,17 +86,13 @@ def seconds_left(job: Job, *, at: datetime) -> float | None:
 def to_json(session: Session, job: Job, *, account_id: int | None = None) -> dict[str, Any]:
     """Return the JSON object for pages and clients.
 
-    Parameters
-    ----------
-    account_id : int, optional
-        Account of the client.
+    Args:
+        account_id: Account of the client.
 
-    Returns
-    -------
-    dict
+    Returns:
         `id, kind, state, done, total, note, error, result, seconds, seconds_left, next_try_s, created_at,
-        mine, map`; `seconds` is the running time so far, `next_try_s` the time until the next try, `mine`
-        whether the account has started it, `map` the slug.
+            mine, map`; `seconds` is the running time so far, `next_try_s` the time until the next try, `mine`
+            whether the account has started it, `map` the slug.
     """
     record = None if job.map_id is None else session.get(MapRecord, job.map_id)
     left = seconds = None

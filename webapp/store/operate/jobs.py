@@ -31,32 +31,19 @@ _LONGEST_PAUSE = timedelta(minutes=5)
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """The right to write about a job, until another worker takes it over.
-
-    Attributes
-    ----------
-    fence : int
-        The job's fencing number when the lease was given.
-    """
+    """The right to write about a job, until another worker takes it over."""
 
     job_id: int
-    fence: int
+    fence: int  # The job's fencing number when the lease was given
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The duration of a lease, and the number of workers that may die on a job.
+    """The duration of a lease, and the number of workers that may die on a job."""
 
-    Attributes
-    ----------
-    seconds : float
-        Duration of a lease that is not renewed.
-    attempts : int
-        A job fails after this many workers in a row have died on it without a step done; and after ten
-        times as many leases in total (those put off not counted), as it would never finish.
-    """
-
-    seconds: float
+    seconds: float  # Duration of a lease that is not renewed
+    # A job fails after this many workers in a row have died on it without a step done; and after ten times as
+    # many leases in total (those put off not counted), as it would never finish.
     attempts: int
 
 
@@ -71,18 +58,12 @@ def enqueue(
 ) -> Job:
     """Queue a job, or return an equal one that is already waiting.
 
-    Parameters
-    ----------
-    session : Session
-        A writing one; the job is committed together with all else in it.
-    kind : str
-        Kind of work.
-    map_id, account_id : int or None
-        The map that it is about, and the account that wants it.
-    arguments : mapping, optional
-        JSON values for the work.
-    key : str
-        Waiting jobs with the same map, kind and key are merged.
+    Args:
+        session: A writing one; the job is committed together with all else in it.
+        kind: Kind of work.
+        map_id, account_id: The map that it is about, and the account that wants it.
+        arguments: JSON values for the work.
+        key: Waiting jobs with the same map, kind and key are merged.
     """
     if (there := _waiting(session, kind, map_id=map_id, key=key)) is not None:
         return there  # locked, so that no worker starts it before this session is committed
@@ -105,12 +86,7 @@ def key_of(arguments: Mapping[str, Any]) -> str:
 
 
 def find(session: Session, id: int) -> Job:
-    """Find a job.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a job. Raises NotFound."""
     job = session.get(Job, id)
     if job is None:
         raise NotFound(f"job {id} not found", hint="reload the page")
@@ -140,15 +116,11 @@ def cancel(session: Session, job: Job) -> None:
 def retry(session: Session, job: Job) -> Job:
     """Queue a failed or cancelled job again.
 
-    Returns
-    -------
-    Job
+    Returns:
         The same, or an equal one that is already waiting.
 
-    Raises
-    ------
-    Conflict
-        The job has not ended, or is done.
+    Raises:
+        Conflict: The job has not ended, or is done.
     """
     if job.state not in ("failed", "cancelled"):
         raise Conflict(f"this job is {job.state} and cannot be retried", hint="reload the page")
@@ -183,18 +155,12 @@ def lease(
 ) -> Job | None:
     """Take the next job: one whose worker has died, else the one that has waited longest.
 
-    Parameters
-    ----------
-    who : str
-        Name of the worker.
-    is_gone : callable
-        Returns whether the worker of that name has certainly ended; its leases then end at once.
-    early : bool
-        Whether to also take a job that was put off.
+    Args:
+        who: Name of the worker.
+        is_gone: Returns whether the worker of that name has certainly ended; its leases then end at once.
+        early: Whether to also take a job that was put off.
 
-    Returns
-    -------
-    Job or None
+    Returns:
         Now `running`, with a new fencing number; None if there is nothing to do.
     """
     running = select(Job).where(Job.state == "running").order_by(Job.id).with_for_update(skip_locked=True)
@@ -220,16 +186,11 @@ def lease(
 def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, int, str]) -> Job | None:
     """Renew a lease and record the progress.
 
-    Parameters
-    ----------
-    seconds : float
-        New duration of the lease from now on.
-    progress : (int, int, str)
-        Steps done, total steps, and a note on the current one.
+    Args:
+        seconds: New duration of the lease from now on.
+        progress: Steps done, total steps, and a note on the current one.
 
-    Returns
-    -------
-    Job or None
+    Returns:
         The job, whose `cancel_wanted` may have been set; None if the lease is lost.
     """
     job = _held(session, held)
@@ -243,10 +204,8 @@ def beat(session: Session, held: Lease, *, seconds: float, progress: tuple[int, 
 def guard(session: Session, held: Lease) -> None:
     """Lock a job and check its lease, so that the session's changes are committed only under that lease.
 
-    Raises
-    ------
-    Conflict
-        Another worker has taken over; the session must be rolled back.
+    Raises:
+        Conflict: Another worker has taken over; the session must be rolled back.
     """
     if _held(session, held) is None:
         raise Conflict("another worker has taken over this job")
@@ -277,7 +236,7 @@ def stop(session: Session, held: Lease) -> bool:
     return job is not None
 
 
-def give_back(session: Session, held: Lease) -> bool:
+def requeue(session: Session, held: Lease) -> bool:
     """Put a job back into the queue because its worker has to stop; False if the lease is lost."""
     job = _held(session, held)
     if job is not None:
@@ -286,17 +245,14 @@ def give_back(session: Session, held: Lease) -> bool:
     return job is not None
 
 
-def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool:
+def postpone(session: Session, held: Lease, *, note: str, pause_s: float) -> bool:
     """Put a job back into the queue because something is unavailable; False if the lease is lost.
 
     It is not due before a pause is over, which doubles each time, up to five minutes.
 
-    Parameters
-    ----------
-    note : str
-        What is unavailable, shown with the job.
-    pause_s : float
-        Seconds of the first pause.
+    Args:
+        note: What is unavailable, shown with the job.
+        pause_s: Seconds of the first pause.
     """
     job = _held(session, held)
     if job is not None:
@@ -307,7 +263,7 @@ def put_off(session: Session, held: Lease, *, note: str, pause_s: float) -> bool
     return job is not None
 
 
-def let_go(session: Session, held: Lease) -> bool:
+def release(session: Session, held: Lease) -> bool:
     """Release a job to the next worker, as if this one had died on it; False if the lease is already lost."""
     job = _held(session, held)
     if job is not None:

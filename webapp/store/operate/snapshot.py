@@ -18,16 +18,10 @@ from webapp.store.moving.copying import copy_records, prepare
 
 @dataclass(frozen=True, slots=True)
 class PartContents:
-    """Records of one kind that have their own files.
-
-    Attributes
-    ----------
-    files : frozenset of (int, str)
-        Id of the record and path in its folder.
-    """
+    """Records of one kind that have their own files."""
 
     ids: frozenset[int]
-    files: frozenset[tuple[int, str]]
+    files: frozenset[tuple[int, str]]  # Id of the record and path in its folder
 
 
 Reader = Callable[[sqlite3.Connection], PartContents]
@@ -36,25 +30,13 @@ Reader = Callable[[sqlite3.Connection], PartContents]
 
 @dataclass(frozen=True, slots=True)
 class SnapshotContents:
-    """The contents of a database, and the files that it needs.
+    """The contents of a database, and the files that it needs."""
 
-    Attributes
-    ----------
-    maps : dict of int to str
-        Slug of each map by its id.
-    files : frozenset of (str, str)
-        Slug of the map and path in its folder, of all photos and images.
-    queries : frozenset of (int, str)
-        Id of the map and name of the file, of the photos of all queries.
-    parts : dict of str to PartContents
-        Further records, by the names of their readers.
-    """
-
-    maps: dict[int, str]
+    maps: dict[int, str]  # Slug of each map by its id
     photos: int
-    files: frozenset[tuple[str, str]]
-    queries: frozenset[tuple[int, str]]
-    parts: dict[str, PartContents]
+    files: frozenset[tuple[str, str]]  # Slug of the map and path in its folder, of all photos and images
+    queries: frozenset[tuple[int, str]]  # Id of the map and name of the file, of the photos of all queries
+    parts: dict[str, PartContents]  # Further records, by the names of their readers
 
     def names(self) -> Iterator[str]:
         """Yield all paths, file names and names of map folders."""
@@ -67,22 +49,15 @@ class SnapshotContents:
 def copy_to(database: Database, target: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
     """Copy a database to a file.
 
-    Parameters
-    ----------
-    target : Path
-        Its content is replaced.
-    readers : mapping of str to callable
-        Read further records with files.
+    Args:
+        target: Its content is replaced.
+        readers: Read further records with files.
 
-    Returns
-    -------
-    SnapshotContents
+    Returns:
         Of the copy.
 
-    Raises
-    ------
-    StorageError, DiskFull
-        The disk or the database failed.
+    Raises:
+        StorageError, DiskFull: The disk or the database failed.
     """
     try:
         if database.engine.dialect.name != "sqlite":
@@ -117,15 +92,11 @@ def _copy_from_server(database: Database, target: Path) -> None:
 def check(path: Path, *, readers: Mapping[str, Reader]) -> SnapshotContents:
     """Check a database file for damage, and return its contents.
 
-    Parameters
-    ----------
-    readers : mapping of str to callable
-        Read further records with files.
+    Args:
+        readers: Read further records with files.
 
-    Raises
-    ------
-    StorageError
-        The file is damaged, or not the database of a library.
+    Raises:
+        StorageError: The file is damaged, or not the database of a library.
     """
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:

@@ -35,22 +35,17 @@ def accept_in_library(
 ) -> tuple[list[int], list[UnsearchedPhoto]]:
     """Add suggested blur boxes photo by photo; boxes added meanwhile are kept, and nothing is blurred twice.
 
-    Parameters
-    ----------
-    changing : callable, optional
-        Opens a change of a map, instead of `library.changing`; a job passes its own.
+    Args:
+        changing: Opens a change of a map, instead of `library.changing`; a job passes its own.
 
-    Returns
-    -------
-    blurred : list of int
-        Ids of the photos that have new boxes.
-    failed : list of UnsearchedPhoto
+    Returns:
+        blurred: Ids of the photos that have new boxes.
+        failed:
 
-    Raises
-    ------
-    StorageError, Busy, Cancelled
-    Conflict
-        The boxes of a photo were changed concurrently, twice, or another worker has taken over the job.
+    Raises:
+        Conflict: The boxes of a photo were changed concurrently, twice, or another worker has taken over the
+            job.
+        StorageError, Busy, Cancelled
     """
     wanted, blurred, failed = list(suggested), [], []
     progress.size(len(wanted))
@@ -94,16 +89,10 @@ def _blur(
 
 
 def accept_in_folder(cfg: Path, suggested: Iterable[SuggestedBoxes]) -> list[int]:
-    """Add suggested blur boxes to the photos of a map outside a library.
+    """Add suggested blur boxes to the photos of a map outside a library. Raises MapError, StorageError.
 
-    Returns
-    -------
-    list of int
+    Returns:
         Ids of the photos that have new boxes.
-
-    Raises
-    ------
-    MapError, StorageError
     """
     by_id = {one.id: one for one in suggested}
     the_map = read_map(cfg)

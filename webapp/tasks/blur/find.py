@@ -28,18 +28,12 @@ than 3 pixels in the previews."""
 
 @dataclass(frozen=True, slots=True)
 class SuggestedBoxes:
-    """Suggested blur boxes of a photo, without what is blurred already; they include margins.
-
-    Attributes
-    ----------
-    left : int
-        Number of further detections, beyond the limit of boxes per photo.
-    """
+    """Suggested blur boxes of a photo, without what is blurred already; they include margins."""
 
     id: int
     photo: str
     boxes: tuple[Detection, ...]
-    left: int = 0
+    left: int = 0  # Number of further detections, beyond the limit of boxes per photo
 
 
 class PhotoToSearch(NamedTuple):
@@ -61,21 +55,11 @@ class UnsearchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class BlurReport:
-    """Suggestions for the photos of a map.
+    """Suggestions for the photos of a map."""
 
-    Attributes
-    ----------
-    suggested : tuple of SuggestedBoxes
-        Of the photos with something to blur, by id.
-    failed : tuple of UnsearchedPhoto
-        Includes photos with more detections than a photo may have boxes.
-    searched : int
-        Number of photos that were searched, now or earlier.
-    """
-
-    suggested: tuple[SuggestedBoxes, ...]
-    failed: tuple[UnsearchedPhoto, ...]
-    searched: int
+    suggested: tuple[SuggestedBoxes, ...]  # Of the photos with something to blur, by id
+    failed: tuple[UnsearchedPhoto, ...]  # Includes photos with more detections than a photo may have boxes
+    searched: int  # Number of photos that were searched, now or earlier
 
 
 def search_photo(
@@ -83,13 +67,10 @@ def search_photo(
 ) -> list[Detection]:
     """Detect faces and plates in a photo, or return the stored result; the highest scores first.
 
-    Raises
-    ------
-    PhotoError
-        The photo is damaged or cannot be read.
-    Busy
-        Too many other photos are being decoded.
-    StorageError
+    Raises:
+        PhotoError: The photo is damaged or cannot be read.
+        Busy: Too many other photos are being decoded.
+        StorageError
     """
     sha256 = _sha256(file)
     known = kept.read().get(sha256)
@@ -97,12 +78,7 @@ def search_photo(
 
 
 def photos_of(cfg: Path) -> list[PhotoToSearch]:
-    """List the photos of a map, those in its tray included.
-
-    Raises
-    ------
-    MapError
-    """
+    """List the photos of a map, those in its tray included. Raises MapError."""
     the_map = read_map(cfg)
     everything: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
     return sorted(PhotoToSearch(one.id, one.photo, tuple(one.blurred)) for one in everything)
@@ -119,18 +95,12 @@ def search_photos(
 ) -> BlurReport:
     """Detect faces and plates in photos of a map.
 
-    The result of each photo is stored at once, so that an interrupted search can be resumed.
+    The result of each photo is stored at once, so that an interrupted search can be resumed. Raises
+    StorageError, Cancelled.
 
-    Parameters
-    ----------
-    cfg : Path
-        Map file; it need not exist.
-    least_score : float
-        Detections with a lower score are not suggested.
-
-    Raises
-    ------
-    StorageError, Cancelled
+    Args:
+        cfg: Map file; it need not exist.
+        least_score: Detections with a lower score are not suggested.
     """
     kept = DetectionCache(cfg.parent, networks.key)
     known = kept.read()
@@ -166,12 +136,9 @@ def suggestions(
 ) -> tuple[list[Detection], int]:
     """Choose the detections that are not blurred yet, as boxes with margins.
 
-    Returns
-    -------
-    boxes : list of Detection
-        The highest scores first, up to the limit per photo.
-    left : int
-        Number of further ones.
+    Returns:
+        boxes: The highest scores first, up to the limit per photo.
+        left: Number of further ones.
     """
     sure = [one for one in found if one.score >= least_score]
     boxes = boxes_to_blur(sure, blurred=blurred)

@@ -25,11 +25,8 @@ _WAIT_S = 20.0
 class DetectionCache:
     """Stored detections of a map's photos.
 
-    Parameters
-    ----------
-    map_folder : Path
-    key : str
-        Identifies the networks.
+    Args:
+        key: Identifies the networks.
     """
 
     def __init__(self, map_folder: Path, key: str) -> None:
@@ -38,9 +35,7 @@ class DetectionCache:
     def read(self) -> dict[str, list[Detection]]:
         """Read the detections by the SHA-256 of the photo; the list is empty where nothing was found.
 
-        Raises
-        ------
-        StorageError
+        Raises StorageError.
         """
         try:
             lines = self._path.read_bytes().split(b"\n")
@@ -58,12 +53,7 @@ class DetectionCache:
         return found
 
     def add(self, sha256: str, found: Sequence[Detection]) -> None:
-        """Append the detections of a photo; they are on the disk on return.
-
-        Raises
-        ------
-        StorageError
-        """
+        """Append the detections of a photo; they are on the disk on return. Raises StorageError."""
         line = json.dumps({"photo": sha256, "found": [[d.kind, list(d.box), d.score] for d in found]})
         make_folder(self._path.parent)
         try:

@@ -30,16 +30,10 @@ _EACH = 4
 
 
 class DaskPool:
-    """Runs parts on the workers of a Dask scheduler.
+    """Runs parts on the workers of a Dask scheduler. Raises ClusterUnavailable, UsageError, MissingPart.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder that the workers must be able to access.
-
-    Raises
-    ------
-    ClusterUnavailable, UsageError, MissingPart
+    Args:
+        folder: Folder that the workers must be able to access.
     """
 
     def __init__(
@@ -125,9 +119,7 @@ class DaskPool:
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:
         """Yield the results of the first parts that are finished, in order.
 
-        Raises
-        ------
-        ClusterUnavailable, ProcessLost, UsageError
+        Raises ClusterUnavailable, ProcessLost, UsageError.
         """
         try:
             with self._client.as_current():

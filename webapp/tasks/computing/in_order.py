@@ -22,25 +22,14 @@ Out = TypeVar("Out")
 
 @dataclass(frozen=True, slots=True)
 class ExecutionTarget:
-    """Where the parts are computed.
+    """Where the parts are computed."""
 
-    Attributes
-    ----------
-    settings : Settings
-        With a Dask address, the parts are computed there.
-    folder : Path
-        Folder of the files that the parts read or write (or one on the same file system): Dask workers must
-        be able to access it.
-    here : {"inline", "threads", "processes"}
-        How they are computed on this machine.
-    workers : int or None
-        Threads or processes on this machine; None for the number of cores.
-    """
-
-    settings: Settings
+    settings: Settings  # With a Dask address, the parts are computed there
+    # Folder of the files that the parts read or write (or one on the same file system): Dask workers must be
+    # able to access it.
     folder: Path
-    here: Literal["inline", "threads", "processes"] = "inline"
-    workers: int | None = None
+    here: Literal["inline", "threads", "processes"] = "inline"  # How they are computed on this machine
+    workers: int | None = None  # Threads or processes on this machine; None for the number of cores
 
     def on_this_machine(self) -> ExecutionTarget:
         """Return this process as the place, for work too small to be distributed."""
@@ -57,28 +46,19 @@ def in_order(
 ) -> Iterator[Out]:
     """Call a function with each item; yield each result as soon as possible, in the order of the items.
 
-    Parameters
-    ----------
-    function : callable
-        Takes `shared` and an item. For processes and Dask it must be at module level, and idempotent: if a
-        Dask worker is lost, its parts are repeated on another one.
-    shared : object
-        Value passed to all calls; must be picklable, like items and results.
-    progress : Progress
-        Checked for cancellation after each result, and at least every half second. Parts that are running
-        by then are completed and their results dropped.
+    Args:
+        function: Takes `shared` and an item. For processes and Dask it must be at module level, and
+            idempotent: if a Dask worker is lost, its parts are repeated on another one.
+        shared: Value passed to all calls; must be picklable, like items and results.
+        progress: Checked for cancellation after each result, and at least every half second. Parts that are
+            running by then are completed and their results dropped.
 
-    Raises
-    ------
-    Cancelled
-    ProcessLost
-        A worker process was killed; on Dask, several of them by the same part.
-    ClusterUnavailable
-        The Dask scheduler cannot be reached, or the connection to it is lost.
-    UsageError
-        Dask workers have other versions, or cannot access the folder.
-    MissingPart
-        The extra `cluster` is not installed.
+    Raises:
+        ProcessLost: A worker process was killed; on Dask, several of them by the same part.
+        ClusterUnavailable: The Dask scheduler cannot be reached, or the connection to it is lost.
+        UsageError: Dask workers have other versions, or cannot access the folder.
+        MissingPart: The extra `cluster` is not installed.
+        Cancelled
     """
     todo = deque(islice(items := iter(items), 1))
     if not todo:

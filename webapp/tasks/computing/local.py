@@ -58,12 +58,7 @@ class LocalPool:
             return self._executor.submit(self._do, item)
 
     def finished(self, waiting: Sequence[Future[Any]]) -> Iterator[Any]:
-        """Yield the results of the first parts that are finished, in order.
-
-        Raises
-        ------
-        ProcessLost
-        """
+        """Yield the results of the first parts that are finished, in order. Raises ProcessLost."""
         wait([waiting[0]], timeout=LOOK_EVERY_S)
         try:
             for future in takewhile(Future.done, list(waiting)):

@@ -54,30 +54,15 @@ def versions() -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class WorkerRequirements:
-    """Conditions under which a worker may run a part.
+    """Conditions under which a worker may run a part."""
 
-    Attributes
-    ----------
-    versions : mapping of str to str
-        Versions of the submitting process.
-    marker : Path
-        File in the folder that the parts need; it exists as long as the results are wanted.
-    log : Carried
-        Log context of the submitting process.
-    """
-
-    versions: Mapping[str, str]
-    marker: Path
+    versions: Mapping[str, str]  # Versions of the submitting process
+    marker: Path  # File in the folder that the parts need; it exists as long as the results are wanted
     settings: Settings
-    log: Carried
+    log: Carried  # Log context of the submitting process
 
     def check(self, worker: str) -> None:
-        """Refuse work if the versions differ here or the folder is not accessible.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Refuse work if the versions differ here or the folder is not accessible. Raises UsageError."""
         own = versions()
         other = [n for n, v in self.versions.items() if own.get(n) != v]
         if other:
@@ -111,7 +96,6 @@ class SharedValue:
         return SharedValue, (self._data,)
 
     def value(self) -> Any:
-        """Return the value."""
         with self._lock:
             if not self._is_there:
                 self._value, self._is_there = pickle.loads(self._data), True
@@ -126,21 +110,14 @@ def keep(data: bytes) -> SharedValue:
 def do(part: bytes, shared: SharedValue, *, terms: bytes, native_threads: int) -> Any:
     """Run a part.
 
-    Parameters
-    ----------
-    part : bytes
-        The function and the item, pickled, so that the scheduler need not unpickle them.
-    shared : SharedValue
-        First argument of the function.
-    terms : bytes
-        `WorkerRequirements`, pickled.
-    native_threads : int
-        Number of threads for Faiss, limited to the cores of this machine.
+    Args:
+        part: The function and the item, pickled, so that the scheduler need not unpickle them.
+        shared: First argument of the function.
+        terms: `WorkerRequirements`, pickled.
+        native_threads: Number of threads for Faiss, limited to the cores of this machine.
 
-    Raises
-    ------
-    UsageError
-        This worker does not meet the terms.
+    Raises:
+        UsageError: This worker does not meet the terms.
     """
     with extra("cluster"):
         from distributed import get_worker

@@ -22,10 +22,8 @@ class Pool(Protocol):
     def submit(self, item: Any, *, of: int) -> Any:
         """Submit a part; return its handle.
 
-        Parameters
-        ----------
-        of : int
-            Number of parts that are submitted or about to be: with few, each gets more cores.
+        Args:
+            of: Number of parts that are submitted or about to be: with few, each gets more cores.
         """
 
     def finished(self, waiting: Sequence[Any]) -> Iterator[Any]:

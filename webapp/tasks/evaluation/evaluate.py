@@ -45,28 +45,18 @@ def evaluate_queries(
 ) -> Evaluation:
     """Evaluate on a list of photos with known positions.
 
-    Parameters
-    ----------
-    queries : Path
-        The list, `path;x;y`.
-    map_folder : Path
-        Folder to which the map's paths are relative.
-    localize : callable, optional
-        Used instead of the localizer's own method, such as a filter over a sequence.
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        queries: The list, `path;x;y`.
+        map_folder: Folder to which the map's paths are relative.
+        localize: Used instead of the localizer's own method, such as a filter over a sequence.
+        progress: One step per photo.
 
-    Returns
-    -------
-    Evaluation
+    Returns:
         A photo that cannot be used counts as a failed query.
 
-    Raises
-    ------
-    TableError
-        The list is invalid.
-    Cancelled
-        The user stopped it; nothing is kept.
+    Raises:
+        TableError: The list is invalid.
+        Cancelled: The user stopped it; nothing is kept.
     """
     options, progress = options or EvaluateOptions(), progress or Progress()
     trials = [
@@ -90,23 +80,16 @@ def evaluate_self(
 ) -> list[Evaluation]:
     """Evaluate on the map's own photos, each hidden from the map.
 
-    Parameters
-    ----------
-    localizer, map_folder, options, progress
-        As for `evaluate_queries`.
+    Args:
+        localizer, map_folder, options, progress: As for `evaluate_queries`.
 
-    Returns
-    -------
-    list of Evaluation
+    Returns:
         One with `hide_within_px`. By default two: with only the photo itself hidden (leave-one-out), and with
-        all photos within the place radius of it hidden (leave-one-place-out).
+            all photos within the place radius of it hidden (leave-one-place-out).
 
-    Raises
-    ------
-    UsageError
-        The map has no photos.
-    Cancelled
-        The user stopped it; nothing is kept.
+    Raises:
+        UsageError: The map has no photos.
+        Cancelled: The user stopped it; nothing is kept.
     """
     options, progress = options or EvaluateOptions(), progress or Progress()
     chosen = queries_csv.select(localizer.map.experiences, options.limit)
@@ -151,9 +134,7 @@ def hidden(themap: Map, own: Experience, *, within_px: float | None) -> frozense
 def to_json(evaluation: Evaluation) -> dict[str, Any]:
     """Make the object that `evaluate --json` prints.
 
-    Returns
-    -------
-    dict
+    Returns:
         Plain values only; None if unknown.
     """
     subject, summary = evaluation.subject, evaluation.summary

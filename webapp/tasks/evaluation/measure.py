@@ -42,9 +42,7 @@ def measure_all(
 ) -> Iterator[QueryResult]:
     """Localize all photos; the results are in their order.
 
-    Raises
-    ------
-    Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
     """
     at = ExecutionTarget(pipeline.settings, pipeline.opened.writable)
     first = pipeline.looks[0]
@@ -85,9 +83,7 @@ def _open_again(pipeline: LocalizationPipeline, files: Sequence[_LookFiles]) -> 
 def with_hidden_photos(pipeline: LocalizationPipeline) -> LocalizationPipeline:
     """Prepare a pipeline for queries from its own map, which are hidden: depths are computed without them.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     return replace(pipeline, looks=tuple(map(_with_sightings, pipeline.looks)))
 

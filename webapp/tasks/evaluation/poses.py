@@ -18,19 +18,11 @@ _Sight = tuple[int, MapPixel, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Trajectories:
-    """Estimated and true poses, with the number of the query as timestamp.
+    """Estimated and true poses, with the number of the query as timestamp."""
 
-    Attributes
-    ----------
-    estimate : list of PlanarPose
-        Poses of the first hypotheses; queries without one are left out.
-    frame : str
-        Description of axes and units, for people.
-    """
-
-    estimate: list[PlanarPose]
+    estimate: list[PlanarPose]  # Poses of the first hypotheses; queries without one are left out
     truth: list[PlanarPose]
-    frame: str
+    frame: str  # Description of axes and units, for people
 
 
 def trajectories(results: Iterable[QueryResult], themap: Map) -> Trajectories:

@@ -27,60 +27,31 @@ FILE = "evaluation.json"
 
 @dataclass(frozen=True, slots=True)
 class Miss:
-    """A photo whose first hypothesis was wrong or missing.
+    """A photo whose first hypothesis was wrong or missing."""
 
-    Attributes
-    ----------
-    path : str
-        Path relative to the map's folder.
-    error_px : float or None
-        Error of the first hypothesis; None without one.
-    probability : float or None
-        Probability of the first hypothesis.
-    """
-
-    path: str
-    error_px: float | None
-    probability: float | None
+    path: str  # Path relative to the map's folder
+    error_px: float | None  # Error of the first hypothesis; None without one
+    probability: float | None  # Probability of the first hypothesis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredEvaluation:
-    """One scheme of the evaluation.
+    """One scheme of the evaluation."""
 
-    Attributes
-    ----------
-    figures : dict
-        Output of `expmap evaluate --json` without the queries.
-    errors : (n,) float64
-        Errors of the first hypotheses, map pixels; infinite without a hypothesis.
-    misses : tuple of Miss
-        Sorted by falling error, those without an answer last.
-    revision : int
-        Revision of the evaluated map.
-    at : datetime
-        Time of the evaluation, UTC.
-    """
-
-    figures: dict[str, Any]
+    figures: dict[str, Any]  # Output of `expmap evaluate --json` without the queries
+    # (n,) float64. Errors of the first hypotheses, map pixels; infinite without a hypothesis.
     errors: NDArray[np.float64]
     reliability: tuple[ReliabilityBin, ...]
-    misses: tuple[Miss, ...]
-    revision: int
-    at: datetime
+    misses: tuple[Miss, ...]  # Sorted by falling error, those without an answer last
+    revision: int  # Revision of the evaluated map
+    at: datetime  # Time of the evaluation, UTC
 
 
 def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
-    """Write an evaluation, replacing the previous one.
+    """Write an evaluation, replacing the previous one. Raises StorageError.
 
-    Returns
-    -------
-    list of dict
+    Returns:
         The objects that were written.
-
-    Raises
-    ------
-    StorageError
     """
     forms = [evaluate.to_json(one) for one in evaluations]
     write_text(_path(cfg), json.dumps(forms))
@@ -90,10 +61,8 @@ def keep(cfg: Path, evaluations: Sequence[Evaluation]) -> list[dict[str, Any]]:
 def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
     """Read the last evaluation; an empty tuple if there is none.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be read.
+    Raises:
+        StorageError: The file cannot be read.
     """
     forms = read_forms(cfg)
     try:
@@ -105,10 +74,8 @@ def read(cfg: Path) -> tuple[StoredEvaluation, ...]:
 def read_forms(cfg: Path) -> list[dict[str, Any]]:
     """Read the last evaluation as JSON objects; an empty list if there is none.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be read.
+    Raises:
+        StorageError: The file cannot be read.
     """
     try:
         forms: list[dict[str, Any]] = json.loads(_path(cfg).read_text(encoding="utf-8"))

@@ -21,10 +21,8 @@ class Localize(Protocol):
     def __call__(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize a photo as if the experiences `hide` were not on the map.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be used.
+        Raises:
+            PhotoError: The photo cannot be used.
         """
 
 
@@ -94,20 +92,9 @@ class EvaluateOptions:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What was evaluated: the properties of a localizer, and the folder of its photos.
+    """What was evaluated: the properties of a `Localizer`, and the folder of its photos."""
 
-    Attributes
-    ----------
-    map_folder : Path
-        Folder to which the paths of the map's photos are relative.
-    method, features, map, map_hash, place_radius_px, map_kind, build_seconds, calibration_seconds,
-    index_bytes
-        See `Localizer`.
-    sequence : bool
-        See `EvaluateOptions`.
-    """
-
-    map_folder: Path
+    map_folder: Path  # Folder to which the paths of the map's photos are relative
     method: str
     features: str
     map: Map
@@ -122,30 +109,20 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """Results and figures of an evaluation, with the conditions needed to reproduce it.
-
-    Attributes
-    ----------
-    scheme : {"queries", "leave-one-out", "leave-one-place-out"}
-        Photos of a list; the map's own photos, each hidden; the same with all nearby photos hidden.
-    hide_within_px : float or None
-        Radius of the photos hidden in the third scheme.
-    query_folder : Path
-        Folder to which the paths of the queries are relative.
-    peak_rss_mb : float or None
-        Peak memory of this process, 2^20 bytes; None if the system does not report it.
-    versions : dict of str to str
-        Versions of Python, of the libraries that affect the results, and of this program.
-    """
+    """Results and figures of an evaluation, with the conditions needed to reproduce it."""
 
     subject: Subject
+    # "queries", "leave-one-out" or "leave-one-place-out". Photos of a list; the map's own photos, each
+    # hidden; the same with all nearby photos hidden.
     scheme: Scheme
-    hide_within_px: float | None
-    query_folder: Path
+    hide_within_px: float | None  # Radius of the photos hidden in the third scheme
+    query_folder: Path  # Folder to which the paths of the queries are relative
     results: tuple[QueryResult, ...]
     summary: Summary
     seed: int
+    # Peak memory of this process, 2^20 bytes; None if the system does not report it.
     peak_rss_mb: float | None
+    # Versions of Python, of the libraries that affect the results, and of this program.
     versions: dict[str, str]
 
     @property

@@ -45,26 +45,17 @@ def duplicate_map(
 
     Photos, images and indexes are never changed in place, so that both maps can share them by hard links.
 
-    Parameters
-    ----------
-    account_id : int
-        Owner of the copy.
-    name : str
-        Name of the copy.
-    progress : Progress, optional
-        One step per file.
+    Args:
+        account_id: Owner of the copy.
+        name: Name of the copy.
+        progress: One step per file.
 
-    Returns
-    -------
-    str
+    Returns:
         Slug of the copy.
 
-    Raises
-    ------
-    NotFound, UsageError
-        The map does not exist, or the name is not valid.
-    StorageError, Cancelled
-        No copy was made.
+    Raises:
+        NotFound, UsageError: The map does not exist, or the name is not valid.
+        StorageError, Cancelled: No copy was made.
     """
     name = maps.checked_name(name)
     with library.database.read() as session:

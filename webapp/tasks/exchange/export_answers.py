@@ -22,28 +22,19 @@ ANSWER_FORMATS: tuple[AnswerFormat, ...] = get_args(AnswerFormat)
 
 @dataclass(frozen=True, slots=True)
 class AnswerRange:
-    """Selection of answers.
+    """Selection of answers."""
 
-    Attributes
-    ----------
-    first, last : int or None
-        Ids, inclusive; None for no limit.
-    account_id : int or None
-        Account that asked; None for all.
-    """
-
+    # `first`, `last`: Ids, inclusive; None for no limit.
     first: int | None = None
     last: int | None = None
-    account_id: int | None = None
+    account_id: int | None = None  # Account that asked; None for all
 
 
 def export_answers(library: Library, map_id: int, *, form: AnswerFormat, which: AnswerRange) -> Download:
     """Write answers of a map, the oldest first.
 
-    Raises
-    ------
-    NotFound
-        The map does not exist.
+    Raises:
+        NotFound: The map does not exist.
     """
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)

@@ -37,15 +37,11 @@ def export_map_zip(library: Library, map_id: int, *, progress: Progress | None =
 
     Photos that are missing on the disk are left out: the linter reports them after an import.
 
-    Parameters
-    ----------
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        progress: One step per photo.
 
-    Raises
-    ------
-    NotFound, UsageError
-        The map does not exist, or it has no satellite image yet.
+    Raises:
+        NotFound, UsageError: The map does not exist, or it has no satellite image yet.
     """
     source = of_library(library, map_id)
     texts = map_files(library, map_id, source=source)
@@ -90,17 +86,12 @@ def _path(cfg: Path, name: str) -> Path | None:
 def export_map_cfg(library: Library, map_id: int, *, placement: str | None = None) -> Download:
     """Return a map file.
 
-    Parameters
-    ----------
-    placement : str or None
-        Name of a further placement; None for the map itself.
+    Args:
+        placement: Name of a further placement; None for the map itself.
 
-    Raises
-    ------
-    NotFound
-        The map or the placement does not exist.
-    UsageError
-        The map has no satellite image yet.
+    Raises:
+        NotFound: The map or the placement does not exist.
+        UsageError: The map has no satellite image yet.
     """
     source = of_library(library, map_id)
     name = "map.cfg" if placement is None else f"{placement}.cfg"
@@ -116,9 +107,7 @@ def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, byt
 
     They are read from the disk; if the `.cfg` there was changed from outside, they are made from `source`.
 
-    Returns
-    -------
-    dict of str to bytes
+    Returns:
         By name: `map.cfg`, `map.json` if the map needs one, `NAME.cfg`.
     """
     if not export.export_map(library, map_id):
@@ -141,10 +130,8 @@ def texts_of(map_: Map) -> dict[str, bytes]:
 def export_map_kml(source: Source) -> Download:
     """Return the photos of a map as KML.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     data = format_kml(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.kml", "application/vnd.google-earth.kml+xml", data)
@@ -153,15 +140,11 @@ def export_map_kml(source: Source) -> Download:
 def export_map_kmz(source: Source, *, settings: Settings, progress: Progress | None = None) -> Download:
     """Return the photos of a map as KMZ, generated while it is streamed.
 
-    Parameters
-    ----------
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        progress: One step per photo.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     source.georeference()
     pieces = stream_zip(_kmz_members(source, settings=settings, progress=progress or Progress()))
@@ -190,10 +173,8 @@ def _kmz_members(source: Source, *, settings: Settings, progress: Progress) -> I
 def export_map_geojson(source: Source) -> Download:
     """Return the photos of a map as points on the Earth.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     data = format_geojson(source.map, source.georeference(), title=source.title)
     return Download(f"{source.name}.geojson", "application/geo+json", data)

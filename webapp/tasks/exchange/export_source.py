@@ -24,36 +24,21 @@ _NOT_PLAIN = re.compile(r"[^A-Za-z0-9_-]+")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A map to export.
-
-    Attributes
-    ----------
-    cfg : Path
-        The map file; photos are relative to its folder.
-    title : str
-        Display name.
-    name : str
-        File name of the downloads, without extension: ASCII letters, digits, `-` and `_`.
-    boxes : callable
-        Returns the current boxes to blur in a photo, by its id: it may be blurred while the export is made.
-    unplaced : tuple of str
-        Paths of the photos in the tray.
-    """
+    """A map to export."""
 
     map: Map
-    cfg: Path
-    title: str
-    name: str
+    cfg: Path  # The map file; photos are relative to its folder
+    title: str  # Display name
+    name: str  # File name of the downloads, without extension: ASCII letters, digits, `-` and `_`
+    # Returns the current boxes to blur in a photo, by its id: it may be blurred while the export is made.
     boxes: Callable[[int], Sequence[BlurBox]]
-    unplaced: tuple[str, ...] = ()
+    unplaced: tuple[str, ...] = ()  # Paths of the photos in the tray
 
     def georeference(self) -> Georeference:
         """Return the georeference.
 
-        Raises
-        ------
-        UsageError
-            There is none, and this export needs one.
+        Raises:
+            UsageError: There is none, and this export needs one.
         """
         if self.map.georeference is None:
             raise UsageError(
@@ -65,30 +50,19 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Download:
-    """A file to download.
+    """A file to download."""
 
-    Attributes
-    ----------
-    name : str
-        Safe in HTTP headers and on all file systems.
-    pieces : iterator of bytes
-        Its content in chunks, generated on demand.
-    """
-
-    name: str
+    name: str  # Safe in HTTP headers and on all file systems
     media_type: str
-    pieces: Iterator[bytes]
+    pieces: Iterator[bytes]  # Its content in chunks, generated on demand
 
 
 def of_library(library: Library, map_id: int) -> Source:
     """Read a map of the library from the database.
 
-    Raises
-    ------
-    NotFound
-        The map does not exist.
-    UsageError
-        It has no satellite image yet.
+    Raises:
+        NotFound: The map does not exist.
+        UsageError: It has no satellite image yet.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -113,10 +87,8 @@ def of_library(library: Library, map_id: int) -> Source:
 def of_folder(cfg: Path, *, title: str | None = None) -> Source:
     """Read the map of any `.cfg` file.
 
-    Raises
-    ------
-    MapError
-        It cannot be read.
+    Raises:
+        MapError: It cannot be read.
     """
     title = title or cfg.resolve().parent.name
     map_ = read_map(cfg)

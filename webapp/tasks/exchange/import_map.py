@@ -35,15 +35,11 @@ def choose_map(unpacked: UnpackedMap) -> Path:
     A `.cfg` that the JSON of another one lists as a placement is not a map; of several maps, `map.cfg` is
     chosen.
 
-    Returns
-    -------
-    Path
+    Returns:
         The `map.cfg`.
 
-    Raises
-    ------
-    InputError
-        There is none, or there are several.
+    Raises:
+        InputError: There is none, or there are several.
     """
     paths = [unpacked.folder / name for name in unpacked.cfgs]
     if not paths:
@@ -74,12 +70,9 @@ def choose_map(unpacked: UnpackedMap) -> Path:
 def add_placements(cfg: Path) -> None:
     """Add the other `.cfg` files next to a valid map to its `map.json`, as placements.
 
-    Raises
-    ------
-    InputError
-        One is not a placement of this map.
-    MapError
-        One cannot be read.
+    Raises:
+        InputError: One is not a placement of this map.
+        MapError: One cannot be read.
     """
     there = {cfg, *_known_placements(cfg)}
     others = [path for path in sorted(cfg.parent.glob("*.cfg")) if path not in there]
@@ -130,30 +123,21 @@ _TOLERATED = frozenset({Code.MISSING_PHOTO, Code.UNREADABLE_PHOTO})
 
 @dataclass(frozen=True, slots=True)
 class ImportedMap:
-    """The new map.
-
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Findings of the linter.
-    left_out : tuple of str
-        Files of the zip that do not belong to a map, and unplaced photos that were not imported, with the
-        reason.
-    """
+    """The new map."""
 
     map_id: int
     slug: str
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # Findings of the linter
+    # Files of the zip that do not belong to a map, and unplaced photos that were not imported, with the
+    # reason.
     left_out: tuple[str, ...]
 
 
 class MapRefused(MapError):
     """The linter found errors with which the map cannot be imported.
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        All findings, warnings included.
+    Attributes:
+        findings: All findings, warnings included.
     """
 
     def __init__(self, message: str, *, findings: tuple[Finding, ...], hint: str | None = None) -> None:
@@ -172,26 +156,17 @@ def import_map(
 ) -> ImportedMap:
     """Import a map, all or nothing.
 
-    Parameters
-    ----------
-    archive : Path
-        The zip; it is not changed.
-    account_id : int
-        Owner of the map.
-    name : str
-        Display name of the map.
-    settings : Settings
-        The limits of imports and photos.
-    progress : Progress, optional
-        One step per file in each of three phases: unpacking, checking, reading.
+    Args:
+        archive: The zip; it is not changed.
+        account_id: Owner of the map.
+        name: Display name of the map.
+        settings: The limits of imports and photos.
+        progress: One step per file in each of three phases: unpacking, checking, reading.
 
-    Raises
-    ------
-    InputError
-        It is not a zip, is not safe, or holds no map or several.
-    MapRefused
-        The map has errors; with the findings of the linter.
-    StorageError, UsageError, Cancelled
+    Raises:
+        InputError: It is not a zip, is not safe, or holds no map or several.
+        MapRefused: The map has errors; with the findings of the linter.
+        StorageError, UsageError, Cancelled
     """
     name = maps.checked_name(name)
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
@@ -212,19 +187,13 @@ def run_into(
 
     Parameters and errors are those of `import_map`, and:
 
-    Parameters
-    ----------
-    library, archive, settings, progress
-        As in `import_map`.
-    writes : callable, optional
-        Opens the write session; a job passes its own, which checks its lease.
+    Args:
+        library, archive, settings, progress: As in `import_map`.
+        writes: Opens the write session; a job passes its own, which checks its lease.
 
-    Raises
-    ------
-    Conflict
-        The map is no longer empty.
-    NotFound
-        The map does not exist, or is in the bin.
+    Raises:
+        Conflict: The map is no longer empty.
+        NotFound: The map does not exist, or is in the bin.
     """
     with _unpacked(library, archive, settings=settings, progress=progress or Progress()) as found:
         with (writes or library.database.write)() as session:
@@ -343,9 +312,7 @@ def _checked(
 def archive_path(library: Library, token: str) -> Path:
     """Return the path of an uploaded zip that awaits its import; create its folder if missing.
 
-    Parameters
-    ----------
-    token : str
-        Hexadecimal digits.
+    Args:
+        token: Hexadecimal digits.
     """
     return staging.parent(library) / f"{int(token, 16):032x}.zip"

@@ -21,31 +21,17 @@ from webapp.tasks.maps.check_map import orphan_photos
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """Unplaced photos that are set aside during an import.
+    """Unplaced photos that are set aside during an import."""
 
-    Attributes
-    ----------
-    folder : Path
-        Temporary folder outside the map, whose linter would report them as orphans.
-    names : tuple of str
-        Their paths in that folder, which are also those to use in the map's folder.
-    """
-
-    folder: Path
-    names: tuple[str, ...]
+    folder: Path  # Temporary folder outside the map, whose linter would report them as orphans
+    names: tuple[str, ...]  # Their paths in that folder, which are also those to use in the map's folder
 
 
 def set_aside(cfg: Path, folder: Path) -> Tray:
-    """Move the photos in `unplaced/` that no `.cfg` of the map names.
+    """Move the photos in `unplaced/` that no `.cfg` of the map names. Raises StorageError.
 
-    Parameters
-    ----------
-    folder : Path
-        A new folder on the same disk, not below the map's.
-
-    Raises
-    ------
-    StorageError
+    Args:
+        folder: A new folder on the same disk, not below the map's.
     """
     orphans = orphan_photos(cfg, scan(read_bytes(cfg)), present=list_photos(cfg.parent))
     names = tuple(name.removeprefix(f"{UNPLACED}/") for name in orphans if name.startswith(f"{UNPLACED}/"))
@@ -61,16 +47,10 @@ def take_back(
     """Move photos into the folder of their map and add their records to its contents.
 
     Photos that the map has already are left out. Those listed in `map.json` keep their ids, and with them the
-    order of the map's photos.
+    order of the map's photos. Raises StorageError, Cancelled.
 
-    Returns
-    -------
-    left_out : tuple of str
-        Files by their names in the zip, each with the reason.
-
-    Raises
-    ------
-    StorageError, Cancelled
+    Returns:
+        left_out: Files by their names in the zip, each with the reason.
     """
     rows: list[Photo] = []
     left_out: list[str] = []

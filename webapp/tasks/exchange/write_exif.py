@@ -34,23 +34,13 @@ _SAME_PX = 1.0
 
 @dataclass(frozen=True, slots=True)
 class PhotoCopy:
-    """The result for a photo.
-
-    Attributes
-    ----------
-    photo : str
-        Path in the map's folder, and in that of the copies.
-    position : LatLon or None
-        As written; None if nothing was written.
-    reason : str or None
-        Why nothing was written, or what could not be kept.
-    """
+    """The result for a photo."""
 
     id: int
-    photo: str
-    position: LatLon | None = None
+    photo: str  # Path in the map's folder, and in that of the copies
+    position: LatLon | None = None  # As written; None if nothing was written
     heading_deg: float | None = None
-    reason: str | None = None
+    reason: str | None = None  # Why nothing was written, or what could not be kept
 
 
 def write_exif(
@@ -58,27 +48,20 @@ def write_exif(
 ) -> Iterator[PhotoCopy]:
     """Write positions and headings into copies of the photos of a map, or into the photos.
 
-    Parameters
-    ----------
-    out : Path or None
-        Folder of the copies, created if missing; photos have the same paths below it as below the map's
-        folder, and no file there is replaced. None: the photos themselves are changed, each with a backup
-        `NAME_original` next to it; an existing backup is kept.
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        out: Folder of the copies, created if missing; photos have the same paths below it as below the map's
+            folder, and no file there is replaced. None: the photos themselves are changed, each with a backup
+            `NAME_original` next to it; an existing backup is kept.
+        progress: One step per photo.
 
-    Yields
-    ------
-    PhotoCopy
+    Yields:
         For each photo of the map, once it is written.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference, `out` is its own folder, or the photos of a library would be changed.
-    StorageError
-        A file cannot be written.
-    Cancelled
+    Raises:
+        UsageError: The map has no georeference, `out` is its own folder, or the photos of a library would be
+            changed.
+        StorageError: A file cannot be written.
+        Cancelled
     """
     georeference = source.georeference()
     folder = source.cfg.parent.resolve()
@@ -101,10 +84,8 @@ def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress 
     A photo that cannot be written has an XMP sidecar instead, if its position is known; `not-written.txt`
     lists these photos with the reason.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     members = _members(source, source.georeference(), limits=limits, progress=progress or Progress())
     return Download(f"{source.name}-photos.zip", "application/zip", stream_zip(members))
@@ -113,10 +94,8 @@ def export_geotagged(source: Source, *, limits: PhotoLimits, progress: Progress 
 def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
     """Return a zip with an XMP file for each photo, generated while it is streamed.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     tags = _tags(source, source.georeference(), limits=limits)
     members = (ZipMember(f"{name}.xmp", format_xmp(tag)) for name, tag in tags)
@@ -126,10 +105,8 @@ def export_sidecars(source: Source, *, limits: PhotoLimits) -> Download:
 def export_exiftool_csv(source: Source, *, limits: PhotoLimits) -> Download:
     """Return a table from which exiftool can tag the photos.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     tags = _tags(source, source.georeference(), limits=limits)
     return Download(f"{source.name}.csv", "text/csv; charset=utf-8", format_exiftool_csv(tags))
@@ -208,10 +185,8 @@ def _geotagged(
 def _geotag(e: Experience, georeference: Georeference, *, gps: Gps | NoGps | None) -> Geotag:
     """Return the geotag of a photo, marked as GPS if its place agrees with the position in EXIF.
 
-    Raises
-    ------
-    PhotoError
-        Its place on the map has no position on the Earth.
+    Raises:
+        PhotoError: Its place on the map has no position on the Earth.
     """
     at = georeference.latlon_of(e.position)
     if not (abs(at.lat) <= 90.0 and abs(at.lon) <= 180.0):  # or NaN: beyond the horizon

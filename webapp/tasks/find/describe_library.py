@@ -58,9 +58,7 @@ def describe_map(
 ) -> None:
     """Compute vectors for the new photos of a map's index; queue the training of a basis if due.
 
-    Raises
-    ------
-    StorageError, Cancelled
+    Raises StorageError, Cancelled.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -81,16 +79,10 @@ def describe_map(
 def renew_basis(library: Library, *, settings: Settings, writes: Writes, progress: Progress) -> int:
     """Train a basis, compute the vectors of the photos of all maps, and then let searches use it.
 
-    Vectors that an interrupted run has computed are kept.
+    Vectors that an interrupted run has computed are kept. Raises StorageError, Cancelled.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of photos that have vectors.
-
-    Raises
-    ------
-    StorageError, Cancelled
     """
     _refresh_search(library, progress)  # for maps from a move or an older version
     with library.database.read() as session:
@@ -220,14 +212,10 @@ def indexed_photos(
 ) -> Iterator[tuple[str, Segment, int]]:
     """Yield the photos with descriptors of a map's index: content hash, segment, and number in the segment.
 
-    Parameters
-    ----------
-    index : Path, optional
-        Folder of the indexes, if not next to the map.
+    Raises IndexDamaged.
 
-    Raises
-    ------
-    IndexDamaged
+    Args:
+        index: Folder of the indexes, if not next to the map.
     """
     folder = _index(cfg, settings=settings, chosen=index)
     manifest = None if folder is None else folder.read_manifest()

@@ -46,20 +46,12 @@ _NO_INDEX = NotReady("it has no index yet", hint="open its Localize page, or run
 
 @dataclass(frozen=True, slots=True)
 class FoundMap:
-    """A map that was searched.
-
-    Attributes
-    ----------
-    probability : float
-        That the photo was taken on this map and not on another one.
-    answer : dict
-        As `expmap localize --json` prints it; its probabilities consider this map alone.
-    """
+    """A map that was searched."""
 
     slug: str
     name: str
-    probability: float
-    answer: dict[str, Any]
+    probability: float  # That the photo was taken on this map and not on another one
+    answer: dict[str, Any]  # As `expmap localize --json` prints it; its probabilities consider this map alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,41 +65,25 @@ class SkippedMap:
 
 @dataclass(frozen=True, slots=True)
 class MapSearch:
-    """The result of a search.
+    """The result of a search."""
 
-    Attributes
-    ----------
-    maps : tuple of FoundMap
-        The most probable first.
-    no_map_probability : float
-        That it was taken on none of them: on one that was not searched, or on no map at all. The probability
-        of a map is against everything else, so that maps that were not searched are included here.
-    less_alike : int
-        Number of maps that were compared with the photo but not searched, as `MOST_MAPS` others are more
-        similar.
-    """
-
-    maps: tuple[FoundMap, ...]
+    maps: tuple[FoundMap, ...]  # The most probable first
+    # That it was taken on none of them: on one that was not searched, or on no map at all. The probability of
+    # a map is against everything else, so that maps that were not searched are included here.
     no_map_probability: float
     not_searched: tuple[SkippedMap, ...]
+    # Number of maps that were compared with the photo but not searched, as `MOST_MAPS` others are more
+    # similar.
     less_alike: int
     seconds: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LibrarySearch:
-    """What a search needs.
+    """What a search needs."""
 
-    Attributes
-    ----------
-    cache : MapCache
-        Localizes the photo.
-    ranking : MapRanking
-        Determines which maps are searched first: there may not be time for all.
-    """
-
-    cache: MapCache
-    ranking: MapRanking
+    cache: MapCache  # Localizes the photo
+    ranking: MapRanking  # Determines which maps are searched first: there may not be time for all
     settings: Settings
 
 
@@ -121,22 +97,16 @@ def find_map(
 ) -> MapSearch:
     """Localize a photo on maps, one after the other.
 
-    Parameters
-    ----------
-    records : sequence of MapRecord
-        The maps to search.
-    top : int
-        Maximum number of places on each map.
-    progress : Progress, optional
-        One step per map.
+    Args:
+        records: The maps to search.
+        top: Maximum number of places on each map.
+        progress: One step per map.
 
-    Raises
-    ------
-    PhotoError
-        The photo cannot be used.
-    Busy, StorageUnavailable
-        No map could be searched: the process is busy, maps are being opened, or their storage is unavailable.
-    Cancelled
+    Raises:
+        PhotoError: The photo cannot be used.
+        Busy, StorageUnavailable: No map could be searched: the process is busy, maps are being opened, or
+            their storage is unavailable.
+        Cancelled
     """
     begun = time.perf_counter()
     progress = progress or Progress()
@@ -188,10 +158,8 @@ def find_map(
 def search_json(search: MapSearch, *, query: str, translate: Callable[[str], str] = str) -> dict[str, Any]:
     """Convert a search to JSON values, for the API and `expmap find --json`.
 
-    Parameters
-    ----------
-    translate : callable, optional
-        Translates messages and hints.
+    Args:
+        translate: Translates messages and hints.
     """
     return {
         "query": query,

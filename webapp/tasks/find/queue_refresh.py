@@ -9,12 +9,7 @@ JOB = "describe-library"
 
 
 def queue_refresh(library: Library) -> None:
-    """Queue the job if the database has a vector search that is out of date.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Queue the job if the database has a vector search that is out of date. Raises StorageError."""
     database = library.database
     if database.photo_search is None:
         return

@@ -28,17 +28,10 @@ _BLOCK = 16_384
 
 @dataclass(frozen=True, slots=True)
 class RankedMaps:
-    """Maps in the order in which they are searched for a photo.
+    """Maps in the order in which they are searched for a photo."""
 
-    Attributes
-    ----------
-    alike : tuple of MapRecord
-        Those whose photos were compared with the query, the most similar first.
-    unknown : tuple of MapRecord
-        Those with no vectors yet, whose similarity is unknown, in the given order.
-    """
-
-    alike: tuple[MapRecord, ...]
+    alike: tuple[MapRecord, ...]  # Those whose photos were compared with the query, the most similar first
+    # Those with no vectors yet, whose similarity is unknown, in the given order.
     unknown: tuple[MapRecord, ...]
 
 
@@ -60,10 +53,8 @@ class MapRanking:
     def rank(self, records: Sequence[MapRecord], photo: Path) -> RankedMaps:
         """Sort maps by similarity, the most similar first; those that cannot be compared yet are separate.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be used.
+        Raises:
+            PhotoError: The photo cannot be used.
         """
         with self._lock:
             self._refresh()

@@ -39,10 +39,8 @@ def library_of(cfg: Path, *, settings: Settings) -> Iterator[tuple[Library, int]
 
     The map file is updated first.
 
-    Raises
-    ------
-    StorageError
-        The records or the object storage cannot be used, or the library has another storage.
+    Raises:
+        StorageError: The records or the object storage cannot be used, or the library has another storage.
     """
     folder = cfg.resolve().parent
     if cfg.name != "map.cfg" or not has_library(folder.parent):
@@ -71,15 +69,11 @@ def accept_in_library(
 ) -> PlacingResult:
     """Place photos where suggested, as one edit; photos that were placed meanwhile are skipped.
 
-    Parameters
-    ----------
-    account_id : int
-        Author of the edit, who can undo it.
+    Args:
+        account_id: Author of the edit, who can undo it.
 
-    Raises
-    ------
-    UsageError
-        The map no longer has a satellite image.
+    Raises:
+        UsageError: The map no longer has a satellite image.
     """
     with library.changing(map_id) as change:
         pairs = [(photo, place) for photo, place in _photos_of(change, suggested) if photo.x_px is None]
@@ -148,9 +142,7 @@ def _place(change: MapChange, wanted: Sequence[RequestedPose], *, account_id: in
 def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
     """Place photos where suggested, in the files of a map outside a library.
 
-    Raises
-    ------
-    MapError, StorageError
+    Raises MapError, StorageError.
     """
     the_map = read_map(cfg)
     places = {one.id: one for one in suggested}
@@ -177,9 +169,7 @@ def accept_in_folder(cfg: Path, suggested: Sequence[SuggestedPlace]) -> None:
 def correct_in_folder(cfg: Path, corrected: Sequence[CorrectedPlace]) -> None:
     """Move photos from their GPS positions to the corrected ones, in the files of a map outside a library.
 
-    Raises
-    ------
-    MapError, StorageError
+    Raises MapError, StorageError.
     """
     the_map = read_map(cfg)
     places = {one.id: one for one in corrected}

@@ -52,20 +52,11 @@ _FORMAT = 4
 
 @dataclass(frozen=True, slots=True)
 class AdjustedSubmodel:
-    """The outcome for a submodel.
+    """The outcome for a submodel."""
 
-    Attributes
-    ----------
-    photos : tuple of int
-        Numbers of its photos.
-    problem : str
-        Why it was not adjusted; empty if it was.
-    residual_px : mapping of int to float
-        Distances of the adjusted cameras from the known positions, outliers included, by the photos' numbers.
-    """
-
-    photos: tuple[int, ...]
-    problem: str
+    photos: tuple[int, ...]  # Numbers of its photos
+    problem: str  # Why it was not adjusted; empty if it was
+    # Distances of the adjusted cameras from the known positions, outliers included, by the photos' numbers.
     residual_px: Mapping[int, float]
 
 
@@ -78,11 +69,9 @@ def adjust_submodels(
     georegistered stay unchanged; all do if the known positions are too few or in a line, or if the photos do
     not agree with them. The result is stored, and not computed again for the same positions.
 
-    Raises
-    ------
-    IndexDamaged
-        The reconstruction is gone from the disk.
-    StorageError, ProcessLost, Cancelled
+    Raises:
+        IndexDamaged: The reconstruction is gone from the disk.
+        StorageError, ProcessLost, Cancelled
     """
     with writer_lock(found.shared, wait_s=wait_s):
         rigid, now = (read_submodels(found.folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
@@ -185,14 +174,10 @@ def positions_of(
 ) -> PicturePositions:
     """Collect the known positions of pictures (photos and views of panoramas) and of control points.
 
-    Parameters
-    ----------
-    known : KnownPositions
-        Of the pictures; NaN for outliers.
-    photo, turn_deg : array
-        See `PicturePositions`.
-    points : sequence of KnownPoint
-        Control points, without outliers.
+    Args:
+        known: Of the pictures; NaN for outliers.
+        photo, turn_deg: array. See `PicturePositions`.
+        points: Control points, without outliers.
     """
     usable = np.flatnonzero(np.isfinite(known.at))
     at = np.append(known.at[usable], [point.at for point in points])
@@ -220,12 +205,9 @@ def adjust_job(
 ) -> AdjustJob:
     """Make the adjustment job, with all pictures of the submodels placed by the known positions near them.
 
-    Parameters
-    ----------
-    aligned : sequence of (Submodel, AlignedSubmodel)
-        Submodels of pictures, with their georegistrations.
-    matches, folder, out : Path
-        The database, the folder of the reconstruction, and that for the joined model.
+    Args:
+        aligned: Submodels of pictures, with their georegistrations.
+        matches, folder, out: The database, the folder of the reconstruction, and that for the joined model.
     """
     placed = dict(zip(positions.known, positions.at, strict=True))
     contents: list[str] = []

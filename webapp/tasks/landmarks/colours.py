@@ -34,9 +34,7 @@ Sampled = tuple[NDArray[np.int64], NDArray[np.float64]]
 def colour_cloud(cfg: Path, found: Reconstruction, *, limits: PhotoLimits, progress: Progress) -> None:
     """Sample the colours of the points from the photos, unless done already; store them with the cloud.
 
-    Raises
-    ------
-    StorageError, Cancelled
+    Raises StorageError, Cancelled.
     """
     stored = read_cloud(found.folder / CLOUD_FILE)
     file = found.folder / COLOURS_FILE

@@ -24,14 +24,10 @@ _HELD = 64
 class ComparedPhotos:
     """The photos to compare; a Dask worker reads their features from files.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the features.
-    contents : sequence of str
-        SHA-256 of the photos.
-    photos : sequence of StoredPhoto, optional
-        The photos, if they are in memory.
+    Args:
+        folder: Folder of the features.
+        contents: SHA-256 of the photos.
+        photos: The photos, if they are in memory.
     """
 
     def __init__(
@@ -70,18 +66,12 @@ def compare_photos(
 ) -> None:
     """Match the pairs that have not been matched yet.
 
-    Parameters
-    ----------
-    photos : sequence of (str, StoredPhoto)
-        Photos with their content hashes.
-    at : (p,) complex128
-        Positions on the map; NaN where there is none.
-    place : ExecutionTarget
-        Its folder is that of the features.
+    Raises Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart.
 
-    Raises
-    ------
-    Cancelled, ProcessLost, ClusterUnavailable, UsageError, MissingPart
+    Args:
+        photos: Photos with their content hashes.
+        at: (p,) complex128. Positions on the map; NaN where there is none.
+        place: Its folder is that of the features.
     """
     progress.note("finding overlapping photos")
     stored = [photo for _, photo in photos]

@@ -42,40 +42,22 @@ _MANY = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """How well a placed photo or a control point fits the others.
+    """How well a placed photo or a control point fits the others."""
 
-    Attributes
-    ----------
-    photo : int or None
-        Id of the photo; None for a control point.
-    name : str
-        Of the photo's file, or of the control point.
-    at : MapPixel or None
-        Its known position.
-    others_have : MapPixel or None
-        Its position by the others; None if they are too few.
-    contradicts : bool
-        It was left out as an outlier: the others agree on another position.
-    wrong : tuple of str
-        Photos whose clicks of a control point disagree with the others.
-    problem : str or None
-        Why a control point takes no part.
-    """
-
-    photo: int | None
-    name: str
-    at: MapPixel | None
-    others_have: MapPixel | None = None
-    contradicts: bool = False
-    wrong: tuple[str, ...] = ()
-    problem: str | None = None
+    photo: int | None  # Id of the photo; None for a control point
+    name: str  # Of the photo's file, or of the control point
+    at: MapPixel | None  # Its known position
+    predicted: MapPixel | None = None  # Its position by the others; None if they are too few
+    contradicts: bool = False  # It was left out as an outlier: the others agree on another position
+    wrong: tuple[str, ...] = ()  # Photos whose clicks of a control point disagree with the others
+    problem: str | None = None  # Why a control point takes no part
 
     @property
     def residual_px(self) -> float | None:
         """Distance between the two positions."""
-        if self.at is None or self.others_have is None:
+        if self.at is None or self.predicted is None:
             return None
-        return math.dist(self.at, self.others_have)
+        return math.dist(self.at, self.predicted)
 
     def residual_m(self, the_map: Map) -> float | None:
         """Return `residual_px` in metres, on a map with a georeference."""
@@ -87,20 +69,11 @@ class Residual:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoLenses:
-    """Intrinsics of the photos' cameras.
+    """Intrinsics of the photos' cameras."""
 
-    Attributes
-    ----------
-    folder : Path
-        Folder of the photos' features.
-    cloud : LandmarkCloud
-    content_of : mapping of int to str
-        Content hashes by the photos' numbers in the submodels.
-    """
-
-    folder: Path
+    folder: Path  # Folder of the photos' features
     cloud: LandmarkCloud
-    content_of: Mapping[int, str]
+    content_of: Mapping[int, str]  # Content hashes by the photos' numbers in the submodels
 
     def lens(self, number: int) -> Lens | None:
         """Return the lens of a photo; None if it is not in the reconstruction or its features are missing."""
@@ -127,10 +100,8 @@ def georegister_all(
 ) -> list[Georegistration]:
     """Georegister submodels by the map's placed photos and control points.
 
-    Parameters
-    ----------
-    photos : sequence of Experience or UnplacedPhoto or None
-        Photos, or the views of panoramas, by their numbers in the submodels.
+    Args:
+        photos: Photos, or the views of panoramas, by their numbers in the submodels.
     """
     known = known_positions(photos, the_map)
     points = known_points(photos, the_map, lenses=lenses)
@@ -218,7 +189,7 @@ def _of_photos(
     submodel: Submodel, aligned: AlignedSubmodel, *, photos: Sequence[AnyPhoto | None]
 ) -> Iterator[Residual]:
     for row, number in enumerate(submodel.photo.tolist()):
-        photo, there = photos[number], complex(aligned.others_have[row])
+        photo, there = photos[number], complex(aligned.predicted[row])
         if isinstance(photo, Experience) and not math.isnan(there.real):
             others = MapPixel(there.real, there.imag)
             wrong = bool(aligned.contradicting[row])
@@ -236,7 +207,7 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
             if fit.name == point.name and isinstance(result.aligned, NotAligned):
                 clicks, problem, wrong = _MANY, result.aligned.reason, fit.wrong
             elif fit.name == point.name:
-                there = fit.others_have
+                there = fit.predicted
                 others = None if math.isnan(there.real) else MapPixel(there.real, there.imag)
                 return Residual(None, point.name, point.position, others, fit.contradicts, fit.wrong)
         for one in result.problems:
@@ -248,9 +219,7 @@ def _of_point(point: GroundControlPoint, results: Iterable[Georegistration]) -> 
 def stored_residuals(cfg: Path, the_map: Map) -> list[Residual] | None:
     """List the residuals of known positions in the stored landmarks of a map; None if it has none.
 
-    Raises
-    ------
-    MapError
+    Raises MapError.
     """
     folder = landmarks_folder(cfg)
     stored, submodels = read_cloud(folder / CLOUD_FILE), read_submodels(folder / SUBMODELS_FILE)

@@ -25,17 +25,12 @@ Points = Mapping[str, GroundControlPoint | None]
 def set_in_library(library: Library, map_id: int, *, points: Points, account_id: int) -> int | None:
     """Change control points as one edit that can be undone.
 
-    Returns
-    -------
-    int or None
+    Returns:
         New revision of the map; None if nothing changed.
 
-    Raises
-    ------
-    UsageError
-        The map has no image, or a point is not valid.
-    NotFound
-        A point to delete, or a photo, does not exist.
+    Raises:
+        UsageError: The map has no image, or a point is not valid.
+        NotFound: A point to delete, or a photo, does not exist.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -59,9 +54,7 @@ def set_in_library(library: Library, map_id: int, *, points: Points, account_id:
 def set_in_folder(cfg: Path, points: Points) -> None:
     """Change control points in the files of a map outside a library.
 
-    Raises
-    ------
-    MapError, UsageError, NotFound, StorageError
+    Raises MapError, UsageError, NotFound, StorageError.
     """
     the_map = read_map(cfg)
     _check(the_map, points)

@@ -31,22 +31,15 @@ def export_models(
 ) -> list[ExportedModel]:
     """Write each model of a reconstruction into its own folder, first the one that is joined on the map.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the reconstruction.
-    names : mapping of str to str
-        Names of the photos, by the SHA-256 of their files.
-    binary : bool
-        Whether to write COLMAP's binary format, else text.
-    only_named : bool
-        Whether to leave out photos without a name, with the points that only they see.
+    Args:
+        folder: Folder of the reconstruction.
+        names: Names of the photos, by the SHA-256 of their files.
+        binary: Whether to write COLMAP's binary format, else text.
+        only_named: Whether to leave out photos without a name, with the points that only they see.
 
-    Raises
-    ------
-    IndexDamaged
-        A model cannot be read, or was replaced meanwhile.
-    StorageError
+    Raises:
+        IndexDamaged: A model cannot be read, or was replaced meanwhile.
+        StorageError
     """
     submodels = read_submodels(folder / SUBMODELS_FILE)
     sources = [*(adjusted_folders(folder, submodels) if submodels else []), *model_folders(folder)]

@@ -31,23 +31,13 @@ _OUT = {False: "models", True: "models-incremental"}
 
 @dataclass(frozen=True, slots=True)
 class MappingJob:
-    """Input of the process.
-
-    Attributes
-    ----------
-    database : Path
-    folder : Path
-        Has a subfolder per mapper for its models, in COLMAP's format; earlier models there are deleted.
-    contents : tuple of str
-        Content hashes of the photos that take part.
-    is_incremental : bool
-        Whether to run incremental structure from motion, else global.
-    """
+    """Input of the process."""
 
     database: Path
+    # Has a subfolder per mapper for its models, in COLMAP's format; earlier models there are deleted.
     folder: Path
-    contents: tuple[str, ...]
-    is_incremental: bool = False
+    contents: tuple[str, ...]  # Content hashes of the photos that take part
+    is_incremental: bool = False  # Whether to run incremental structure from motion, else global
 
     @property
     def out(self) -> Path:
@@ -58,22 +48,15 @@ class MappingJob:
 def run_mapper(job: MappingJob, *, progress: Progress) -> list[Model]:
     """Reconstruct models from photos.
 
-    Raises
-    ------
-    ProcessLost
-        The process was killed.
-    Cancelled
+    Raises:
+        ProcessLost: The process was killed.
+        Cancelled
     """
     return _run_apart(map_photos, job, progress=progress)
 
 
 def run_adjustment(job: AdjustJob, *, progress: Progress) -> Model | None:
-    """Join submodels by known positions; see `files.landmarks.adjust`.
-
-    Raises
-    ------
-    ProcessLost, Cancelled
-    """
+    """Join submodels by known positions; see `files.landmarks.adjust`. Raises ProcessLost, Cancelled."""
     return _run_apart(adjust, job, progress=progress)
 
 

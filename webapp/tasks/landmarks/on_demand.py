@@ -37,39 +37,24 @@ _REACH = 4
 
 @dataclass(frozen=True, slots=True)
 class LandmarksAround:
-    """Solves the camera of a query from landmarks around its best place.
-
-    Attributes
-    ----------
-    progress : Progress
-        Progress of a reconstruction.
-    build : bool
-        Whether to reconstruct the surroundings at once, if that has not been done.
-    """
+    """Solves the camera of a query from landmarks around its best place."""
 
     settings: Settings
-    progress: Progress
-    build: bool
+    progress: Progress  # Progress of a reconstruction
+    build: bool  # Whether to reconstruct the surroundings at once, if that has not been done
 
     def refine(
         self, answer: Answer, opened: OpenMap, *, query: Features, fov_deg: float, hide: Collection[int]
     ) -> Answer:
         """Refine the first hypothesis to a pose from landmarks around it, within the map's place radius.
 
-        Its probability stays: it is that of the place. Without a pose, the answer has a note instead.
+        Its probability stays: it is that of the place. Without a pose, the answer has a note instead. Raises
+        Cancelled.
 
-        Parameters
-        ----------
-        answer : Answer
-            With ids of experiences, and headings clockwise from image-up.
-        fov_deg : float
-            Horizontal field of view of the upright query.
-        hide : collection of int
-            Ids of pictures to leave out.
-
-        Raises
-        ------
-        Cancelled
+        Args:
+            answer: With ids of experiences, and headings clockwise from image-up.
+            fov_deg: Horizontal field of view of the upright query.
+            hide: Ids of pictures to leave out.
         """
         if answer.abstained:
             return replace(answer, note="no place is likely enough to look for landmarks around it")
@@ -115,22 +100,14 @@ def photos_around(opened: OpenMap, seeds: Sequence[int], *, count: int) -> list[
     """Choose photos that are covisible with the seeds; next is always the one that shares most matches.
 
     If none shares any with those chosen, the nearest is next. Distant ones are excluded: facades look alike.
+    Raises StorageError.
 
-    Parameters
-    ----------
-    seeds : sequence of int
-        Ids of experiences, the best first; they are all chosen.
-    count : int
-        Maximum number of photos, seeds included; a panorama counts as its views.
+    Args:
+        seeds: Ids of experiences, the best first; they are all chosen.
+        count: Maximum number of photos, seeds included; a panorama counts as its views.
 
-    Returns
-    -------
-    list of int
+    Returns:
         Ids of experiences.
-
-    Raises
-    ------
-    StorageError
     """
     pairs = orient_map.stored_pairs(opened)
     ids = np.array([e.id for e in opened.map.experiences])

@@ -34,24 +34,14 @@ _NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class SuggestedPlace:
-    """Where a photo was probably taken.
-
-    Attributes
-    ----------
-    radius_px : float
-        68 % radius.
-    heading_deg : float or None
-        Degrees clockwise from north; None if the map does not define north.
-    placed_by : tuple of int
-        Ids of the nearest of the photos that it was placed by.
-    """
+    """Where a photo was probably taken."""
 
     id: int
     photo: str
     position: MapPixel
-    radius_px: float
-    heading_deg: float | None
-    placed_by: tuple[int, ...]
+    radius_px: float  # 68 % radius
+    heading_deg: float | None  # Degrees clockwise from north; None if the map does not define north
+    placed_by: tuple[int, ...]  # Ids of the nearest of the photos that it was placed by
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,93 +56,56 @@ class LeftPhoto:
 
 @dataclass(frozen=True, slots=True)
 class CheckedPhoto:
-    """A placed photo that is joined with others.
-
-    Attributes
-    ----------
-    residual_px : float or None
-        Distance from its position by the other placed photos; None if they are too few.
-    contradicts : bool
-        It was left out as an outlier: the others agree on another position.
-    others_have : MapPixel or None
-        Its position by the others.
-    residual_m : float or None
-        The residual in metres, on a map with a georeference.
-    """
+    """A placed photo that is joined with others."""
 
     id: int
     photo: str
+    # Distance from its position by the other placed photos; None if they are too few.
     residual_px: float | None
-    contradicts: bool
-    others_have: MapPixel | None = None
-    residual_m: float | None = None
+    contradicts: bool  # It was left out as an outlier: the others agree on another position
+    predicted: MapPixel | None = None  # Its position by the others
+    residual_m: float | None = None  # The residual in metres, on a map with a georeference
 
 
 @dataclass(frozen=True, slots=True)
 class CorrectedPlace:
-    """Corrected position of a photo that was placed by GPS, by all photos together.
-
-    Attributes
-    ----------
-    before : MapPixel
-        Its GPS position: the correction is void if the photo was moved since, or is on another image.
-    moved_px : float
-        Distance from there.
-    moved_m : float
-        The same in metres.
-    radius_px : float
-        68 % radius, which is less than that of the GPS.
-    heading_deg : float or None
-        Degrees clockwise from north; None if the photo has one, or north is unknown.
-    """
+    """Corrected position of a photo that was placed by GPS, by all photos together."""
 
     id: int
     photo: str
     position: MapPixel
+    # Its GPS position: the correction is void if the photo was moved since, or is on another image.
     before: MapPixel
-    moved_px: float
-    moved_m: float
-    radius_px: float
-    heading_deg: float | None
+    moved_px: float  # Distance from there
+    moved_m: float  # The same in metres
+    radius_px: float  # 68 % radius, which is less than that of the GPS
+    heading_deg: float | None  # Degrees clockwise from north; None if the photo has one, or north is unknown
 
 
 @dataclass(frozen=True, slots=True)
 class RestReport:
-    """Suggested places of the unplaced photos.
-
-    Attributes
-    ----------
-    corrected : tuple of CorrectedPlace
-        Photos that were placed by GPS, and whose positions are now known better.
-    place_next : tuple of int
-        Ids of the photos that would help most if they were placed by hand next.
-    """
+    """Suggested places of the unplaced photos."""
 
     suggested: tuple[SuggestedPlace, ...]
     left: tuple[LeftPhoto, ...]
     checked: tuple[CheckedPhoto, ...]
-    place_next: tuple[int, ...]
+    place_next: tuple[int, ...]  # Ids of the photos that would help most if they were placed by hand next
+    # Photos that were placed by GPS, and whose positions are now known better.
     corrected: tuple[CorrectedPlace, ...] = ()
 
 
 def suggest_rest(cfg: Path, *, settings: Settings, progress: Progress, check: bool = False) -> RestReport:
     """Suggest places for the photos in the tray of a map; nothing is changed.
 
-    Parameters
-    ----------
-    check : bool
-        The purpose is to check the placed photos: the tray may be empty. It also may if photos are placed by
-        GPS.
+    Args:
+        check: The purpose is to check the placed photos: the tray may be empty. It also may if photos are
+            placed by GPS.
 
-    Raises
-    ------
-    MapError
-        The map cannot be read.
-    UsageError
-        No photo is left to be placed or corrected.
-    MissingPart
-        The extra `sfm` is not installed.
-    StorageError, ProcessLost, Cancelled
+    Raises:
+        MapError: The map cannot be read.
+        UsageError: No photo is left to be placed or corrected.
+        MissingPart: The extra `sfm` is not installed.
+        StorageError, ProcessLost, Cancelled
     """
     pycolmap()  # fail early if the extra is missing
     the_map = read_map(cfg)
@@ -292,7 +245,7 @@ def _checked(
         metres = None
         if georeference is not None:
             metres = residual * georeference.metres_per_pixel(photo.position)
-        there = complex(aligned.others_have[row])
+        there = complex(aligned.predicted[row])
         yield CheckedPhoto(
             photo.id,
             photo.photo,

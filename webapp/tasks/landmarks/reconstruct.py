@@ -62,33 +62,17 @@ _EXTRACT = ExtractSettings(max_side_px=1000, keypoints=4000)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """A reconstruction of the photos of a map.
+    """A reconstruction of the photos of a map."""
 
-    Attributes
-    ----------
-    photos : tuple of Experience or UnplacedPhoto
-        All photos; submodels refer to them by their number in this tuple.
-    submodels : tuple of Submodel
-        The largest first; after `adjust_submodels`, the joined one first.
-    problems : mapping of int to str
-        Why photos take no part, by their number.
-    folder : Path
-        Folder of the submodels, with their models and points.
-    shared : Path
-        Folder of the features and matches, which all reconstructions of the map share.
-    number_of : mapping of str to int
-        Numbers of the photos that could be read, by the SHA-256 of their files; of panoramas, by the content
-        hashes of their views.
-    turn_of : mapping of str to int
-        Degrees by which the views among them are turned clockwise from the middle of their panoramas.
-    """
-
-    photos: tuple[AnyPhoto, ...]
-    submodels: tuple[Submodel, ...]
-    problems: Mapping[int, str]
-    folder: Path
-    shared: Path
+    photos: tuple[AnyPhoto, ...]  # All photos; submodels refer to them by their number in this tuple
+    submodels: tuple[Submodel, ...]  # The largest first; after `adjust_submodels`, the joined one first
+    problems: Mapping[int, str]  # Why photos take no part, by their number
+    folder: Path  # Folder of the submodels, with their models and points
+    shared: Path  # Folder of the features and matches, which all reconstructions of the map share
+    # Numbers of the photos that could be read, by the SHA-256 of their files; of panoramas, by the content
+    # hashes of their views.
     number_of: Mapping[str, int]
+    # Degrees by which the views among them are turned clockwise from the middle of their panoramas.
     turn_of: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -106,20 +90,14 @@ def reconstruct(
     Finished steps are stored at once: a killed run is resumed there, and later runs describe and match only
     new photos.
 
-    Parameters
-    ----------
-    the_map : Map
-        Has the photos to reconstruct.
-    part : Path, optional
-        Folder for the result, if these are not all photos of the map.
-    wait_s : float
-        Seconds to wait for another process that reconstructs photos of this map.
+    Args:
+        the_map: Has the photos to reconstruct.
+        part: Folder for the result, if these are not all photos of the map.
+        wait_s: Seconds to wait for another process that reconstructs photos of this map.
 
-    Raises
-    ------
-    MissingPart
-        The extra `sfm` is not installed.
-    StorageError, ProcessLost, Cancelled
+    Raises:
+        MissingPart: The extra `sfm` is not installed.
+        StorageError, ProcessLost, Cancelled
     """
     photos = _in_order(the_map)
     pictures: list[AnyPhoto] = []
@@ -272,10 +250,8 @@ def _submodels(
 def keep_cloud(folder: Path, submodels: StoredSubmodels, *, features: Path) -> None:
     """Write the landmarks of the submodels, unless the stored ones are up to date.
 
-    Parameters
-    ----------
-    features : Path
-        Folder of the photos' features.
+    Args:
+        features: Folder of the photos' features.
     """
     file = folder / CLOUD_FILE
     there = read_cloud(file)

@@ -59,24 +59,15 @@ _STEPS = 65_535
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownCloud:
-    """The stored landmarks of a map.
+    """The stored landmarks of a map."""
 
-    Attributes
-    ----------
-    points : MapPoints or None
-        As last georegistered. `about` has further data for the page: `unit` ("m" or "px"), `origin`, `frame`
-        (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation, focal_px`), `corners` of the
-        image, its height `ground`, `left_out`: photos of submodels that cannot be georegistered (`photos`,
-        `reason`), and `residuals` of placed photos and control points.
-    is_current : bool
-        Whether nothing has changed since; also True without landmarks.
-    new_photos : int
-        Photos of the map that were added after the landmarks were computed.
-    """
-
+    # As last georegistered. `about` has further data for the page: `unit` ("m" or "px"), `origin`, `frame`
+    # (the same in words), `coloured`, `cameras` (`id, panorama, at, rotation, focal_px`), `corners` of the
+    # image, its height `ground`, `left_out`: photos of submodels that cannot be georegistered (`photos`,
+    # `reason`), and `residuals` of placed photos and control points.
     points: MapPoints | None
-    is_current: bool
-    new_photos: int = 0
+    is_current: bool  # Whether nothing has changed since; also True without landmarks
+    new_photos: int = 0  # Photos of the map that were added after the landmarks were computed
 
 
 def shown_cloud(library: Library, record: MapRecord) -> ShownCloud:
@@ -117,13 +108,11 @@ def points_for_visitors(library: Library, record: MapRecord) -> MapPoints | None
 def align_in_library(library: Library, record: MapRecord) -> None:
     """Georegister the landmarks of a map if they are out of date, and store them for its page.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     task = _task(library, record)
     if task is not None and not task.shown().is_current:
-        write_points(task.folder / POINTS_FILE, _lay(task))
+        write_points(task.folder / POINTS_FILE, _aligned_points(task))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,11 +175,7 @@ def _now(library: Library, record: MapRecord) -> tuple[Map, dict[str, AnyPhoto]]
 def block(points: MapPoints, number: int) -> bytes:
     """Pack a block of points: x, y, z of each (uint16), then red, green, blue, times seen of each (uint8).
 
-    Coordinates are steps of `scaling`.
-
-    Raises
-    ------
-    NotFound
+    Coordinates are steps of `scaling`. Raises NotFound.
     """
     some = slice(number * BLOCK_POINTS, (number + 1) * BLOCK_POINTS)
     xyz = points.xyz[some]
@@ -210,7 +195,7 @@ def scaling(points: MapPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]
     return low, np.maximum(high - low, 1e-6) / _STEPS
 
 
-def _lay(task: _Task) -> MapPoints:
+def _aligned_points(task: _Task) -> MapPoints:
     stored, submodels, the_map = task.stored, task.submodels, task.the_map
     of_cloud = [task.photos.get(content) for content in submodels.contents]
     lenses = PhotoLenses(task.folder, stored.cloud, dict(enumerate(submodels.contents)))
@@ -282,8 +267,8 @@ def _residual(one: Residual, the_map: Map) -> dict[str, Any]:
         "name": one.name,
         "x_px": one.at and round(one.at.x, 2),
         "y_px": one.at and round(one.at.y, 2),
-        "others_x_px": one.others_have and round(one.others_have.x, 2),
-        "others_y_px": one.others_have and round(one.others_have.y, 2),
+        "others_x_px": one.predicted and round(one.predicted.x, 2),
+        "others_y_px": one.predicted and round(one.predicted.y, 2),
         "residual_px": pixels if pixels is None else round(pixels, 2),
         "residual_m": metres if metres is None else round(metres, 3),
         "contradicts": one.contradicts,

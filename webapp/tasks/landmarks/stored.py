@@ -35,8 +35,8 @@ def as_json(report: RestReport, *, accepted: Collection[int] = ()) -> dict[str, 
             "photo": one.photo,
             "residual_px": None if one.residual_px is None else round(one.residual_px, 2),
             "residual_m": None if one.residual_m is None else round(one.residual_m, 2),
-            "x_px": None if one.others_have is None else round(one.others_have.x, 2),
-            "y_px": None if one.others_have is None else round(one.others_have.y, 2),
+            "x_px": None if one.predicted is None else round(one.predicted.x, 2),
+            "y_px": None if one.predicted is None else round(one.predicted.y, 2),
             "contradicts": one.contradicts,
         }
         for one in report.checked
@@ -78,16 +78,10 @@ def _place_json(one: SuggestedPlace, *, accepted: bool) -> dict[str, Any]:
 
 
 def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
-    """Store suggestions for the page of the map.
+    """Store suggestions for the page of the map. Raises StorageError.
 
-    Parameters
-    ----------
-    revision : int
-        Revision of the map that they are for.
-
-    Raises
-    ------
-    StorageError
+    Args:
+        revision: Revision of the map that they are for.
     """
     content = {"version": _VERSION, "revision": revision, **as_json(report)}
     with _one_writer(cfg):
@@ -101,9 +95,7 @@ def keep(cfg: Path, report: RestReport, *, revision: int) -> None:
 def suggest(cfg: Path, place: SuggestedPlace, *, revision: int) -> None:
     """Add the spot for which a photo was planned as a suggestion; `keep` retains it unless it finds a place.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     one = {**_place_json(place, accepted=False), "planned": True, "revision": revision}
     with _one_writer(cfg):
@@ -136,10 +128,8 @@ def _one_writer(cfg: Path) -> Iterator[None]:
 def read(cfg: Path) -> dict[str, Any] | None:
     """Read the stored suggestions: `revision` and the fields of `as_json`; None if there are none.
 
-    Raises
-    ------
-    StorageError
-        The file is damaged.
+    Raises:
+        StorageError: The file is damaged.
     """
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
@@ -160,11 +150,9 @@ def is_of_image(photo: Mapping[str, Any], satellite_revision: int) -> bool:
 def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) -> list[SuggestedPlace]:
     """Return the suggestions for some photos, except those for a replaced image.
 
-    Raises
-    ------
-    NotFound
-        There is none for one of them.
-    StorageError
+    Raises:
+        NotFound: There is none for one of them.
+        StorageError
     """
     records = [
         photo
@@ -187,11 +175,9 @@ def suggested_of(cfg: Path, ids: Iterable[int], *, satellite_revision: int = 0) 
 def corrected_of(cfg: Path, ids: Iterable[int]) -> list[CorrectedPlace]:
     """Return the corrections of some photos.
 
-    Raises
-    ------
-    NotFound
-        There is none for one of them.
-    StorageError
+    Raises:
+        NotFound: There is none for one of them.
+        StorageError
     """
     records = (read(cfg) or {"corrected": []})["corrected"]
     return [

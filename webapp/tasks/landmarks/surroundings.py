@@ -79,18 +79,13 @@ def reconstruct_part(
 
     If another process is doing so, wait for it and use its result.
 
-    Returns
-    -------
-    Path
+    Returns:
         Folder of the part; it has no points if the photos cannot be joined.
 
-    Raises
-    ------
-    StorageError
-        The time limit was exceeded; finished steps are kept, and the next call resumes there.
-    MissingPart
-        The extra `sfm` is not installed.
-    ProcessLost, Cancelled
+    Raises:
+        StorageError: The time limit was exceeded; finished steps are kept, and the next call resumes there.
+        MissingPart: The extra `sfm` is not installed.
+        ProcessLost, Cancelled
     """
     budget_s = settings.landmarks.around_s
     until_s = time.monotonic() + budget_s

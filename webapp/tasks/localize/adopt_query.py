@@ -36,20 +36,12 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class Adopted:
-    """The new experience.
+    """The new experience."""
 
-    Attributes
-    ----------
-    id : int
-        Id of the photo in the map.
-    job : int or None
-        Id of the job that adds it to the index; only this photo is extracted.
-    """
-
-    id: int
+    id: int  # Id of the photo in the map
     position: MapPixel
     heading_deg: float | None
-    job: int | None
+    job: int | None  # Id of the job that adds it to the index; only this photo is extracted
 
 
 def adopt_query(
@@ -59,15 +51,12 @@ def adopt_query(
 
     If the process is killed in between, the photo remains in the tray; a repeated call places it.
 
-    Raises
-    ------
-    NotFound
-        The answer does not exist, or its photo is missing.
-    Conflict
-        The photo is placed on the map already.
-    UsageError
-        The answer has no hypothesis and no position is given, or the position is outside the image.
-    PhotoError, StorageError
+    Raises:
+        NotFound: The answer does not exist, or its photo is missing.
+        Conflict: The photo is placed on the map already.
+        UsageError: The answer has no hypothesis and no position is given, or the position is outside the
+            image.
+        PhotoError, StorageError
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -101,10 +90,8 @@ def adopt_query(
 def link_or_copy(source: Path, target: Path) -> None:
     """Hard-link an immutable file, or copy it if the file system does not support links.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be written.
+    Raises:
+        StorageError: The file cannot be written.
     """
     try:
         os.link(source, target)

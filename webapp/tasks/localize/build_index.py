@@ -34,14 +34,10 @@ _MOST_OF_ONE_SIZE = 100
 def count_reasons(failed: Iterable[tuple[str, str]]) -> str:
     """Count why photos could not be used, the most frequent reason first.
 
-    Parameters
-    ----------
-    failed : iterable of (str, str)
-        Photo and reason; the reason may contain the photo's name.
+    Args:
+        failed: Photo and reason; the reason may contain the photo's name.
 
-    Returns
-    -------
-    str
+    Returns:
         "58 photos: file not found, such as photos/1.jpg; 1 photo: it is not an image, such as photos/9.jpg".
     """
     photos: dict[str, list[str]] = {}
@@ -56,23 +52,13 @@ def count_reasons(failed: Iterable[tuple[str, str]]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BuildRequest:
-    """What to build.
+    """What to build."""
 
-    Attributes
-    ----------
-    cfg : Path
-        The map; photo paths are relative to its folder.
-    folder : Path
-        Index folder.
-    jobs : int or None
-        Worker processes; None for as many as there are cores.
-    """
-
-    cfg: Path
+    cfg: Path  # The map; photo paths are relative to its folder
     map: Map
-    folder: Path
+    folder: Path  # Index folder
     choice: FeatureChoice
-    jobs: int | None = None
+    jobs: int | None = None  # Worker processes; None for as many as there are cores
 
 
 def update_index(request: BuildRequest, *, settings: Settings, progress: Progress) -> BuildReport:
@@ -82,11 +68,9 @@ def update_index(request: BuildRequest, *, settings: Settings, progress: Progres
     so that a resumed build yields the same files as an uninterrupted one. Missing or damaged index files are
     rebuilt.
 
-    Raises
-    ------
-    StorageError
-        A file cannot be written, or another process is building the index.
-    Cancelled
+    Raises:
+        StorageError: A file cannot be written, or another process is building the index.
+        Cancelled
     """
     started = time.perf_counter()
     index = IndexFolder(request.folder)

@@ -22,35 +22,23 @@ from webapp.tasks.localize.plan import LookPlan, OpenOptions
 
 @dataclass(frozen=True, slots=True)
 class MapBuildReport:
-    """What was built.
-
-    Attributes
-    ----------
-    features : str
-        Name of the features, `auto` resolved.
-    orientation_seconds, calibration_seconds : float or None
-        Time to estimate orientations and to calibrate (that of the original run, if a stored calibration
-        still fits); None if the method needs neither, or no photo could be used.
-    second : MapBuildReport or None
-        Report of the second look of method `auto`.
-    global_descriptor : bool
-        Whether the photos have global descriptors.
-    """
+    """What was built."""
 
     index: BuildReport
-    features: str
+    features: str  # Name of the features, `auto` resolved
+    # `orientation_seconds`, `calibration_seconds`: Time to estimate orientations and to calibrate (that of
+    # the original run, if a stored calibration still fits); None if the method needs neither, or no photo
+    # could be used.
     orientation_seconds: float | None
     calibration_seconds: float | None
-    second: MapBuildReport | None = None
-    global_descriptor: bool = False
+    second: MapBuildReport | None = None  # Report of the second look of method `auto`
+    global_descriptor: bool = False  # Whether the photos have global descriptors
 
 
 def build_map(cfg: Path, options: OpenOptions, *, settings: Settings, progress: Progress) -> MapBuildReport:
     """Update the indexes of a map and their calibrations, one for each look of the method.
 
-    Raises
-    ------
-    MapError, UsageError, MissingPart, InputError, StorageError, Cancelled
+    Raises MapError, UsageError, MissingPart, InputError, StorageError, Cancelled.
     """
     plan = make_plan(cfg, options, settings=settings)
     the_map = read_map(cfg)

@@ -53,14 +53,10 @@ _COVERAGE = 0.68
 def calibrate_map(opened: OpenMap, *, progress: Progress) -> StoredCalibration:
     """Return the stored calibration if it still fits the map, else compute and store a new one.
 
-    Parameters
-    ----------
-    progress : Progress
-        One step per trial.
+    Raises Cancelled, StorageError.
 
-    Raises
-    ------
-    Cancelled, StorageError
+    Args:
+        progress: One step per trial.
     """
     for there in paths(opened):
         known = calibrationfile.read(there)
@@ -80,14 +76,10 @@ def calibrate_map(opened: OpenMap, *, progress: Progress) -> StoredCalibration:
 def run_trials(opened: OpenMap, *, progress: Progress) -> dict[int, Trial]:
     """Run the trials of a map; those that an earlier run recorded are not repeated.
 
-    Returns
-    -------
-    dict of int to Trial
-        See `try_photos`.
+    Raises Cancelled, StorageError.
 
-    Raises
-    ------
-    Cancelled, StorageError
+    Returns:
+        See `try_photos`.
     """
     radius, fov_deg = opened.indexed.place_radius_px, opened.plan.map_fov_deg
     key = f"{calibrationfile.TRIALS_FORMAT} {opened.map_hash} {radius} {fov_deg}"
@@ -140,10 +132,8 @@ def paths_with(opened: OpenMap, network: GlobalDescriptor | None) -> tuple[Path,
 def still_fits(known: StoredCalibration, opened: OpenMap, *, place_radius_px: float | None = None) -> bool:
     """Check whether a calibration can still be used, as the map has changed little since.
 
-    Parameters
-    ----------
-    place_radius_px : float, optional
-        Place radius, if it is not the map's own.
+    Args:
+        place_radius_px: Place radius, if it is not the map's own.
     """
     if known.map_fov_deg != opened.plan.map_fov_deg:
         return False
@@ -161,10 +151,8 @@ def newest(opened: OpenMap) -> StoredCalibration | None:
 def fit_trials(indexed: IndexedMap, trials: Sequence[Trial], *, start: Calibration = DEFAULT) -> Calibration:
     """Fit the weights of computed and photo positions, then the probabilities of the resulting positions.
 
-    Parameters
-    ----------
-    start : Calibration
-        The fit is regularised towards it.
+    Args:
+        start: The fit is regularised towards it.
     """
     fitted = replace(DEFAULT, schematic=_is_schematic(indexed, trials), cases=len(trials))
     if not fitted.schematic:

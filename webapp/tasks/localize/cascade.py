@@ -54,12 +54,9 @@ def join_looks(
 ) -> JoinedLooks:
     """Combine two looks if they are calibrated, show the same areas, and the second one is fast enough.
 
-    Parameters
-    ----------
-    budget_s : float
-        Maximum time of the second look per photo on this machine, judged by the map's trials.
-    calibrated : callable
-        Returns the joint calibration; None if there is none.
+    Args:
+        budget_s: Maximum time of the second look per photo on this machine, judged by the map's trials.
+        calibrated: Returns the joint calibration; None if there is none.
     """
     first, second = pair
     if first.calibration is None or second.calibration is None:
@@ -114,9 +111,7 @@ def still_fits(known: StoredCalibration, pair: Pair) -> bool:
 def calibrate_looks(pair: Pair, *, progress: Progress) -> StoredCalibration:
     """Return the stored joint calibration if it still fits the map, else fit it on the trials of both looks.
 
-    Raises
-    ------
-    Cancelled, StorageError
+    Raises Cancelled, StorageError.
     """
     first, second = (look.opened for look in pair)
     known = stored_looks(path(first, second))

@@ -47,7 +47,6 @@ class Coding(Protocol):
 
 
 def coding_of(index: IndexFolder, engine: Engine, *, kind: Kind) -> Coding:
-    """Return the coding of an engine."""
     return SignatureCoding(index) if engine == "vlad" else DescriptorCoding(index, kind)
 
 

@@ -36,16 +36,11 @@ _SAVED_EVERY_S = 20.0
 def describe_photos(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """Update the global descriptors of a map's photos and attach them to it.
 
-    Without a usable model nothing is done; an unusable one is reported by `progress.note`.
+    Without a usable model nothing is done; an unusable one is reported by `progress.note`. Raises
+    StorageError, Cancelled.
 
-    Parameters
-    ----------
-    progress : Progress
-        With a model, a stage with one step per new photo.
-
-    Raises
-    ------
-    StorageError, Cancelled
+    Args:
+        progress: With a model, a stage with one step per new photo.
     """
     try:
         network = global_descriptor(opened.settings.models)

@@ -35,68 +35,39 @@ _BORDER_PX = 15
 
 @dataclass(frozen=True, slots=True)
 class PhotoJob:
-    """Input of a worker.
+    """Input of a worker."""
 
-    Attributes
-    ----------
-    id : int
-        Id of the experience or view.
-    cfg : Path
-        The map.
-    photo : str
-        Path as in the map.
-    folder : Path
-        Index folder.
-    indexed : tuple of str
-        Content hashes of indexed photos of the same size, one of which may be this photo.
-    view : LevelView or None
-        The view to cut, if the photo is a panorama.
-    blurred : tuple of BlurBox
-        Blurred parts of any other photo, without features.
-    """
-
-    id: int
-    cfg: Path
-    photo: str
-    folder: Path
+    id: int  # Id of the experience or view
+    cfg: Path  # The map
+    photo: str  # Path as in the map
+    folder: Path  # Index folder
     choice: FeatureChoice
     settings: Settings
+    # Content hashes of indexed photos of the same size, one of which may be this photo.
     indexed: tuple[str, ...] = ()
-    view: LevelView | None = None
-    blurred: tuple[BlurBox, ...] = ()
+    view: LevelView | None = None  # The view to cut, if the photo is a panorama
+    blurred: tuple[BlurBox, ...] = ()  # Blurred parts of any other photo, without features
 
 
 @dataclass(frozen=True, slots=True)
 class PhotoDone:
-    """Result of one photo.
-
-    Attributes
-    ----------
-    bytes, mtime_ns : int
-        Size and time of the file; 0 if it is missing.
-    content : str
-        Content hash; empty if the photo could not be read.
-    error : str
-        Why there are no features; empty on success.
-    extracted : bool
-        False if its features existed already, from an interrupted build or under another name.
-    """
+    """Result of one photo."""
 
     id: int
+    # `bytes`, `mtime_ns`: Size and time of the file; 0 if it is missing.
     bytes: int = 0
     mtime_ns: int = 0
-    content: str = ""
-    error: str = ""
+    content: str = ""  # Content hash; empty if the photo could not be read
+    error: str = ""  # Why there are no features; empty on success
+    # False if its features existed already, from an interrupted build or under another name.
     extracted: bool = False
 
 
 def extract_photo(job: PhotoJob) -> PhotoDone:
     """Read one photo and store its features; a bad photo is a result, not an exception.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be written.
+    Raises:
+        StorageError: The file cannot be written.
     """
     connect(job.settings)  # each worker process connects to the storage by itself
     seen = PhotoDone(job.id, *size_and_time(job.cfg.parent / job.photo))

@@ -22,11 +22,9 @@ from webapp.tasks.localize.open_map import OpenMap
 def prepare_geometry(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """Attach the geometry that a method needs: landmarks, or the orientations of the map's photos.
 
-    Raises
-    ------
-    UsageError
-        The method is `landmarks`, and the map has none that can be used.
-    StorageError, Cancelled
+    Raises:
+        UsageError: The method is `landmarks`, and the map has none that can be used.
+        StorageError, Cancelled
     """
     if opened.method == "landmarks":
         return with_landmarks(opened, progress=progress)
@@ -36,10 +34,8 @@ def prepare_geometry(opened: OpenMap, *, progress: Progress) -> OpenMap:
 def with_stored_geometry(opened: OpenMap) -> OpenMap:
     """Attach the geometry that is stored, without updating it.
 
-    Raises
-    ------
-    UsageError
-        See `prepare_geometry`.
+    Raises:
+        UsageError: See `prepare_geometry`.
     """
     if opened.method == "landmarks":
         return with_landmarks(opened, progress=Progress())
@@ -54,10 +50,8 @@ def paths(opened: OpenMap) -> list[Path]:
 def with_landmarks(opened: OpenMap, *, progress: Progress) -> OpenMap:
     """Register the landmark cloud of a map with its photos, and attach it.
 
-    Raises
-    ------
-    UsageError
-        There is no cloud, or it is of an incompatible version.
+    Raises:
+        UsageError: There is no cloud, or it is of an incompatible version.
     """
     folder = landmarks_folder(opened.cfg)
     aligned = align_landmarks(opened, folder)

@@ -22,16 +22,12 @@ from webapp.settings import ExtractSettings
 def index_bases(cfg: Path, chosen: Path | None) -> tuple[Path, ...]:
     """Return the possible folders of a map's indexes; only the last one is written to.
 
-    Parameters
-    ----------
-    chosen : Path or None
-        Folder chosen by the user, which can contain indexes of many maps.
+    Args:
+        chosen: Folder chosen by the user, which can contain indexes of many maps.
 
-    Returns
-    -------
-    tuple of Path
+    Returns:
         The map's folder in `chosen`; by default the one in `derived` next to the map, followed by one in the
-        user's cache if that cannot be written.
+            user's cache if that cannot be written.
     """
     elsewhere = f"{cfg.stem}-{hashlib.sha256(os.fsencode(cfg.resolve())).hexdigest()[:16]}"
     if chosen is not None:
@@ -66,10 +62,8 @@ def newest_choice(
     An index cannot be used if a model that queries need is missing from `models` (None: the user's cache).
     The index of the second look of `auto`, which is built last, is used only if there is no other.
 
-    Raises
-    ------
-    UsageError
-        The matcher does not fit any of them.
+    Raises:
+        UsageError: The matcher does not fit any of them.
     """
     fitting = []
     for folder in _newest_first(bases):

@@ -16,15 +16,11 @@ from webapp.tasks.localize.plan import LookPlan, MapPlan, OpenOptions
 def make_plan(cfg: Path, options: OpenOptions, *, settings: Settings, newest: bool = False) -> MapPlan:
     """Resolve a request to open a map.
 
-    Parameters
-    ----------
-    newest : bool
-        `auto` selects the features of the newest index that can be used, not the default ones.
+    Args:
+        newest: `auto` selects the features of the newest index that can be used, not the default ones.
 
-    Raises
-    ------
-    UsageError
-        The combination of features is not possible.
+    Raises:
+        UsageError: The combination of features is not possible.
     """
     on_demand = options.method == "landmarks" and not has_landmarks(cfg) and can_reconstruct(settings)
     method: Method = "verified" if on_demand or options.method == "auto" else options.method

@@ -40,25 +40,13 @@ MAX_OPEN = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenedMap:
-    """A map that is open for localization.
-
-    Attributes
-    ----------
-    revision : int
-        Revision of the map's photos and positions.
-    not_indexed : int
-        Number of the map's photos that are not in the index yet.
-    calibrated : bool
-        False while it uses the default calibration.
-    to_calibrate : bool
-        Whether it has no calibration, or has changed much since it was calibrated.
-    """
+    """A map that is open for localization."""
 
     pipeline: LocalizationPipeline
-    revision: int
-    not_indexed: int
-    calibrated: bool
-    to_calibrate: bool
+    revision: int  # Revision of the map's photos and positions
+    not_indexed: int  # Number of the map's photos that are not in the index yet
+    calibrated: bool  # False while it uses the default calibration
+    to_calibrate: bool  # Whether it has no calibration, or has changed much since it was calibrated
 
 
 _OPEN_WAIT_S = 10.0
@@ -89,12 +77,9 @@ class _Slot:
 class MapCache:
     """LRU cache of open maps of a library.
 
-    Parameters
-    ----------
-    most : int
-        Maximum number of entries.
-    on_look : callable
-        Called at each look-up with True for a hit, False for a miss.
+    Args:
+        most: Maximum number of entries.
+        on_look: Called at each look-up with True for a hit, False for a miss.
     """
 
     def __init__(
@@ -115,19 +100,13 @@ class MapCache:
     def get(self, map_id: int, options: OpenOptions) -> OpenedMap:
         """Return the current state of a map; concurrent requests open it only once.
 
-        Raises
-        ------
-        NotReady
-            It has no index with these features yet.
-        BeingOpened
-            Another request is still opening it.
-        MapError
-            It has no image, no photo, or no photo with features.
-        UsageError
-            The features do not exist or do not work with this method.
-        NotFound
-            The map is gone.
-        IndexDamaged
+        Raises:
+            NotReady: It has no index with these features yet.
+            BeingOpened: Another request is still opening it.
+            MapError: It has no image, no photo, or no photo with features.
+            UsageError: The features do not exist or do not work with this method.
+            NotFound: The map is gone.
+            IndexDamaged
         """
         plan = make_plan(self._cfg(map_id), replace(options, build=False), settings=self.settings)
         first = self._look(map_id, plan.looks[0])

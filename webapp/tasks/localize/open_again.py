@@ -24,12 +24,9 @@ Value = TypeVar("Value")
 class RebuiltValue(Generic[Value]):
     """A value that is not pickled: other processes create it again.
 
-    Parameters
-    ----------
-    make : callable
-        Creates the value; this is what is pickled.
-    value : object, optional
-        The value, if it exists already.
+    Args:
+        make: Creates the value; this is what is pickled.
+        value: The value, if it exists already.
     """
 
     def __init__(self, make: Callable[[], Value], value: Value | None = None) -> None:
@@ -51,21 +48,13 @@ class RebuiltValue(Generic[Value]):
 
 @dataclass(frozen=True, slots=True)
 class MapSource:
-    """All that is needed to open a map again.
-
-    Attributes
-    ----------
-    plan : LookPlan
-        With the features of the open map.
-    map_hash : str
-        Hash of the open map.
-    """
+    """All that is needed to open a map again."""
 
     cfg: Path
     the_map: Map
-    plan: LookPlan
+    plan: LookPlan  # With the features of the open map
     settings: Settings
-    map_hash: str
+    map_hash: str  # Hash of the open map
     has_global_descriptors: bool
 
     @classmethod
@@ -83,11 +72,9 @@ class MapSource:
     def open(self) -> OpenMap:
         """Open the map, without its geometry.
 
-        Raises
-        ------
-        Conflict
-            Its index has been changed meanwhile.
-        MissingPart, InputError, StorageError, IndexDamaged
+        Raises:
+            Conflict: Its index has been changed meanwhile.
+            MissingPart, InputError, StorageError, IndexDamaged
         """
         opened = open_index(
             self.cfg, self.plan, the_map=self.the_map, settings=self.settings, progress=Progress()

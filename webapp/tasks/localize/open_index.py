@@ -41,17 +41,12 @@ from webapp.tasks.localize.plan import LookPlan
 def open_index(cfg: Path, plan: LookPlan, *, the_map: Map, settings: Settings, progress: Progress) -> OpenMap:
     """Open a map, without its geometry and global descriptors.
 
-    Raises
-    ------
-    MapError
-        It has no photo with features.
-    NotReady
-        There is no index, and `plan.build` is False.
-    MissingPart
-        The features need a model that is not installed.
-    InputError
-        The model file supplied by the user is of another kind.
-    StorageError, IndexDamaged, Cancelled
+    Raises:
+        MapError: It has no photo with features.
+        NotReady: There is no index, and `plan.build` is False.
+        MissingPart: The features need a model that is not installed.
+        InputError: The model file supplied by the user is of another kind.
+        StorageError, IndexDamaged, Cancelled
     """
     # Fail early: report missing parts before building anything.
     choice = features_for(plan, the_map, settings=settings)
@@ -78,11 +73,7 @@ def features_for(plan: LookPlan, the_map: Map, *, settings: Settings) -> Feature
     """Return the planned features with their weights, and a matcher that fits into memory.
 
     A requested matcher is kept. The decision rests on the number of photos and the maximum number of
-    keypoints, both known in advance.
-
-    Raises
-    ------
-    MissingPart, InputError, StorageError
+    keypoints, both known in advance. Raises MissingPart, InputError, StorageError.
     """
     choice = with_weights(plan.choice, settings.models, method=plan.method)
     if plan.keeps_matcher or choice.engine is None:
@@ -113,11 +104,9 @@ def with_positions(opened: OpenMap, the_map: Map) -> OpenMap:
 def _as_it_is(folders: Sequence[IndexFolder], *, cfg: Path) -> IndexFolder:
     """Find the most recently written index, even if it lacks photos.
 
-    Raises
-    ------
-    NotReady
-        There is none with any photo in it.
-    IndexDamaged
+    Raises:
+        NotReady: There is none with any photo in it.
+        IndexDamaged
     """
     there = [f for f in folders if (manifest := f.read_manifest()) is not None and manifest.codebook]
     if not there:

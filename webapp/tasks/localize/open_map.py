@@ -22,68 +22,41 @@ from webapp.tasks.localize.plan import LookPlan
 
 @dataclass(frozen=True, slots=True)
 class BuildReport:
-    """What a build did.
+    """What a build did."""
 
-    Attributes
-    ----------
-    folder : Path
-        Index folder.
-    photos : int
-        Photos in the map.
-    extracted, reused, removed : int
-        Photos extracted now, taken from the old index, and no longer in the map.
-    failed : tuple of (int, str, str)
-        Experience id, photo and reason.
-    descriptors : int
-        Descriptors in the index that belong to photos in the map.
-    bytes : int
-        Size on disk.
-    """
-
-    folder: Path
-    photos: int
+    folder: Path  # Index folder
+    photos: int  # Photos in the map
+    # `extracted`, `reused`, `removed`: Photos extracted now, taken from the old index, and no longer in the
+    # map.
     extracted: int
     reused: int
     removed: int
-    failed: tuple[tuple[int, str, str], ...]
-    descriptors: int
+    failed: tuple[tuple[int, str, str], ...]  # Experience id, photo and reason
+    descriptors: int  # Descriptors in the index that belong to photos in the map
     seconds: float
-    bytes: int
+    bytes: int  # Size on disk
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenMap:
-    """A map ready for localization.
-
-    Attributes
-    ----------
-    writable : Path
-        Folder for files computed from the index: the index folder, or one in the cache if that is read-only.
-    built : BuildReport or None
-        Set if the index had to be built or updated.
-    landmarks : AlignedCloud or None
-        For method `landmarks`.
-    pictures : tuple of Experience
-        The indexed pictures: photos, and the level views of panoramas.
-    views : mapping of int to LevelView
-        The level views among the pictures, by id.
-    position_radius_px : mapping of int to float
-        68 % radii of the experiences with inexact positions, by id.
-    """
+    """A map ready for localization."""
 
     cfg: Path
     map: Map
     choice: FeatureChoice
     folder: IndexFolder
+    # Folder for files computed from the index: the index folder, or one in the cache if that is read-only.
     writable: Path
     manifest: Manifest
     indexed: IndexedMap
-    built: BuildReport | None
+    built: BuildReport | None  # Set if the index had to be built or updated
     plan: LookPlan
     settings: Settings
-    landmarks: AlignedCloud | None = None
+    landmarks: AlignedCloud | None = None  # For method `landmarks`
+    # The indexed pictures: photos, and the level views of panoramas.
     pictures: tuple[Experience, ...] = field(init=False)
-    views: Mapping[int, LevelView] = field(init=False)
+    views: Mapping[int, LevelView] = field(init=False)  # The level views among the pictures, by id
+    # 68 % radii of the experiences with inexact positions, by id.
     position_radius_px: Mapping[int, float] = field(init=False)
 
     def __post_init__(self) -> None:

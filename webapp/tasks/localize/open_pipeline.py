@@ -33,14 +33,10 @@ def open_pipeline(
 ) -> LocalizationPipeline:
     """Open a map for localization: update its index and orientations, and calibrate its probabilities.
 
-    Parameters
-    ----------
-    fov_deg : float, optional
-        Horizontal field of view of the queries, instead of the one in their EXIF.
+    Raises MapError, UsageError, StorageError, IndexDamaged, Cancelled.
 
-    Raises
-    ------
-    MapError, UsageError, StorageError, IndexDamaged, Cancelled
+    Args:
+        fov_deg: Horizontal field of view of the queries, instead of the one in their EXIF.
     """
     options.choose(options.method)  # fail early: check the options before reading any file
     plan = make_plan(cfg, options, settings=settings, newest=True)
@@ -65,9 +61,7 @@ def open_pipeline(
 def join_looks(first: Look, second: Look, *, budget_s: float, progress: Progress) -> cascade.JoinedLooks:
     """Combine two looks, and calibrate both together; see `cascade.join_looks`.
 
-    Raises
-    ------
-    StorageError, Cancelled
+    Raises StorageError, Cancelled.
     """
     calibrated = partial(cascade.calibrate_looks, progress=progress)
     joined = cascade.join_looks((first, second), budget_s=budget_s, calibrated=calibrated)
@@ -79,9 +73,7 @@ def join_looks(first: Look, second: Look, *, budget_s: float, progress: Progress
 def open_look(cfg: Path, plan: LookPlan, *, the_map: Map, settings: Settings, progress: Progress) -> Look:
     """Open a map for one look, and update everything that it consists of.
 
-    Raises
-    ------
-    MapError, UsageError, MissingPart, InputError, StorageError, IndexDamaged, Cancelled
+    Raises MapError, UsageError, MissingPart, InputError, StorageError, IndexDamaged, Cancelled.
     """
     opened = open_index(cfg, plan, the_map=the_map, settings=settings, progress=progress)
     if plan.method == "vote":
@@ -105,10 +97,8 @@ def stored_look(opened: OpenMap) -> StoredLook:
 
     Global descriptors are used once the map is calibrated with them.
 
-    Raises
-    ------
-    UsageError
-        See `geometry.prepare_geometry`.
+    Raises:
+        UsageError: See `geometry.prepare_geometry`.
     """
     if opened.method == "vote":
         return StoredLook(Look(opened), to_calibrate=False)

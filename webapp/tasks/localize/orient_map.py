@@ -51,18 +51,13 @@ def estimate_orientations(opened: OpenMap, *, progress: Progress) -> OpenMap:
     The pairs found are stored: only new photos are compared with the others, and a moved photo merely repeats
     the last, quick step. A killed run is resumed.
 
-    Parameters
-    ----------
-    opened : OpenMap
-        Opened for a method that verifies geometry.
-    progress : Progress
-        One stage of comparisons, with a network a second one; one step per new photo.
+    Args:
+        opened: Opened for a method that verifies geometry.
+        progress: One stage of comparisons, with a network a second one; one step per new photo.
 
-    Raises
-    ------
-    StorageError, Cancelled
-    InputError
-        onnxruntime cannot run the network file that the user supplied.
+    Raises:
+        InputError: onnxruntime cannot run the network file that the user supplied.
+        StorageError, Cancelled
     """
     key = f"{opened.map_hash} {opened.plan.map_fov_deg}"
     usual, again = _comparisons(opened)
@@ -88,9 +83,7 @@ def estimate_orientations(opened: OpenMap, *, progress: Progress) -> OpenMap:
 def sightings(opened: OpenMap) -> DepthObservations | None:
     """Triangulate depths from each stored pair of a map's photos; None for a map without orientations.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     known = opened.indexed.extrinsics
     if known is None:
@@ -108,12 +101,7 @@ def sightings(opened: OpenMap) -> DepthObservations | None:
 
 
 def stored_pairs(opened: OpenMap) -> PhotoPairs:
-    """Read the stored pairs of a map's photos.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Read the stored pairs of a map's photos. Raises StorageError."""
     return best_of_each_pair(concatenate([c.known().pairs for c in _comparisons(opened) if c is not None]))
 
 
@@ -259,16 +247,10 @@ class _Known(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """How photos of a map are compared with each other.
-
-    Attributes
-    ----------
-    name : str
-        Name of the matcher, used in the file name.
-    """
+    """How photos of a map are compared with each other."""
 
     opened: OpenMap
-    name: str
+    name: str  # Name of the matcher, used in the file name
     matcher: PairMatcher | None
 
     @property

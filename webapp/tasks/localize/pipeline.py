@@ -89,25 +89,17 @@ class PoseRefinement(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """A map that is open for one look.
-
-    Attributes
-    ----------
-    calibration : StoredCalibration or None
-        None for a method without calibration, or before it is computed.
-    sightings : DepthObservations or None
-        Depth observations of the map's keypoints, to compute depths without the photos that are hidden. If
-        None, no depths are used when photos are hidden.
-    around : PoseRefinement or None
-        Solves the camera pose from landmarks made on demand, for a map without landmarks.
-    orientation_seconds : float or None
-        Time it took to update the orientations of the photos, if they have been updated.
-    """
+    """A map that is open for one look."""
 
     opened: OpenMap
+    # None for a method without calibration, or before it is computed.
     calibration: StoredCalibration | None = None
+    # Depth observations of the map's keypoints, to compute depths without the photos that are hidden. If
+    # None, no depths are used when photos are hidden.
     sightings: DepthObservations | None = None
+    # Solves the camera pose from landmarks made on demand, for a map without landmarks.
     around: PoseRefinement | None = None
+    # Time it took to update the orientations of the photos, if they have been updated.
     orientation_seconds: float | None = None
 
     @property
@@ -118,10 +110,8 @@ class Look:
     def localize(self, photo: QueryPhoto, *, hide: frozenset[int], include: frozenset[int]) -> Answer:
         """Localize a photo by its content alone.
 
-        Parameters
-        ----------
-        hide, include : frozenset of int
-            Ids of pictures, see `LocalizationPipeline.observe`.
+        Args:
+            hide, include: Ids of pictures, see `LocalizationPipeline.observe`.
         """
         watch = _Stopwatch({"read": photo.seconds})
         with watch.stage("extract"):
@@ -174,39 +164,22 @@ class Look:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalizationPipeline:
-    """A method on an open map.
+    """A method on an open map."""
 
-    Attributes
-    ----------
-    method : Method
-        The requested method.
-    looks : tuple of Look
-        One or two.
-    both : Calibration
-        Calibration of two looks combined.
-    fov_deg : float or None
-        Horizontal field of view of the queries, instead of the one in their EXIF.
-    """
-
-    method: Method
-    looks: tuple[Look, ...]
-    both: Calibration = _BOTH
-    fov_deg: float | None = None
+    method: Method  # The requested method
+    looks: tuple[Look, ...]  # One or two
+    both: Calibration = _BOTH  # Calibration of two looks combined
+    fov_deg: float | None = None  # Horizontal field of view of the queries, instead of the one in their EXIF
 
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = NOTHING) -> Answer:
         """Localize one photo by all stages.
 
-        Parameters
-        ----------
-        top : int
-            Maximum number of hypotheses.
-        hide : frozenset of int
-            Experience ids to leave out.
+        Args:
+            top: Maximum number of hypotheses.
+            hide: Experience ids to leave out.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be used.
+        Raises:
+            PhotoError: The photo cannot be used.
         """
         answer = self.observe(photo_path, top=top, hide=hide)
         return self.limit_accuracy(apply_path_prior_to_answer(answer, self.opened.indexed.paths))
@@ -218,16 +191,11 @@ class LocalizationPipeline:
     def observe(
         self, photo_path: Path, *, top: int, hide: frozenset[int] = NOTHING, include: frozenset[int] = NOTHING
     ) -> Answer:
-        """Localize one photo by its content alone, before any prior.
+        """Localize one photo by its content alone, before any prior. Raises PhotoError.
 
-        Parameters
-        ----------
-        include : frozenset of int
-            Experience ids of which the best are verified even if the votes name none; unused by `vote`.
-
-        Raises
-        ------
-        PhotoError
+        Args:
+            include: Experience ids of which the best are verified even if the votes name none; unused by
+                `vote`.
         """
         photos = self._read(photo_path)
         hide, include = (pictures_of(ids, self.opened) for ids in (hide, include))

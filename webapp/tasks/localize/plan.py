@@ -38,10 +38,8 @@ class OpenOptions:
     def choose(self, method: Method) -> FeatureChoice:
         """Resolve the features for a method; `auto` takes its default.
 
-        Raises
-        ------
-        UsageError
-            The combination is not possible.
+        Raises:
+            UsageError: The combination is not possible.
         """
         return choose(
             method,

@@ -25,19 +25,11 @@ from webapp.tasks.localize.open_map import OpenMap
 
 @dataclass(frozen=True, slots=True)
 class PanoramaView:
-    """A level view of a query panorama.
-
-    Attributes
-    ----------
-    panorama : (int, int)
-        Width and height of the panorama, pixels.
-    turn_deg : float
-        Clockwise rotation of the view from the middle of the panorama.
-    """
+    """A level view of a query panorama."""
 
     size: ViewSize
-    panorama: tuple[int, int]
-    turn_deg: float
+    panorama: tuple[int, int]  # Width and height of the panorama, pixels
+    turn_deg: float  # Clockwise rotation of the view from the middle of the panorama
 
     def to_panorama(self, answer: Answer) -> Answer:
         """Convert the view's answer to the panorama: heading of its middle, and matches in its pixels."""
@@ -94,23 +86,13 @@ def pictures_of(experiences: Collection[int], opened: OpenMap) -> frozenset[int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QueryPhoto:
-    """A query, or a view of one.
-
-    Attributes
-    ----------
-    vector : (d,) float32 or None
-        Its global descriptor.
-    seconds : float
-        Time to read it.
-    view : PanoramaView or None
-        Set for a view of a panorama.
-    """
+    """A query, or a view of one."""
 
     gray: GrayPhoto
     fov: FieldOfView
-    vector: NDArray[np.float32] | None
-    seconds: float
-    view: PanoramaView | None = None
+    vector: NDArray[np.float32] | None  # (d,) float32 or None. Its global descriptor.
+    seconds: float  # Time to read it
+    view: PanoramaView | None = None  # Set for a view of a panorama
 
     def turned(self, quarters: int) -> QueryPhoto:
         """Rotate it clockwise by quarter turns, for features that are not rotation-invariant."""
@@ -142,18 +124,11 @@ def _turned_back(xy: NDArray[np.float32], size: tuple[int, int], quarters: int) 
 def read_query(
     path: Path, *, settings: Settings, fov_deg: float | None, describe: GlobalDescriptor | None
 ) -> list[QueryPhoto]:
-    """Read a photo; a panorama with the metadata of one is cut into views.
+    """Read a photo; a panorama with the metadata of one is cut into views. Raises PhotoError.
 
-    Parameters
-    ----------
-    fov_deg : float or None
-        Horizontal field of view of a photo, instead of the one in its EXIF.
-    describe : GlobalDescriptor or None
-        Computes the global descriptor.
-
-    Raises
-    ------
-    PhotoError
+    Args:
+        fov_deg: Horizontal field of view of a photo, instead of the one in its EXIF.
+        describe: Computes the global descriptor.
     """
     started = time.perf_counter()
     limits = settings.photo

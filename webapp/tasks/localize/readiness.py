@@ -38,11 +38,9 @@ _OWN_JOB: tuple[Method, ...] = ("thorough", "landmarks")
 def localize_or_build(cache: MapCache, record: MapRecord, *, request: LocalizeRequest) -> LocalizeResult:
     """Localize photos; if the index is missing or lacks photos, queue a build in the background.
 
-    Raises
-    ------
-    NotReady
-        The index is being built.
-    PhotoError, UsageError, MapError, NotFound
+    Raises:
+        NotReady: The index is being built.
+        PhotoError, UsageError, MapError, NotFound
     """
     builder = _Builder(cache.library, record, cache.settings, request.options)
     try:

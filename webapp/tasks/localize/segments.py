@@ -33,14 +33,10 @@ _RETRAIN_GROWTH = 4
 def intact(index: IndexFolder, manifest: Manifest, *, coding: Coding) -> Manifest:
     """Return a manifest without the entries whose files are missing or damaged, for `join` to rebuild.
 
-    Parameters
-    ----------
-    coding : Coding
-        Coding of the engine that the index should have.
+    Args:
+        coding: Coding of the engine that the index should have.
 
-    Returns
-    -------
-    Manifest
+    Returns:
         Equal to `manifest` if no file is missing or damaged.
     """
     codebook = manifest.codebook if manifest.engine == coding.engine else ""
@@ -64,14 +60,10 @@ def join(
 ) -> Manifest:
     """Write the segments and codes of all photos that the manifest names.
 
-    Parameters
-    ----------
-    manifest : Manifest
-        The wanted photos; the existing segments and codebook.
+    Args:
+        manifest: The wanted photos; the existing segments and codebook.
 
-    Returns
-    -------
-    Manifest
+    Returns:
         With segments and codebook for these photos; their files are on disk.
     """
     wanted = {p.content: None for p in manifest.photos.values() if p.content}
@@ -130,12 +122,12 @@ def _worth_keeping(
     def small(record: SegmentRecord) -> bool:
         return record.photos < PHOTOS_PER_SEGMENT // 2
 
-    def worn(record: SegmentRecord) -> bool:
+    def sparse(record: SegmentRecord) -> bool:
         dead = sum(c not in wanted for c in opened[record.name].content)
         return dead > _MOST_DEAD * record.photos
 
     crowded = sum(map(small, records)) > _MOST_SMALL
-    return [r for r in records if not worn(r) and not (crowded and small(r))]
+    return [r for r in records if not sparse(r) and not (crowded and small(r))]
 
 
 class _Source:

@@ -33,12 +33,9 @@ def motion(pipeline: LocalizationPipeline, *, speed_px: float | None = None) -> 
 class SequenceFilter:
     """Localizes the frames of a sequence one by one, each using all previous frames.
 
-    Parameters
-    ----------
-    speed_px : float, optional
-        Typical distance between consecutive frames, map pixels; None for the default.
-    steps : mapping of Path to float
-        Time since the previous frame, in typical frame intervals, where it is not 1.
+    Args:
+        speed_px: Typical distance between consecutive frames, map pixels; None for the default.
+        steps: Time since the previous frame, in typical frame intervals, where it is not 1.
     """
 
     def __init__(
@@ -56,10 +53,8 @@ class SequenceFilter:
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Localize the next frame.
 
-        Raises
-        ------
-        PhotoError
-            The photo cannot be used; the sequence continues without it.
+        Raises:
+            PhotoError: The photo cannot be used; the sequence continues without it.
         """
         alone = self._pipeline.observe(photo_path, top=FRAME_TOP, hide=hide)
         self._belief, answer = filter_step(
@@ -71,10 +66,8 @@ class SequenceFilter:
 class SmoothedSequence:
     """Answers about the frames of a recorded sequence, smoothed over all frames.
 
-    Parameters
-    ----------
-    answers : mapping of Path to Answer or PhotoError
-        The result of each frame.
+    Args:
+        answers: The result of each frame.
     """
 
     def __init__(self, answers: Mapping[Path, Answer | PhotoError]) -> None:
@@ -83,10 +76,8 @@ class SmoothedSequence:
     def localize(self, photo_path: Path, *, top: int, hide: frozenset[int] = frozenset()) -> Answer:
         """Return the answer about a frame.
 
-        Raises
-        ------
-        PhotoError
-            The photo could not be used.
+        Raises:
+            PhotoError: The photo could not be used.
         """
         found = self._answers[photo_path]
         if isinstance(found, PhotoError):
@@ -102,22 +93,13 @@ def smooth_sequence(
     speed_px: float | None = None,
     steps: Mapping[Path, float] = MappingProxyType({}),
 ) -> SmoothedSequence:
-    """Localize all frames of a sequence, smoothed over all of them.
+    """Localize all frames of a sequence, smoothed over all of them. Raises Cancelled.
 
-    Parameters
-    ----------
-    photos : sequence of Path
-        In the order of capture.
-    progress : Progress
-        One step per photo.
-    speed_px : float, optional
-        Typical distance between consecutive frames, map pixels.
-    steps : mapping of Path to float
-        Time since the previous frame, in typical frame intervals, where it is not 1.
-
-    Raises
-    ------
-    Cancelled
+    Args:
+        photos: In the order of capture.
+        progress: One step per photo.
+        speed_px: Typical distance between consecutive frames, map pixels.
+        steps: Time since the previous frame, in typical frame intervals, where it is not 1.
     """
     progress.size(len(photos))
     found: dict[Path, Answer | PhotoError] = {}
@@ -142,15 +124,11 @@ def smooth_sequence(
 def by_time(photos: Sequence[Path], *, limits: PhotoLimits) -> tuple[tuple[Path, ...], dict[Path, float]]:
     """Sort photos by capture time.
 
-    Returns
-    -------
-    steps : dict
-        Time since the previous photo, divided by the median of these times, as for `SequenceFilter`.
+    Returns:
+        steps: Time since the previous photo, divided by the median of these times, as for `SequenceFilter`.
 
-    Raises
-    ------
-    UsageError
-        A photo has no time of capture.
+    Raises:
+        UsageError: A photo has no time of capture.
     """
     times = {photo: _taken_at(photo, limits) for photo in photos}
     dated = sorted((photo for photo in times if times[photo] is not None), key=lambda p: times[p] or 0.0)

@@ -30,12 +30,9 @@ _FORMAT = 2
 def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Path:
     """Return the file of a sequence, and delete expired files.
 
-    Parameters
-    ----------
-    account_id : int
-        Owner of the sequence; the ids of different accounts are independent.
-    id : str
-        Chosen by the client.
+    Args:
+        account_id: Owner of the sequence; the ids of different accounts are independent.
+        id: Chosen by the client.
     """
     folder = library.inner / _FOLDER
     folder.mkdir(exist_ok=True)
@@ -49,21 +46,14 @@ def state_file(library: Library, *, account_id: int, map_id: int, id: str) -> Pa
 def filter_frame(file: Path, answer: Answer, *, pipeline: LocalizationPipeline, top: int) -> Answer:
     """Update the belief of a sequence by the answer about its next frame, and return the filtered answer.
 
-    Parameters
-    ----------
-    file : Path
-        State of the sequence; it is overwritten. If it does not exist, a new sequence starts.
-    answer : Answer
-        Answer from the frame alone.
-    pipeline : LocalizationPipeline
-        Pipeline that gave the answer. The sequence restarts if the map has changed.
-    top : int
-        Maximum number of hypotheses.
+    Args:
+        file: State of the sequence; it is overwritten. If it does not exist, a new sequence starts.
+        answer: Answer from the frame alone.
+        pipeline: Pipeline that gave the answer. The sequence restarts if the map has changed.
+        top: Maximum number of hypotheses.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be written.
+    Raises:
+        StorageError: The file cannot be written.
     """
     known = _read(file)
     same = (known.get("format"), known.get("map")) == (_FORMAT, pipeline.map_hash)

@@ -21,10 +21,8 @@ from webapp.tasks.maps.pictures import PhotoFile, boxes_for
 def original(library: Library, query: QueryRecord) -> Path:
     """Return the original file of a query.
 
-    Raises
-    ------
-    NotFound
-        It is missing on the disk.
+    Raises:
+        NotFound: It is missing on the disk.
     """
     path = queries.folder(library, query.map_id) / query.file
     if not path.is_file():
@@ -35,10 +33,8 @@ def original(library: Library, query: QueryRecord) -> Path:
 def file_of(library: Library, query: QueryRecord) -> PhotoFile:
     """Return the photo of an answer as its pictures are made of it.
 
-    Raises
-    ------
-    NotFound
-        The answer is of an older version, which stored no hash, and its photo is missing.
+    Raises:
+        NotFound: The answer is of an older version, which stored no hash, and its photo is missing.
     """
     return PhotoFile(
         query.name,

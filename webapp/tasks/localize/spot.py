@@ -29,18 +29,10 @@ ALL = 100
 
 @dataclass(frozen=True, slots=True)
 class Hints:
-    """Hints about photos.
+    """Hints about photos."""
 
-    Attributes
-    ----------
-    near : CirclePrior or None
-        Approximate position.
-    heading_deg : float or None
-        Heading of the camera, degrees clockwise from north.
-    """
-
-    near: CirclePrior | None = None
-    heading_deg: float | None = None
+    near: CirclePrior | None = None  # Approximate position
+    heading_deg: float | None = None  # Heading of the camera, degrees clockwise from north
 
 
 def combine(
@@ -48,17 +40,12 @@ def combine(
 ) -> tuple[Answer, int]:
     """Combine the answers about the photos with the hints.
 
-    Parameters
-    ----------
-    answers : sequence of Answer
-        From `LocalizationPipeline.observe` with `top=ALL`, one per photo; at least one.
-    top : int
-        Maximum number of hypotheses.
+    Args:
+        answers: From `LocalizationPipeline.observe` with `top=ALL`, one per photo; at least one.
+        top: Maximum number of hypotheses.
 
-    Returns
-    -------
-    best : int
-        Index of the photo whose evidence is used.
+    Returns:
+        best: Index of the photo whose evidence is used.
     """
     weighed, best = combine_without_prior(pipeline, answers, hints=hints)
     paths = pipeline.opened.indexed.paths
@@ -111,10 +98,8 @@ def _from_north(pipeline: LocalizationPipeline) -> NDArray[np.float64]:
 def photos_in(pipeline: LocalizationPipeline, near: CirclePrior | None) -> frozenset[int]:
     """Return the ids of the map's photos in a circle, or within a place radius of it.
 
-    Raises
-    ------
-    UsageError
-        There are none.
+    Raises:
+        UsageError: There are none.
     """
     if near is None:
         return frozenset()

@@ -64,29 +64,15 @@ _STRONG_INLIERS = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A photo of the map that was used as a query.
+    """A photo of the map that was used as a query."""
 
-    Attributes
-    ----------
-    evidence : (h, EVIDENCE) float64
-    places : list of PlaceCandidate
-        Without their photos if read from a record.
-    truth : (x, y)
-    floor : int
-        Id of its floor.
-    strong : bool
-        The best-matching photo certainly shows the same scene.
-    seconds : float
-        Duration of the search.
-    """
-
-    evidence: NDArray[np.float64]
-    places: list[PlaceCandidate]
-    truth: tuple[float, float]
+    evidence: NDArray[np.float64]  # (h, EVIDENCE) float64
+    places: list[PlaceCandidate]  # Without their photos if read from a record
+    truth: tuple[float, float]  # (x, y)
     hidden: Hidden
-    strong: bool
-    seconds: float
-    floor: int = BASE_FLOOR
+    strong: bool  # The best-matching photo certainly shows the same scene
+    seconds: float  # Duration of the search
+    floor: int = BASE_FLOOR  # Id of its floor
 
     @property
     def weight(self) -> float:
@@ -138,20 +124,13 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriedMap:
-    """A map whose photos are used as queries.
-
-    Attributes
-    ----------
-    sightings : DepthObservations or None
-        Depth observations of the map's keypoints, to compute depths without the hidden photos; if None, no
-        depths are used.
-    find : callable or None
-        Finds the places of a query; `find_places` by default.
-    """
+    """A map whose photos are used as queries."""
 
     indexed: IndexedMap
+    # Depth observations of the map's keypoints, to compute depths without the hidden photos; if None, no
+    # depths are used.
     sightings: DepthObservations | None = None
-    find: FindPlaces | None = None
+    find: FindPlaces | None = None  # Finds the places of a query; `find_places` by default
     _same_place_px: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -166,10 +145,8 @@ class TriedMap:
     def attempt(self, number: int) -> TrialRecord:
         """Run a trial; None if it is not possible.
 
-        Parameters
-        ----------
-        number : int
-            Number of the trial.
+        Args:
+            number: Number of the trial.
         """
         indexed = self.indexed
         trial = _try(
@@ -193,18 +170,13 @@ def try_photos(
 ) -> dict[int, Trial]:
     """Run trials on at most `MOST_PHOTOS` photos, evenly spread over the map.
 
-    Parameters
-    ----------
-    attempts : callable, optional
-        Runs trials by number and yields the records in that order; by default one after the other, here.
-    known : mapping of int to TrialRecord
-        Trials of an earlier run.
-    keep : callable
-        Called with the number and the record of each new trial.
+    Args:
+        attempts: Runs trials by number and yields the records in that order; by default one after the other,
+            here.
+        known: Trials of an earlier run.
+        keep: Called with the number and the record of each new trial.
 
-    Returns
-    -------
-    dict of int to Trial
+    Returns:
         By number; trials that are not possible are left out.
     """
     progress.size(tried.trials)

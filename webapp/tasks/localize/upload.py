@@ -46,69 +46,37 @@ class UploadedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class LocalizeRequest:
-    """Photos to localize, and what is known about them.
+    """Photos to localize, and what is known about them."""
 
-    Attributes
-    ----------
-    photos : tuple of UploadedPhoto
-        All taken at one spot.
-    top : int
-        Maximum number of hypotheses.
-    fov_deg : float or None
-        Horizontal field of view, instead of the one in EXIF.
-    near : CirclePrior or None
-        Approximate position.
-    heading_deg : float or None
-        Compass heading of the camera.
-    sequence : Path or None
-        State file of the sequence to which this is the next frame; it is updated.
-    key : str or None
-        Idempotency key of the client: the answer is stored once, however often the request is sent.
-    """
-
-    photos: tuple[UploadedPhoto, ...]
+    photos: tuple[UploadedPhoto, ...]  # All taken at one spot
     options: OpenOptions = field(default_factory=OpenOptions)
-    top: int = 5
-    fov_deg: float | None = None
-    near: CirclePrior | None = None
-    heading_deg: float | None = None
-    sequence: Path | None = None
+    top: int = 5  # Maximum number of hypotheses
+    fov_deg: float | None = None  # Horizontal field of view, instead of the one in EXIF
+    near: CirclePrior | None = None  # Approximate position
+    heading_deg: float | None = None  # Compass heading of the camera
+    sequence: Path | None = None  # State file of the sequence to which this is the next frame; it is updated
+    # Idempotency key of the client: the answer is stored once, however often the request is sent.
     key: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalizeResult:
-    """An answer, not stored yet.
+    """An answer, not stored yet."""
 
-    Attributes
-    ----------
-    form : dict
-        JSON form, as printed by `localize --json`.
-    best : int
-        Index of the photo to which the evidence belongs.
-    opened : OpenedMap
-        The map on which it was localized.
-    """
-
-    form: dict[str, Any]
+    form: dict[str, Any]  # JSON form, as printed by `localize --json`
     evidence: tuple[Evidence, ...]
-    best: int
-    opened: OpenedMap
+    best: int  # Index of the photo to which the evidence belongs
+    opened: OpenedMap  # The map on which it was localized
 
 
 def localize_uploads(cache: MapCache, map_id: int, *, request: LocalizeRequest) -> LocalizeResult:
     """Localize photos of one spot on a map of the library.
 
-    Raises
-    ------
-    PhotoError
-        One of them cannot be used.
-    UsageError
-        No photo of the map is in the circle, or there are too many photos.
-    NotReady, MapError, NotFound, IndexDamaged
-        The map cannot be opened.
-    Busy
-        Too many other requests are being processed.
+    Raises:
+        PhotoError: One of them cannot be used.
+        UsageError: No photo of the map is in the circle, or there are too many photos.
+        NotReady, MapError, NotFound, IndexDamaged: The map cannot be opened.
+        Busy: Too many other requests are being processed.
     """
     if not 1 <= len(request.photos) <= MAX_PHOTOS:
         raise UsageError(f"{len(request.photos)} photos", where="file", hint=f"send 1 to {MAX_PHOTOS}")
@@ -147,24 +115,16 @@ def store_result(
 ) -> int:
     """Store an answer and its photo; of several photos, the one with the best evidence.
 
-    Parameters
-    ----------
-    request : LocalizeRequest
-        The file of its best photo is moved.
-    account_id : int
-        Account of the requester.
+    Args:
+        request: The file of its best photo is moved.
+        account_id: Account of the requester.
 
-    Returns
-    -------
-    int
+    Returns:
         Id of the answer.
 
-    Raises
-    ------
-    NotFound
-        The map is gone.
-    DiskFull, StorageError
-        Nothing was stored.
+    Raises:
+        NotFound: The map is gone.
+        DiskFull, StorageError: Nothing was stored.
     """
     photo = request.photos[result.best]
     facts = read_facts(photo.path, limits=settings.photo)

@@ -46,46 +46,25 @@ _MAX_NAME = 300
 
 @dataclass(frozen=True, slots=True)
 class ServiceMetadata:
-    """Metadata of a photo from its service, which take precedence over EXIF; None if unknown.
-
-    Attributes
-    ----------
-    heading_deg : float or None
-        Degrees clockwise from north.
-    accuracy_m : float or None
-        68 % radius of the position.
-    taken_at : str or None
-        ISO 8601.
-    """
+    """Metadata of a photo from its service, which take precedence over EXIF; None if unknown."""
 
     source: PhotoSource
     position: LatLon
-    heading_deg: float | None = None
+    heading_deg: float | None = None  # Degrees clockwise from north
     fov_deg: float | None = None
-    accuracy_m: float | None = None
-    taken_at: str | None = None
+    accuracy_m: float | None = None  # 68 % radius of the position
+    taken_at: str | None = None  # ISO 8601
 
 
 @dataclass(frozen=True, slots=True)
 class IncomingPhoto:
-    """A file on its way into a map.
+    """A file on its way into a map."""
 
-    Attributes
-    ----------
-    file : Path
-        Complete file on the same file system as the library (its uploads folder); it is moved or deleted.
-    name : str
-        Name of the original file; any text.
-    id : int or None
-        Id reserved for it in the map; None for the next one.
-    known : ServiceMetadata or None
-        Metadata of a photo from a service.
-    """
-
+    # Complete file on the same file system as the library (its uploads folder); it is moved or deleted.
     file: Path
-    name: str
-    id: int | None = None
-    known: ServiceMetadata | None = None
+    name: str  # Name of the original file; any text
+    id: int | None = None  # Id reserved for it in the map; None for the next one
+    known: ServiceMetadata | None = None  # Metadata of a photo from a service
 
 
 Changing = Callable[[int], AbstractContextManager[MapChange]]
@@ -94,30 +73,14 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 @dataclass(frozen=True, slots=True)
 class AddedPhoto:
-    """The result for a file.
+    """The result for a file."""
 
-    Attributes
-    ----------
-    id : int
-        Id of the photo in the map.
-    name : str
-        Name under which it is stored.
-    duplicate : bool
-        The map already had a photo with the same content: nothing was changed.
-    placed : bool
-        It has a position on the satellite image.
-    gps_problem : str or None
-        Why it was not placed by its GPS, for display.
-    job : int or None
-        Id of the job that adds it to the index.
-    """
-
-    id: int
-    name: str
-    duplicate: bool
-    placed: bool
-    gps_problem: str | None
-    job: int | None
+    id: int  # Id of the photo in the map
+    name: str  # Name under which it is stored
+    duplicate: bool  # The map already had a photo with the same content: nothing was changed
+    placed: bool  # It has a position on the satellite image
+    gps_problem: str | None  # Why it was not placed by its GPS, for display
+    job: int | None  # Id of the job that adds it to the index
 
 
 def add_photo(
@@ -134,22 +97,15 @@ def add_photo(
     The operation is atomic and durable: after a kill, the map either has the photo or not; at most, a file
     without a record remains until it is uploaded again or swept.
 
-    Parameters
-    ----------
-    by_gps : bool
-        Place it by its GPS, if the photo has a position and the map a georeference.
-    changing : callable, optional
-        Used instead of `library.changing`.
+    Args:
+        by_gps: Place it by its GPS, if the photo has a position and the map a georeference.
+        changing: Used instead of `library.changing`.
 
-    Raises
-    ------
-    PhotoError
-        It is not a photo of a known format, is damaged or truncated, or exceeds the limits. The file is
-        unchanged.
-    NotFound
-        The map is gone.
-    DiskFull, StorageError
-        The disk or the object storage failed.
+    Raises:
+        PhotoError: It is not a photo of a known format, is damaged or truncated, or exceeds the limits. The
+            file is unchanged.
+        NotFound: The map is gone.
+        DiskFull, StorageError: The disk or the object storage failed.
     """
     name, source = tidy_name(photo.name), photo.file
     with show_file_as(name, source):

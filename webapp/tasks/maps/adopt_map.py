@@ -64,32 +64,20 @@ def adopt_map(
     Ids, revision and files are unchanged. Missing or unreadable photos keep their positions; the linter
     reports them.
 
-    Parameters
-    ----------
-    slug : str
-        Name of the folder, which has a `map.cfg`.
-    account_id : int
-        Owner of the map.
-    name : str or None
-        Display name; by default the title in its `map.json`, or derived from the slug.
-    settings : Settings, optional
-        Only the limits of photos are used.
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        slug: Name of the folder, which has a `map.cfg`.
+        account_id: Owner of the map.
+        name: Display name; by default the title in its `map.json`, or derived from the slug.
+        settings: Only the limits of photos are used.
+        progress: One step per photo.
 
-    Returns
-    -------
-    int
+    Returns:
         Id of the map.
 
-    Raises
-    ------
-    MapError
-        The folder cannot be read as a map.
-    UsageError
-        The folder's name cannot be used in a URL, or the map's name is not valid.
-    Conflict
-        The database has such a map already.
+    Raises:
+        MapError: The folder cannot be read as a map.
+        UsageError: The folder's name cannot be used in a URL, or the map's name is not valid.
+        Conflict: The database has such a map already.
     """
     if not _SLUG.fullmatch(slug) or slug in maps.RESERVED:
         raise UsageError(
@@ -117,17 +105,12 @@ def read(
 ) -> FolderContents:
     """Read a map folder and all its photos, each file once.
 
-    Parameters
-    ----------
-    decoded : collection of str
-        Normalised names of photos that are known to be complete.
+    Args:
+        decoded: Normalised names of photos that are known to be complete.
 
-    Raises
-    ------
-    MapError
-        The folder cannot be read as a map.
-    Cancelled
-        The user stopped it.
+    Raises:
+        MapError: The folder cannot be read as a map.
+        Cancelled: The user stopped it.
     """
     sha256 = file_sha256(cfg)  # before reading: a change in between is detected as an outside edit
     map_ = read_map(cfg)
@@ -142,7 +125,7 @@ def read(
         progress.check()
         row, problem = files.row(e)
         if row.sha256 in taken:
-            row.sha256 = salted(row.sha256, e.id)
+            row.sha256 = distinct_hash(row.sha256, e.id)
         taken.add(row.sha256)
         photos.append(row)
         problems += [problem] if problem else []
@@ -153,12 +136,9 @@ def read(
 def fill(session: Session, record: MapRecord, contents: FolderContents) -> None:
     """Fill a record with the contents of its folder; the files count as exported by the library.
 
-    Parameters
-    ----------
-    session : Session
-        Session with write access.
-    record : MapRecord
-        In the database, without photos.
+    Args:
+        session: Session with write access.
+        record: In the database, without photos.
     """
     map_ = contents.map
     record.satellite_revision = record.exported_revision = map_.revision
@@ -196,7 +176,7 @@ def queue_derived(session: Session, record: MapRecord) -> None:
         jobs.enqueue(session, PYRAMID_JOB, map_id=record.id, key=record.satellite_path or "")
 
 
-def salted(sha256: str, id: int) -> str:
+def distinct_hash(sha256: str, id: int) -> str:
     """Return a different hash for the second of two lines with the same photo, as hashes must be unique.
 
     The first line keeps the true hash, by which the photo is recognised when it is uploaded again.
@@ -246,12 +226,7 @@ def _read_photo(path: Path, *, limits: PhotoLimits, is_decoded: bool = False) ->
 
 
 def check_room_for_ids(map_: Map, cfg: Path) -> None:
-    """Refuse a map whose next photo ids would be too large for a `.cfg`.
-
-    Raises
-    ------
-    MapError
-    """
+    """Refuse a map whose next photo ids would be too large for a `.cfg`. Raises MapError."""
     if map_.next_id > _LARGEST_NEXT_ID:
         raise MapError(
             f"the id {map_.next_id - 1} is so large that few further photos could be added",
@@ -286,12 +261,9 @@ def _placed(map_id: int, map_: Map) -> Iterator[PlacedElsewhere]:
 class PhotoFiles:
     """Reads the photos of a map's folder, each file once, no matter how many lines of the map name it.
 
-    Parameters
-    ----------
-    cfg : Path
-        The map.
-    decoded : collection of str
-        Normalised names of photos that are known to be complete.
+    Args:
+        cfg: The map.
+        decoded: Normalised names of photos that are known to be complete.
     """
 
     def __init__(self, cfg: Path, limits: PhotoLimits, *, decoded: Collection[str] = ()) -> None:
@@ -301,12 +273,9 @@ class PhotoFiles:
     def row(self, e: Experience) -> tuple[Photo, str | None]:
         """Make a new record of an experience's photo; values of the map take precedence over EXIF.
 
-        Returns
-        -------
-        row : Photo
-            Not yet assigned to a map; with size 0 if the photo cannot be read.
-        problem : str or None
-            Why it cannot be read.
+        Returns:
+            row: Not yet assigned to a map; with size 0 if the photo cannot be read.
+            problem: Why it cannot be read.
         """
         row = Photo(
             id=e.id,
@@ -344,12 +313,9 @@ class PhotoFiles:
 def add_removed(session: Session, record: MapRecord, rows: Iterable[Photo]) -> None:
     """Add records of photos marked as removed, so that the edit that restores them can be undone.
 
-    Parameters
-    ----------
-    session : Session
-        Session with write access.
-    rows : iterable of Photo
-        Marked as removed, with ids from `next_id` on, not yet assigned to a map.
+    Args:
+        session: Session with write access.
+        rows: Marked as removed, with ids from `next_id` on, not yet assigned to a map.
     """
     for row in rows:
         row.map_id, row.revision = record.id, record.revision

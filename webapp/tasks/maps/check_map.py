@@ -46,9 +46,7 @@ class SideFiles:
 def check_side_files(cfg_path: Path, pieces: Scan) -> SideFiles:
     """Check `map.json` and the placements it names against the lines of the `.cfg`.
 
-    Returns
-    -------
-    SideFiles
+    Returns:
         Empty if there is no `map.json`.
     """
     file = json_path(cfg_path).name
@@ -157,26 +155,16 @@ def _image(pieces: Scan) -> tuple[object, ...]:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Result of checking a map.
-
-    Attributes
-    ----------
-    photos : int
-        Number of readable photo lines.
-    findings : tuple of Finding
-        Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
-    places : MapPlaces or None
-        Kind of map and place radius by the positions alone; None if no photo has a position, or the image
-        size is unknown.
-    decoded : frozenset of str
-        Normalised names of the photos that could be decoded.
-    """
+    """Result of checking a map."""
 
     cfg_path: Path
-    photos: int
+    photos: int  # Number of readable photo lines
+    # Those of the `.cfg` first, in the order of the lines, then those of the files next to it.
     findings: tuple[Finding, ...]
+    # Kind of map and place radius by the positions alone; None if no photo has a position, or the image size
+    # is unknown.
     places: MapPlaces | None = None
-    decoded: frozenset[str] = frozenset()
+    decoded: frozenset[str] = frozenset()  # Normalised names of the photos that could be decoded
 
     @property
     def errors(self) -> int:
@@ -194,21 +182,14 @@ def check_map(
 ) -> CheckReport:
     """Check a map file, the files next to it and the photos that it names.
 
-    Parameters
-    ----------
-    settings : Settings
-        Only the limits of photos are used.
-    progress : Progress
-        One step per photo.
-    content : bytes, optional
-        Used instead of the content of the map file.
+    Args:
+        settings: Only the limits of photos are used.
+        progress: One step per photo.
+        content: Used instead of the content of the map file.
 
-    Raises
-    ------
-    MapError
-        The file does not exist or cannot be read.
-    Cancelled
-        The user stopped it.
+    Raises:
+        MapError: The file does not exist or cannot be read.
+        Cancelled: The user stopped it.
     """
     pieces = scan(read_bytes(cfg_path) if content is None else content)
     side_files = check_side_files(cfg_path, pieces)
@@ -306,12 +287,9 @@ def orphan_photos(cfg_path: Path, pieces: Scan, *, present: Sequence[str]) -> li
 
     Photos in `queries/` are example queries and are left out.
 
-    Parameters
-    ----------
-    pieces : Scan
-        Scan of the map file.
-    present : sequence of str
-        Photos below the folder.
+    Args:
+        pieces: Scan of the map file.
+        present: Photos below the folder.
     """
     others = [
         scan(read_bytes(p)) for p in sorted(cfg_path.parent.glob("*.cfg")) if p.is_file() and p != cfg_path

@@ -22,26 +22,14 @@ from webapp.settings import PhotoLimits
 
 @dataclass(frozen=True, slots=True)
 class CutOptions:
-    """How panoramas are cut.
+    """How panoramas are cut."""
 
-    Attributes
-    ----------
-    views : int
-        Number of views, evenly spaced; the first is at the middle of the panorama.
-    focal_35mm : int
-        35 mm equivalent focal length of each view, mm; 17 corresponds to 91 degrees.
-    lowest_deg : float
-        Parts farther below the horizon are masked (robot, tripod).
-    highest_deg : float
-        Parts farther above it are masked (sky).
-    assume : bool
-        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
-    """
-
-    views: int = VIEWS
+    views: int = VIEWS  # Number of views, evenly spaced; the first is at the middle of the panorama
+    # 35 mm equivalent focal length of each view, mm; 17 corresponds to 91 degrees.
     focal_35mm: int = FOCAL_35MM
-    lowest_deg: float = 90.0
-    highest_deg: float = 90.0
+    lowest_deg: float = 90.0  # Parts farther below the horizon are masked (robot, tripod)
+    highest_deg: float = 90.0  # Parts farther above it are masked (sky)
+    # Treat all photos twice as wide as high as panoramas, even without panorama metadata.
     assume: bool = False
 
 
@@ -69,11 +57,9 @@ def cut_panoramas(
 ) -> Iterator[CutPhoto]:
     """Cut the panoramas of a folder and its subfolders; yield each photo when its views are written.
 
-    Raises
-    ------
-    UsageError
-        There is no photo, or the views would be among the panoramas.
-    StorageError, Cancelled
+    Raises:
+        UsageError: There is no photo, or the views would be among the panoramas.
+        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(
@@ -107,18 +93,13 @@ def cut_panorama(
 ) -> Iterator[str]:
     """Cut one panorama; yield the name of each view when it is written, in the order of `view_turns`.
 
-    Parameters
-    ----------
-    out : Path
-        `NAME.jpg` for views such as `NAME_060.jpg`; its folder is created.
-    pose : PanoramaPose, optional
-        Used instead of the pose in the file.
+    Args:
+        out: `NAME.jpg` for views such as `NAME_060.jpg`; its folder is created.
+        pose: Used instead of the pose in the file.
 
-    Raises
-    ------
-    PhotoError
-        It is damaged, or not a full panorama.
-    StorageError
+    Raises:
+        PhotoError: It is damaged, or not a full panorama.
+        StorageError
     """
     content = read_file(path, limits=limits)
     facts = read_facts(content, limits=limits)

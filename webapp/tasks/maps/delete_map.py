@@ -25,14 +25,10 @@ def delete_map(library: Library, map_id: int) -> None:
     The folders are first moved out of the library; after a kill in between, the map is still in the bin and
     can be deleted again.
 
-    Raises
-    ------
-    NotFound
-        The map does not exist.
-    Conflict
-        It is not in the bin.
-    StorageError
-        A folder cannot be moved.
+    Raises:
+        NotFound: The map does not exist.
+        Conflict: It is not in the bin.
+        StorageError: A folder cannot be moved.
     """
     with library.database.write() as session:
         record = session.get(MapRecord, map_id)
@@ -55,10 +51,8 @@ def delete_orphans(library: Library) -> None:
 
     These contain derived files only; a folder with any other file is kept, as it may be a user's.
 
-    Raises
-    ------
-    StorageError
-        A folder cannot be moved.
+    Raises:
+        StorageError: A folder cannot be moved.
     """
     computed = [folder for folder in library.folder.glob(f"*/{DERIVED}") if _is_alone(folder)]
     if not computed:

@@ -30,42 +30,26 @@ KINDS = tuple(
 
 @dataclass(frozen=True, slots=True)
 class RequestedEdit:
-    """A requested edit.
+    """A requested edit."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    changes : mapping of int to mapping
-        New values of `x_px`, `y_px`, `floor`, `removed` or a fact of `EDITED` by photo. x and y must be given
-        together; None for both moves the photo back to the tray.
-    placement : str or None
-        Placement whose positions change; None for the main one.
-    seen : int or None
-        Newest revision known to the author.
-    """
-
-    kind: str
+    kind: str  # One of `KINDS`
+    # New values of `x_px`, `y_px`, `floor`, `removed` or a fact of `EDITED` by photo. x and y must be given
+    # together; None for both moves the photo back to the tray.
     changes: Mapping[int, Mapping[str, Any]]
-    placement: str | None = None
-    seen: int | None = None
+    placement: str | None = None  # Placement whose positions change; None for the main one
+    seen: int | None = None  # Newest revision known to the author
 
 
 def edit_map(library: Library, map_id: int, *, edit: RequestedEdit, account_id: int) -> int | None:
     """Make an edit.
 
-    Returns
-    -------
-    int or None
+    Returns:
         Revision of the edit; None if nothing changed.
 
-    Raises
-    ------
-    UsageError
-        A position is outside the image, or a value is not valid.
-    Conflict
-        One of the photos was changed after `seen`.
-    NotFound
+    Raises:
+        UsageError: A position is outside the image, or a value is not valid.
+        Conflict: One of the photos was changed after `seen`.
+        NotFound
     """
     if edit.kind not in KINDS:
         raise UsageError(f"{edit.kind!r} is not a kind of edit", where="kind", hint=f"use {', '.join(KINDS)}")

@@ -19,17 +19,12 @@ from webapp.tasks.maps.library_map import floors, notes
 def add_note(library: Library, map_id: int, *, note: MapNote, account_id: int) -> int | None:
     """Add a note with a new id.
 
-    Returns
-    -------
-    int or None
+    Returns:
         Revision of the edit.
 
-    Raises
-    ------
-    UsageError
-        The note is not valid, or the map has too many.
-    NotFound
-        A photo of the note does not exist.
+    Raises:
+        UsageError: The note is not valid, or the map has too many.
+        NotFound: A photo of the note does not exist.
     """
     with library.changing(map_id) as change:
         there = notes(change.record)
@@ -50,20 +45,14 @@ def change_note(
 ) -> int | None:
     """Replace a note; return the revision of the edit, or None if nothing changed.
 
-    Parameters
-    ----------
-    keep_floor : bool
-        Ignore the floor of `note`, and keep the current one.
-    seen : int or None
-        Newest revision known to the author; None overwrites without a check.
+    Args:
+        keep_floor: Ignore the floor of `note`, and keep the current one.
+        seen: Newest revision known to the author; None overwrites without a check.
 
-    Raises
-    ------
-    UsageError
-    NotFound
-        The note, or one of its photos, does not exist.
-    Conflict
-        The note was changed after `seen`.
+    Raises:
+        NotFound: The note, or one of its photos, does not exist.
+        Conflict: The note was changed after `seen`.
+        UsageError
     """
     with library.changing(map_id) as change:
         there = _found(change.record, note.id)
@@ -74,12 +63,7 @@ def change_note(
 def remove_note(
     library: Library, map_id: int, *, id: int, account_id: int, seen: int | None = None
 ) -> int | None:
-    """Remove a note; for `seen` see `change_note`.
-
-    Raises
-    ------
-    NotFound, Conflict
-    """
+    """Remove a note; for `seen` see `change_note`. Raises NotFound, Conflict."""
     with library.changing(map_id) as change:
         _found(change.record, id)
         done = edits.apply(

@@ -51,10 +51,8 @@ def _listed(path: Path) -> set[str]:
 def path_of(cfg: Path, name: str) -> Path:
     """Find an example photo.
 
-    Raises
-    ------
-    NotFound
-        The map has no example with this name.
+    Raises:
+        NotFound: The map has no example with this name.
     """
     if name not in (example.name for example in examples_of(cfg)):
         raise NotFound("the map has no such example photo", hint="reload the page")
@@ -64,10 +62,8 @@ def path_of(cfg: Path, name: str) -> Path:
 def file_of(cfg: Path, name: str) -> PhotoFile:
     """Return an example photo as its pictures are made of it.
 
-    Raises
-    ------
-    NotFound
-        The map has no example with this name.
+    Raises:
+        NotFound: The map has no example with this name.
     """
     path = path_of(cfg, name)
     sha256 = sha256_of(path)

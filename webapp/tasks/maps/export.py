@@ -39,20 +39,14 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
     Concurrent exports of a map are serialised; later ones find the newest revision written already. A
     `map.cfg` that was edited outside the library is not touched.
 
-    Parameters
-    ----------
-    overwrite : bool
-        Overwrite a file that was edited outside the library.
+    Args:
+        overwrite: Overwrite a file that was edited outside the library.
 
-    Returns
-    -------
-    bool
+    Returns:
         False if the file was edited outside the library: it can be applied or overwritten.
 
-    Raises
-    ------
-    StorageError
-        The disk failed; the records are safe, and a later export writes them.
+    Raises:
+        StorageError: The disk failed; the records are safe, and a later export writes them.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -73,9 +67,7 @@ def export_map(library: Library, map_id: int, *, overwrite: bool = False) -> boo
 def export_late_maps(library: Library) -> bool:
     """Write the files of all maps that are older than their records.
 
-    Returns
-    -------
-    bool
+    Returns:
         False if one of them could not be written; the reason is in the log.
     """
     with library.database.read() as session:

@@ -60,45 +60,26 @@ Changes = dict[str, Mapping[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A problem of a library map.
+    """A problem of a library map."""
 
-    Attributes
-    ----------
-    code : str
-        Code of the linter; `outside-edit` for a map file that was edited outside the library.
-    severity : {"error", "warning"}
-    hint : str or None
-        What to do, if there is no automatic fix.
-    ids : tuple of int
-        Affected photos.
-    """
-
-    code: str
-    severity: Literal["error", "warning"]
+    code: str  # Code of the linter; `outside-edit` for a map file that was edited outside the library
+    severity: Literal["error", "warning"]  #
     message: str
-    hint: str | None
-    ids: tuple[int, ...]
+    hint: str | None  # What to do, if there is no automatic fix
+    ids: tuple[int, ...]  # Affected photos
     fixes: tuple[FixName, ...]
 
 
 def list_findings(
     library: Library, map_id: int, *, settings: Settings, progress: Progress | None = None
 ) -> list[Problem]:
-    """Check a map of the library, as stored in its records.
+    """Check a map of the library, as stored in its records. Raises StorageError, Cancelled.
 
-    Parameters
-    ----------
-    progress : Progress, optional
-        One step per photo.
+    Args:
+        progress: One step per photo.
 
-    Returns
-    -------
-    list of Problem
+    Returns:
         Errors first.
-
-    Raises
-    ------
-    StorageError, Cancelled
     """
     outside = outside_edit.show(library, map_id, settings=settings)
     if outside is None:
@@ -122,9 +103,7 @@ def list_findings(
 def orphans(session: Session, record: MapRecord, cfg: Path) -> list[str]:
     """List photos in a map's folder that have no record and are not copies of ones that do.
 
-    Returns
-    -------
-    list of str
+    Returns:
         Paths relative to the folder.
     """
     rows = maps.photos(session, record)
@@ -226,42 +205,32 @@ def fix_findings(
 ) -> int | None:
     """Apply a fix to the photos of a finding.
 
-    Parameters
-    ----------
-    fix : str
-        One of `findings.FIX_NAMES`.
-    ids : sequence of int
-        Photos; ignored by fixes of the map as a whole.
-    account_id : int
-        Author of the edit.
+    Args:
+        fix: One of `findings.FIX_NAMES`.
+        ids: Photos; ignored by fixes of the map as a whole.
+        account_id: Author of the edit.
 
-    Returns
-    -------
-    int or None
+    Returns:
         Revision of the edit; None if the records did not change.
 
-    Raises
-    ------
-    UsageError
-        The fix does not exist or is not applicable.
-    NotFound
-        The map has no such photo.
-    Conflict
-        There is nothing left to fix.
-    MapError, PhotoError, StorageError
+    Raises:
+        UsageError: The fix does not exist or is not applicable.
+        NotFound: The map has no such photo.
+        Conflict: There is nothing left to fix.
+        MapError, PhotoError, StorageError
     """
     if fix not in FIX_NAMES:
         raise UsageError(f"unknown fix {fix!r}", where="code", hint=f"use one of {', '.join(FIX_NAMES)}")
     if fix in ("outside-take", "outside-discard"):
         take = fix == "outside-take"
         return _resolve_outside(library, map_id, take=take, account_id=account_id, settings=settings)
-    strangers = _strangers(library, map_id, settings=settings) if fix == "adopt" else []
+    orphaned = _orphaned_photos(library, map_id, settings=settings) if fix == "adopt" else []
     with library.changing(map_id) as change:
         session, record = change.session, change.record
         cfg = library.cfg(record.slug)
         with show_relative_to(cfg.parent):
             if fix == "adopt":
-                changes = _adopt(session, record, strangers)
+                changes = _adopt(session, record, orphaned)
             elif fix == "image-size":
                 changes = _true_size(session, record, cfg)
             else:
@@ -317,7 +286,7 @@ def _true_size(session: Session, record: MapRecord, cfg: Path) -> Changes:
     return changes
 
 
-def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Photo]:
+def _orphaned_photos(library: Library, map_id: int, *, settings: Settings) -> list[Photo]:
     """Read the photos of the folder that have no record; unreadable ones are ignored."""
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
@@ -329,12 +298,12 @@ def _strangers(library: Library, map_id: int, *, settings: Settings) -> list[Pho
     return [row for row, problem in read if problem is None]
 
 
-def _adopt(session: Session, record: MapRecord, strangers: Sequence[Photo]) -> Changes:
+def _adopt(session: Session, record: MapRecord, orphaned: Sequence[Photo]) -> Changes:
     """Add photos to the tray, without duplicates and those added to the map in the meantime."""
     rows = maps.photos(session, record)
     known = {row.path for row in rows} | {row.sha256 for row in rows}
     new: list[Photo] = []
-    for row in strangers:
+    for row in orphaned:
         if row.path not in known and row.sha256 not in known:
             known.add(row.sha256)
             row.id = record.next_id + len(new)

@@ -45,71 +45,38 @@ _PHOTOS = "photos"
 
 @dataclass(frozen=True, slots=True)
 class PanoramaOptions:
-    """How panoramas are recognised and masked.
+    """How panoramas are recognised and masked."""
 
-    Attributes
-    ----------
-    assume : bool
-        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
-    mask : Path or None
-        Image that is black where features are ignored in all panoramas.
-    lowest_deg, highest_deg : float
-        Limits below and above the horizon, beyond which panoramas are masked.
-    """
-
+    # Treat all photos twice as wide as high as panoramas, even without panorama metadata.
     assume: bool = False
-    mask: Path | None = None
+    mask: Path | None = None  # Image that is black where features are ignored in all panoramas
+    # `lowest_deg`, `highest_deg`: Limits below and above the horizon, beyond which panoramas are masked.
     lowest_deg: float = 90.0
     highest_deg: float = 90.0
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceOptions:
-    """Options of the user.
+    """Options of the user."""
 
-    Attributes
-    ----------
-    cfg : Path
-        The map to write.
-    satellite : Path or None
-        The image; None makes a blank plan.
-    source : GeoSource or None
-        Source of the image's georeference; not needed for positions in pixels.
-    positions : Path or None
-        Positions by file name, instead of EXIF.
-    copy : bool
-        Copy files from outside the map's folder into it.
-    force : bool
-        Replace an existing map; its photos keep their ids.
-    panoramas : PanoramaOptions
-    """
-
-    cfg: Path
-    satellite: Path | None = None
-    source: GeoSource | None = None
-    positions: Path | None = None
-    copy: bool = False
-    force: bool = False
+    cfg: Path  # The map to write
+    satellite: Path | None = None  # The image; None makes a blank plan
+    source: GeoSource | None = None  # Source of the image's georeference; not needed for positions in pixels
+    positions: Path | None = None  # Positions by file name, instead of EXIF
+    copy: bool = False  # Copy files from outside the map's folder into it
+    force: bool = False  # Replace an existing map; its photos keep their ids
     panoramas: PanoramaOptions = PanoramaOptions()
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceReport:
-    """The result for each file of the folder, and for the georeference of the image.
-
-    Attributes
-    ----------
-    written : bool
-        False if no photo could be placed: no map is written.
-    residuals_m : tuple of float
-        Residuals of the control points, metres.
-    """
+    """The result for each file of the folder, and for the georeference of the image."""
 
     cfg: Path
-    written: bool
+    written: bool  # False if no photo could be placed: no map is written
     satellite: SatelliteImage | None
     files: tuple[FileResult, ...]
-    residuals_m: tuple[float, ...] = ()
+    residuals_m: tuple[float, ...] = ()  # Residuals of the control points, metres
     warnings: tuple[str, ...] = ()
 
     def count(self, state: FileState) -> int:
@@ -122,31 +89,20 @@ def map_from_photos(
 ) -> PlaceReport:
     """Make a map from the photos of a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Searched recursively.
-    progress : Progress
-        One step per file.
+    Args:
+        folder: Searched recursively.
+        progress: One step per file.
 
-    Returns
-    -------
-    PlaceReport
+    Returns:
         Lists every file, placed or not.
 
-    Raises
-    ------
-    UsageError
-        Invalid options: the map exists, photos or image lie outside its folder, there is no georeference,
-        the positions are too far apart for a blank plan ...
-    GeoreferenceError, TableError
-        The georeference or the positions cannot be read.
-    MapError
-        The map to replace, or a `.cfg` with the positions, cannot be read.
-    PhotoError
-        The satellite image cannot be read.
-    StorageError
-        A file cannot be written.
+    Raises:
+        UsageError: Invalid options: the map exists, photos or image lie outside its folder, there is no
+            georeference, the positions are too far apart for a blank plan ...
+        GeoreferenceError, TableError: The georeference or the positions cannot be read.
+        MapError: The map to replace, or a `.cfg` with the positions, cannot be read.
+        PhotoError: The satellite image cannot be read.
+        StorageError: A file cannot be written.
     """
     target = NewMapFolder(options.cfg, folder, copy=options.copy)
     target.check(force=options.force, satellite=options.satellite)
@@ -258,14 +214,10 @@ def _refuse_far_apart(plan: BlankPlan, latlon: Mapping[str, LatLon]) -> None:
 class NewMapFolder:
     """The folder into which a map is written.
 
-    Parameters
-    ----------
-    cfg : Path
-        The map to write.
-    photos : Path
-        Folder of the photos.
-    copy : bool
-        Whether to copy photos and image from outside the map's folder into it.
+    Args:
+        cfg: The map to write.
+        photos: Folder of the photos.
+        copy: Whether to copy photos and image from outside the map's folder into it.
     """
 
     def __init__(self, cfg: Path, photos: Path, *, copy: bool) -> None:
@@ -280,12 +232,7 @@ class NewMapFolder:
         return self._cfg.with_name("plan.png" if self._cfg.stem == "map" else f"{self._cfg.stem}.plan.png")
 
     def check(self, *, force: bool, satellite: Path | None) -> None:
-        """Refuse options that would overwrite files, or that a map cannot represent.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Refuse options that would overwrite files, or that a map cannot represent. Raises UsageError."""
         if self._cfg.suffix.lower() != ".cfg":
             raise UsageError("a map's name ends in .cfg", where=str(self._cfg), hint="write -o MAP.cfg")
         if not self._photos.is_dir():
@@ -313,10 +260,9 @@ class NewMapFolder:
     def image_name(self, satellite: Path | None) -> str:
         """Return the name of the satellite image or blank plan in the map.
 
-        Raises
-        ------
-        UsageError
-            The image lies outside the map's folder without the option `copy`, or has an unsuitable name.
+        Raises:
+            UsageError: The image lies outside the map's folder without the option `copy`, or has an
+                unsuitable name.
         """
         if satellite is None:
             return self.plan_path.name
@@ -340,17 +286,12 @@ class NewMapFolder:
     ) -> None:
         """Copy files into the map's folder as needed, then write the map, its `.cfg` last.
 
-        Parameters
-        ----------
-        originals : mapping of str to str
-            Name in the map -> name in the photos' folder, for each photo.
-        plan : BlankPlan or None
-            The blank plan to draw.
+        Args:
+            originals: Name in the map -> name in the photos' folder, for each photo.
+            plan: The blank plan to draw.
 
-        Raises
-        ------
-        StorageError, UsageError
-            A file cannot be written, or a copy would replace another file.
+        Raises:
+            StorageError, UsageError: A file cannot be written, or a copy would replace another file.
         """
         try:
             self._base.mkdir(parents=True, exist_ok=True)

@@ -34,19 +34,13 @@ def find_weak_places(
 ) -> dict[str, Any]:
     """Localize photos of the map, each hidden from it, and store an assessment of each photo.
 
-    Parameters
-    ----------
-    progress : Progress
-        Two steps per photo, after those of the index.
+    Raises MapError, UsageError, StorageError, Cancelled.
 
-    Returns
-    -------
-    dict
+    Args:
+        progress: Two steps per photo, after those of the index.
+
+    Returns:
         As from `read_health`.
-
-    Raises
-    ------
-    MapError, UsageError, StorageError, Cancelled
     """
     options = options or OpenOptions(method="verified")
     localizer = open_pipeline(cfg, options, settings=settings, progress=progress)
@@ -76,12 +70,10 @@ def find_weak_places(
 def read_health(cfg: Path) -> dict[str, Any] | None:
     """Read the last result of `find_weak_places`.
 
-    Returns
-    -------
-    dict or None
+    Returns:
         `revision` of the evaluated map, `place_radius_px`, and `photos`: `id`, `state` (`confusable`,
-        `lonely`, `one-direction` or `good`), `taken_for`, `probability`. None if there is no file of this
-        version.
+            `lonely`, `one-direction` or `good`), `taken_for`, `probability`. None if there is no file of this
+            version.
     """
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())

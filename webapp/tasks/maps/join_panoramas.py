@@ -41,18 +41,10 @@ _CELLS_DEG = (1, 2, 3, 4, 5, 6, 10, 15)
 
 @dataclass(frozen=True, slots=True)
 class JoinOptions:
-    """How photos are joined.
+    """How photos are joined."""
 
-    Attributes
-    ----------
-    width : int or None
-        Width of the panoramas, pixels; None for the angular resolution of the photos.
-    mask : Path or None
-        Output file for the mask of the parts that no camera of the rig sees.
-    """
-
-    width: int | None = None
-    mask: Path | None = None
+    width: int | None = None  # Width of the panoramas, pixels; None for the angular resolution of the photos
+    mask: Path | None = None  # Output file for the mask of the parts that no camera of the rig sees
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +70,9 @@ def join_panoramas(
 
     An existing panorama of the same photos and the same rig is not made again.
 
-    Raises
-    ------
-    UsageError
-        No photo belongs to any camera, or the panoramas would be among the photos.
-    StorageError, Cancelled
+    Raises:
+        UsageError: No photo belongs to any camera, or the panoramas would be among the photos.
+        StorageError, Cancelled
     """
     if out.resolve().is_relative_to(folder.resolve()):
         raise UsageError(
@@ -205,9 +195,7 @@ def _key_in(path: Path) -> str | None:
 def write_mask(path: Path, seen: NDArray[np.bool_]) -> None:
     """Write a mask for panoramas, black where nothing is seen, with the smallest possible cells.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     for cell in _CELLS_DEG:
         rows, columns = 180 // cell, 360 // cell

@@ -117,7 +117,6 @@ def _facts(photo: Photo) -> dict[str, Any]:
 
 
 def fact_columns(photo: MapPhoto) -> dict[str, Any]:
-    """Return the values of the columns with the facts of a photo."""
     return {**fact_fields(photo), "name": photo.name or PurePosixPath(photo.photo).name}
 
 

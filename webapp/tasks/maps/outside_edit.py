@@ -21,7 +21,7 @@ from webapp.store.library import Library
 from webapp.store.maps import edits, maps
 from webapp.store.schema import MapRecord, Photo, PlacedElsewhere
 from webapp.tasks.maps import export, outside_listed
-from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, salted
+from webapp.tasks.maps.adopt_map import PhotoFiles, add_removed, check_room_for_ids, distinct_hash
 from webapp.tasks.maps.export import changed_outside, file_sha256
 from webapp.tasks.relative_paths import relative_text, show_relative_to
 
@@ -33,35 +33,23 @@ _TAKEN_OVER = ("heading_deg", *WRITTEN)
 
 @dataclass(frozen=True, slots=True)
 class TakeOverResult:
-    """Result of applying the file.
+    """Result of applying the file."""
 
-    Attributes
-    ----------
-    revision : int or None
-        Revision of the edit; None if the file differs in form only.
-    left_out : tuple of str
-        Messages about photos that could not be read.
-    """
-
-    revision: int | None
-    left_out: tuple[str, ...]
+    revision: int | None  # Revision of the edit; None if the file differs in form only
+    left_out: tuple[str, ...]  # Messages about photos that could not be read
 
 
 def show(library: Library, map_id: int, *, settings: Settings) -> dict[str, Any] | None:
     """Compare the file with the records.
 
-    Parameters
-    ----------
-    settings : Settings
-        Only the limits of photos are used.
+    Args:
+        settings: Only the limits of photos are used.
 
-    Returns
-    -------
-    dict or None
+    Returns:
         None if the file was not edited. Else `sha256` of the file; `problem`, a message if it cannot be
-        applied; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`, messages;
-        `placements`, `control_points` and `floors`, names; `notes`, titles; `georeference`, whether it
-        changes.
+            applied; `moved`, `turned`, `added`, `removed`, `kept`, lists of photos; `left_out`, messages;
+            `placements`, `control_points` and `floors`, names; `notes`, titles; `georeference`, whether it
+            changes.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -85,21 +73,14 @@ def take(
 ) -> TakeOverResult:
     """Apply the file to the records, as one edit that can be undone.
 
-    Parameters
-    ----------
-    account_id : int
-        Author of the edit.
-    sha256 : str
-        Hash of the file that was shown.
+    Args:
+        account_id: Author of the edit.
+        sha256: Hash of the file that was shown.
 
-    Raises
-    ------
-    MapError, UsageError
-        The file cannot be applied.
-    Conflict
-        The file has changed since it was shown, or was not edited.
-    StorageError
-        The disk failed; changes that were applied are safe.
+    Raises:
+        MapError, UsageError: The file cannot be applied.
+        Conflict: The file has changed since it was shown, or was not edited.
+        StorageError: The disk failed; changes that were applied are safe.
     """
     with library.database.read() as session:
         record = _record(session.get(MapRecord, map_id))
@@ -129,11 +110,9 @@ def take(
 def discard(library: Library, map_id: int, *, sha256: str) -> None:
     """Overwrite the file from the records.
 
-    Raises
-    ------
-    Conflict
-        The file has changed since it was shown.
-    StorageError
+    Raises:
+        Conflict: The file has changed since it was shown.
+        StorageError
     """
     with library.database.read() as session:
         cfg = library.cfg(_record(session.get(MapRecord, map_id)).slug)
@@ -160,63 +139,37 @@ def _plan_json(found: TakeOverPlan) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class TakeOverPlan:
-    """Changes that bring the records into agreement with the file.
+    """Changes that bring the records into agreement with the file."""
 
-    Attributes
-    ----------
-    changes : dict of str to mapping or None
-        Changes for `store.maps.edits.apply`.
-    new : list of Photo
-        Records to add first, marked as removed and without a position; `changes` restores and places them.
-    renamed : dict of int to str
-        New paths of photos whose files were renamed.
-    moved, turned, added, removed, kept : list of dict
-        For display: photos with `id` and `name`; `kept` ones were changed in the library since the file was
-        written, and keep the library's state.
-    left_out : list of str
-        Messages about photos of the file that cannot be read.
-    placements : list of str
-        Names of further placements that change.
-    control_points : list of str
-        Names of control points that change.
-    notes : list of str
-        Titles of notes that change; for the note of a photo, the photo's name.
-    floors : list of str
-        Names of floors that change.
-    georeference : bool
-        Whether it changes.
-    """
-
-    changes: dict[str, Change] = field(default_factory=dict)
+    changes: dict[str, Change] = field(default_factory=dict)  # Changes for `store.maps.edits.apply`
+    # Records to add first, marked as removed and without a position; `changes` restores and places them.
     new: list[Photo] = field(default_factory=list)
-    renamed: dict[int, str] = field(default_factory=dict)
+    renamed: dict[int, str] = field(default_factory=dict)  # New paths of photos whose files were renamed
+    # `moved`, `turned`, `added`, `removed`, `kept`: For display: photos with `id` and `name`; `kept` ones
+    # were changed in the library since the file was written, and keep the library's state.
     moved: list[dict[str, Any]] = field(default_factory=list)
     turned: list[dict[str, Any]] = field(default_factory=list)
     added: list[dict[str, Any]] = field(default_factory=list)
     removed: list[dict[str, Any]] = field(default_factory=list)
     kept: list[dict[str, Any]] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-    placements: list[str] = field(default_factory=list)
-    control_points: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # Messages about photos of the file that cannot be read
+    placements: list[str] = field(default_factory=list)  # Names of further placements that change
+    control_points: list[str] = field(default_factory=list)  # Names of control points that change
+    # Titles of notes that change; for the note of a photo, the photo's name.
     notes: list[str] = field(default_factory=list)
-    floors: list[str] = field(default_factory=list)
-    georeference: bool = False
+    floors: list[str] = field(default_factory=list)  # Names of floors that change
+    georeference: bool = False  # Whether it changes
 
 
 def plan(session: Session, record: MapRecord, cfg: Path, *, files: PhotoFiles) -> TakeOverPlan:
     """Compare the file with the records.
 
-    Parameters
-    ----------
-    files : PhotoFiles
-        Reads the photos that have no record.
+    Args:
+        files: Reads the photos that have no record.
 
-    Raises
-    ------
-    MapError
-        The file cannot be read as a map.
-    UsageError
-        It refers to another satellite image.
+    Raises:
+        MapError: The file cannot be read as a map.
+        UsageError: It refers to another satellite image.
     """
     map_ = read_map(cfg)
     check_room_for_ids(map_, cfg)
@@ -381,7 +334,7 @@ class _Planner:
         row.id = max(e.id, self._next_id)
         self._next_id = row.id + 1
         if same is not None or row.sha256 in self._new_contents:
-            row.sha256 = salted(row.sha256, row.id)
+            row.sha256 = distinct_hash(row.sha256, row.id)
         self._new_contents.add(row.sha256)
         place = {name: getattr(row, name) for name in ("x_px", "y_px", "radius_px", *_TAKEN_OVER)}
         wanted = {**place, "removed": False, **({"floor": e.floor} if e.floor != BASE_FLOOR else {})}

@@ -24,10 +24,8 @@ def changed_points(
 ) -> dict[str, Fields]:
     """Return the control points that change, by target of an edit; those missing in the file are kept.
 
-    Parameters
-    ----------
-    known : mapping of int to int
-        Id in the records for each photo id that may occur in the file, including removed photos.
+    Args:
+        known: Id in the records for each photo id that may occur in the file, including removed photos.
     """
     after = {}
     for point in map_.control_points:

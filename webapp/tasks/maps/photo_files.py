@@ -44,18 +44,12 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
 
     An existing file with the same content and without a record is reused.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the map.
-    row : Photo
-        Not yet part of the map; with its original name and its hash.
-    suffix : str
-        Suffix of its format.
+    Args:
+        folder: Folder of the map.
+        row: Not yet part of the map; with its original name and its hash.
+        suffix: Suffix of its format.
 
-    Returns
-    -------
-    str
+    Returns:
         Path relative to the folder.
     """
     stem, ending = _plain_name(row.name, suffix)
@@ -72,14 +66,11 @@ def free_path(session: Session, record: MapRecord, *, folder: Path, row: Photo, 
 def keep(source: Path, *, folder: Path, row: Photo, stored: Pointer | None = None) -> None:
     """Move a file to its path, or delete it if the photo already has its file; see `forget_intake`.
 
-    Parameters
-    ----------
-    stored : Pointer or None
-        Pointer to the object with the file's content, if it was stored: then the pointer is written instead.
+    Raises DiskFull, StorageError.
 
-    Raises
-    ------
-    DiskFull, StorageError
+    Args:
+        stored: Pointer to the object with the file's content, if it was stored: then the pointer is written
+            instead.
     """
     target = folder / row.path
     if is_there(target):
@@ -107,9 +98,7 @@ def sweep_orphans(library: Library, map_id: int) -> int:
 
     Files that a person has put there are not touched.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of files deleted.
     """
     swept = 0

@@ -32,30 +32,16 @@ Audience = Literal["members", "visitors"]
 
 @dataclass(frozen=True, slots=True)
 class PhotoFile:
-    """A photo, wherever it is stored.
+    """A photo, wherever it is stored."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the original file, for errors.
-    find : callable
-        Returns the path of the original file, or raises `NotFound`.
-    previews : Path
-        Folder of its previews.
-    stem : str
-        Beginning of their names.
-    on_map : tuple of BlurBox or None
-        For a photo of a map, the boxes of its own record: members see only these blurred.
-    adopted : tuple of int or None
-        For the photo of an answer, ids of map and photo that it has become.
-    """
-
-    name: str
+    name: str  # Name of the original file, for errors
     sha256: str
-    find: Callable[[], Path]
-    previews: Path
-    stem: str
+    find: Callable[[], Path]  # Returns the path of the original file, or raises `NotFound`
+    previews: Path  # Folder of its previews
+    stem: str  # Beginning of their names
+    # For a photo of a map, the boxes of its own record: members see only these blurred.
     on_map: tuple[BlurBox, ...] | None = None
+    # For the photo of an answer, ids of map and photo that it has become.
     adopted: tuple[int, int] | None = None
 
 
@@ -70,7 +56,6 @@ class Picture:
 def boxes_for(
     session: Session, photos: Sequence[PhotoFile], *, audience: Audience
 ) -> list[tuple[BlurBox, ...]]:
-    """Return the boxes to blur in each photo."""
     found = boxes_of_files(session, (photo.sha256 for photo in photos))
     return [
         photo.on_map
@@ -85,14 +70,10 @@ def give_picture(
 ) -> Picture:
     """Return a preview of a photo with its boxes blurred, which is created on first use.
 
-    Raises
-    ------
-    NotFound, PhotoError
-        The photo is missing or damaged.
-    MapError
-        Its path leads out of the map's folder, perhaps by a link.
-    StorageError
-        The file cannot be written.
+    Raises:
+        NotFound, PhotoError: The photo is missing or damaged.
+        MapError: Its path leads out of the map's folder, perhaps by a link.
+        StorageError: The file cannot be written.
     """
     with library.database.read() as session:
         (boxes,) = boxes_for(session, [photo], audience=audience)
@@ -108,12 +89,9 @@ def give_picture(
 def give_original(library: Library, photo: PhotoFile, *, audience: Audience) -> Path:
     """Return the original file of a photo; visitors do not get that of a blurred one.
 
-    Raises
-    ------
-    NotFound
-        It is missing, or not for visitors.
-    MapError
-        Its path leads out of the map's folder, perhaps by a link.
+    Raises:
+        NotFound: It is missing, or not for visitors.
+        MapError: Its path leads out of the map's folder, perhaps by a link.
     """
     if audience == "visitors":
         with library.database.read() as session:
@@ -126,10 +104,8 @@ def give_original(library: Library, photo: PhotoFile, *, audience: Audience) -> 
 def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
     """Return the boxes that are blurred in a file if it is a photo of a map.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the map.
+    Args:
+        folder: Folder of the map.
     """
     everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
     photos = [one for one in everyone if one.blurred]

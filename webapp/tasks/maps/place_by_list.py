@@ -32,40 +32,22 @@ _SAME_PX = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PositionList:
-    """A list of positions, and options for reading it.
+    """A list of positions, and options for reading it."""
 
-    Attributes
-    ----------
-    file : Path
-        A `.cfg` is recognised by its suffix, other formats by their content.
-    name : str
-        Original name, for error messages.
-    columns : str or None
-        Meaning of the columns of a table; None to guess it from the header.
-    move_placed : bool
-        Whether to move photos that have a position already.
-    """
-
-    file: Path
-    name: str
-    columns: str | None = None
-    move_placed: bool = True
+    file: Path  # A `.cfg` is recognised by its suffix, other formats by their content
+    name: str  # Original name, for error messages
+    columns: str | None = None  # Meaning of the columns of a table; None to guess it from the header
+    move_placed: bool = True  # Whether to move photos that have a position already
 
 
 @dataclass(frozen=True, slots=True)
 class ListedPhoto:
-    """The position of a photo in a list.
-
-    Attributes
-    ----------
-    before : MapPixel or None
-        Current position.
-    moved_px, moved_m : float or None
-        Distance from it; None without a current position, `moved_m` also without a georeference.
-    """
+    """The position of a photo in a list."""
 
     spot: PhotoSpot
-    before: MapPixel | None
+    before: MapPixel | None  # Current position
+    # `moved_px`, `moved_m`: Distance from it; None without a current position, `moved_m` also without a
+    # georeference.
     moved_px: float | None
     moved_m: float | None
 
@@ -77,35 +59,23 @@ class ListedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class ListPreview:
-    """Expected result of placing by a list.
-
-    Attributes
-    ----------
-    unknown : tuple of str
-        Names in the list that match no photo of the map.
-    ambiguous : tuple of str
-        Names in the list that match several photos, that match the same photo as another name, or that occur
-        several times.
-    missing : int
-        Number of photos of the map without a position that are not in the list.
-    """
+    """Expected result of placing by a list."""
 
     photos: tuple[ListedPhoto, ...]
-    unknown: tuple[str, ...]
+    unknown: tuple[str, ...]  # Names in the list that match no photo of the map
+    # Names in the list that match several photos, that match the same photo as another name, or that occur
+    # several times.
     ambiguous: tuple[str, ...]
-    missing: int
+    missing: int  # Number of photos of the map without a position that are not in the list
 
 
 def preview(library: Library, map_id: int, *, listed: PositionList) -> ListPreview:
     """Preview where the photos would be placed; nothing is changed.
 
-    Raises
-    ------
-    TableError, TrackError, MapError
-        The list is not valid in its format.
-    UsageError
-        The map has no satellite image, or no georeference although the list needs one; the list was made on
-        an image of another size; or the columns do not fit.
+    Raises:
+        TableError, TrackError, MapError: The list is not valid in its format.
+        UsageError: The map has no satellite image, or no georeference although the list needs one; the list
+            was made on an image of another size; or the columns do not fit.
     """
     positions = _read(listed)
     with library.database.read() as session:
@@ -117,20 +87,14 @@ def place_by_list(
 ) -> tuple[PlacingResult, ListPreview]:
     """Place the photos of a list, as one edit; placed photos are moved only with `listed.move_placed`.
 
-    Parameters
-    ----------
-    account_id : int
-        Author of the edit, who can undo it.
+    Args:
+        account_id: Author of the edit, who can undo it.
 
-    Returns
-    -------
-    ListPreview
+    Returns:
         As from `preview` just before.
 
-    Raises
-    ------
-    TableError, TrackError, MapError, UsageError
-        See `preview`.
+    Raises:
+        TableError, TrackError, MapError, UsageError: See `preview`.
     """
     positions = _read(listed)
     with library.changing(map_id) as change:

@@ -34,29 +34,14 @@ _MAX_S = 10 * 366 * 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Conversion of photo times to track times.
+    """Conversion of photo times to track times."""
 
-    Attributes
-    ----------
-    offset_s : float
-        Added to each photo time.
-    zone : tzinfo
-        Time zone of photo times without one.
-    max_gap_s : float
-        Longest gap between two fixes of the track that is interpolated.
-    """
-
-    offset_s: float = 0.0
-    zone: tzinfo = UTC
-    max_gap_s: float = 60.0
+    offset_s: float = 0.0  # Added to each photo time
+    zone: tzinfo = UTC  # Time zone of photo times without one
+    max_gap_s: float = 60.0  # Longest gap between two fixes of the track that is interpolated
 
     def __post_init__(self) -> None:
-        """Reject invalid time spans.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Reject invalid time spans. Raises UsageError."""
         if not (math.isfinite(self.offset_s) and abs(self.offset_s) <= _MAX_S):
             raise UsageError("the clock offset is not a number of seconds", where="offset_s")
         if not (math.isfinite(self.max_gap_s) and 0.0 < self.max_gap_s <= _MAX_S):
@@ -90,28 +75,15 @@ class MatchedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """Expected result of placing by the track.
+    """Expected result of placing by the track."""
 
-    Attributes
-    ----------
-    found : tuple of MatchedPhoto
-        Including those outside the image, whose spot has a problem.
-    suggested : ClockOffset or NoMatch
-        The clock offset with which photos with GPS fit the track best.
-    """
-
-    found: tuple[MatchedPhoto, ...]
+    found: tuple[MatchedPhoto, ...]  # Including those outside the image, whose spot has a problem
     unmatched: tuple[UnmatchedPhoto, ...]
-    suggested: ClockOffset | NoMatch
+    suggested: ClockOffset | NoMatch  # The clock offset with which photos with GPS fit the track best
 
 
 def parse_zone(text: str) -> tzinfo:
-    """Read a time zone: `Europe/Prague`, `UTC`, or an offset such as `+02:00`.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Read a time zone: `Europe/Prague`, `UTC`, or an offset such as `+02:00`. Raises UsageError."""
     found = _OFFSET.fullmatch(text.strip())
     if found and int(found[2]) < 24 and int(found[3]) < 60:
         span = timedelta(hours=int(found[2]), minutes=int(found[3]))
@@ -126,10 +98,8 @@ def parse_zone(text: str) -> tzinfo:
 def preview(library: Library, map_id: int, *, track: FixTrack, clock: Clock) -> Preview:
     """Preview where the photos in the tray would be placed; nothing is changed.
 
-    Raises
-    ------
-    UsageError
-        The map has no satellite image, or the image has no georeference.
+    Raises:
+        UsageError: The map has no satellite image, or the image has no georeference.
     """
     with library.database.read() as session:
         return _match(session, session.get_one(MapRecord, map_id), track=track, clock=clock)
@@ -140,20 +110,14 @@ def place_by_track(
 ) -> tuple[PlacingResult, Preview]:
     """Place the photos in the tray that match the track, as one edit.
 
-    Parameters
-    ----------
-    account_id : int
-        Author of the edit, who can undo it.
+    Args:
+        account_id: Author of the edit, who can undo it.
 
-    Returns
-    -------
-    Preview
+    Returns:
         As from `preview` just before.
 
-    Raises
-    ------
-    UsageError
-        The map has no satellite image, or the image has no georeference.
+    Raises:
+        UsageError: The map has no satellite image, or the image has no georeference.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

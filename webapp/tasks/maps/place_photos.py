@@ -37,25 +37,13 @@ class FileState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SurveyedFile:
-    """A surveyed file.
+    """A surveyed file."""
 
-    Attributes
-    ----------
-    name : str
-        Relative to the folder, with forward slashes.
-    facts : PhotoFacts or None
-        None if it is not a readable photo.
-    state : FileState or None
-        Why it cannot be placed; None if it has a position.
-    reason : str or None
-        The same as a message.
-    """
-
-    name: str
-    facts: PhotoFacts | None = None
+    name: str  # Relative to the folder, with forward slashes
+    facts: PhotoFacts | None = None  # None if it is not a readable photo
     position: LatLon | MapPixel | None = None
-    state: FileState | None = None
-    reason: str | None = None
+    state: FileState | None = None  # Why it cannot be placed; None if it has a position
+    reason: str | None = None  # The same as a message
     is_panorama: bool = False
 
     @property
@@ -76,18 +64,12 @@ def survey(
 ) -> list[SurveyedFile]:
     """Read each file; a bad one is a result, not an exception.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Paths relative to the folder.
-    positions : Positions or None
-        Positions by file name, instead of those in EXIF.
-    assume_panoramas : bool
-        Treat all photos twice as wide as high as panoramas, even without panorama metadata.
+    Args:
+        names: Paths relative to the folder.
+        positions: Positions by file name, instead of those in EXIF.
+        assume_panoramas: Treat all photos twice as wide as high as panoramas, even without panorama metadata.
 
-    Returns
-    -------
-    list of SurveyedFile
+    Returns:
         One for each name, in order.
     """
     progress.size(len(names))
@@ -140,51 +122,26 @@ def _look(
 
 @dataclass(frozen=True, slots=True)
 class FileResult:
-    """The result for one file of the folder.
+    """The result for one file of the folder."""
 
-    Attributes
-    ----------
-    name : str
-        Relative to the folder.
-    reason : str or None
-        Why it was not placed.
-    experience : Experience or None
-        The experience in the map, if it was placed.
-    latlon : LatLon or None
-        Geographic position, if known.
-    notes : tuple of str
-        Remarks on irregularities.
-    """
-
-    name: str
+    name: str  # Relative to the folder
     state: FileState
-    reason: str | None = None
-    experience: Experience | None = None
-    latlon: LatLon | None = None
-    notes: tuple[str, ...] = ()
+    reason: str | None = None  # Why it was not placed
+    experience: Experience | None = None  # The experience in the map, if it was placed
+    latlon: LatLon | None = None  # Geographic position, if known
+    notes: tuple[str, ...] = ()  # Remarks on irregularities
 
 
 @dataclass(frozen=True, slots=True)
 class MapImage:
-    """The satellite image or blank plan.
+    """The satellite image or blank plan."""
 
-    Attributes
-    ----------
-    width, height : int
-        Pixels.
-    georeference : Georeference or None
-        None if unknown; positions are in pixels then.
-    residuals_m : tuple of float
-        Residuals of its control points, metres.
-    warnings : tuple of str
-        Warnings about its georeference.
-    """
-
+    # `width`, `height`: Pixels.
     width: int
     height: int
-    georeference: Georeference | None
-    residuals_m: tuple[float, ...] = ()
-    warnings: tuple[str, ...] = ()
+    georeference: Georeference | None  # None if unknown; positions are in pixels then
+    residuals_m: tuple[float, ...] = ()  # Residuals of its control points, metres
+    warnings: tuple[str, ...] = ()  # Warnings about its georeference
 
 
 def unplaced(s: SurveyedFile) -> FileResult:
@@ -196,16 +153,11 @@ def unplaced(s: SurveyedFile) -> FileResult:
 def place(s: SurveyedFile, image: MapImage, *, photo: str) -> FileResult:
     """Place one photo.
 
-    Parameters
-    ----------
-    image : MapImage
-        Must have a georeference, unless the position is in pixels.
-    photo : str
-        Its name in the map.
+    Args:
+        image: Must have a georeference, unless the position is in pixels.
+        photo: Its name in the map.
 
-    Returns
-    -------
-    FileResult
+    Returns:
         A placed photo has id 0 until `with_ids` assigns one.
     """
     if s.state is not None or s.facts is None or s.position is None:

@@ -32,26 +32,19 @@ def put(
 ) -> int | None:
     """Create or replace a placement.
 
-    Parameters
-    ----------
-    positions : mapping of int to MapPixel, optional
-        Positions by photo id; by default those of the map.
-    clusters_px : float, optional
-        Instead of `positions`: move photos within this radius of each other to their common centre.
+    Args:
+        positions: Positions by photo id; by default those of the map.
+        clusters_px: Instead of `positions`: move photos within this radius of each other to their common
+            centre.
 
-    Returns
-    -------
-    int or None
+    Returns:
         Revision of the edit; None if nothing changed.
 
-    Raises
-    ------
-    UsageError
-        The name collides with another file, a position is outside the image, or no photo is placed.
-    MapError
-        The name is not valid.
-    NotFound
-        A photo is not placed on the map.
+    Raises:
+        UsageError: The name collides with another file, a position is outside the image, or no photo is
+            placed.
+        MapError: The name is not valid.
+        NotFound: A photo is not placed on the map.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -90,10 +83,8 @@ def _gathered(
 def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int | None:
     """Delete a placement, but not its photos or their positions on the map; return the edit's revision.
 
-    Raises
-    ------
-    NotFound
-        There is no placement with this name.
+    Raises:
+        NotFound: There is no placement with this name.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -108,12 +99,9 @@ def delete(library: Library, map_id: int, *, name: str, account_id: int) -> int 
 def check_name(session: Session, record: MapRecord, name: str) -> None:
     """Refuse a name whose file would collide with that of the map or another placement, ignoring case.
 
-    Raises
-    ------
-    MapError
-        The name is not valid.
-    UsageError
-        The name collides.
+    Raises:
+        MapError: The name is not valid.
+        UsageError: The name collides.
     """
     check_placement_name(name)
     others = session.scalars(

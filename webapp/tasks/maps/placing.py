@@ -30,19 +30,11 @@ class RequestedPose:
 
 @dataclass(frozen=True, slots=True)
 class PhotoSpot:
-    """Resulting position of a photo on the image.
-
-    Attributes
-    ----------
-    pixel : MapPixel
-        May be outside the image, or NaN.
-    problem : str or None
-        How far outside it is.
-    """
+    """Resulting position of a photo on the image."""
 
     photo: Photo
-    pixel: MapPixel
-    problem: str | None
+    pixel: MapPixel  # May be outside the image, or NaN
+    problem: str | None  # How far outside it is
     heading_deg: float | None = None
     radius_px: float | None = None
     floor: int | None = None
@@ -59,19 +51,11 @@ class OutsidePhoto:
 
 @dataclass(frozen=True, slots=True)
 class PlacingResult:
-    """What was placed.
+    """What was placed."""
 
-    Attributes
-    ----------
-    placed : tuple of int
-        Ids of the photos, including those that have not moved.
-    job : int or None
-        Id of the job that updates the index, if the set of placed photos has changed.
-    """
-
-    placed: tuple[int, ...]
+    placed: tuple[int, ...]  # Ids of the photos, including those that have not moved
     outside: tuple[OutsidePhoto, ...]
-    job: int | None = None
+    job: int | None = None  # Id of the job that updates the index, if the set of placed photos has changed
 
 
 def image_of(record: MapRecord) -> MapImage | None:
@@ -84,10 +68,8 @@ def image_of(record: MapRecord) -> MapImage | None:
 def needed_image(record: MapRecord, *, with_georeference: bool) -> MapImage:
     """Return the satellite image of a map.
 
-    Raises
-    ------
-    UsageError
-        There is none, or it has no georeference and one is needed.
+    Raises:
+        UsageError: There is none, or it has no georeference and one is needed.
     """
     image = image_of(record)
     if image is None:
@@ -116,14 +98,10 @@ def place_spots(
 ) -> PlacingResult:
     """Place the photos that are within the image, as one edit.
 
-    Parameters
-    ----------
-    session : Session
-        Session with write access.
-    kind : str
-        Kind of the edit.
-    account_id : int
-        Author of the edit.
+    Args:
+        session: Session with write access.
+        kind: Kind of the edit.
+        account_id: Author of the edit.
     """
     changes: dict[str, Mapping[str, Any]] = {}
     placed, outside = [], []
@@ -142,15 +120,11 @@ def place_spots(
 def place_by_gps(library: Library, map_id: int, *, account_id: int) -> PlacingResult:
     """Place all photos in the tray whose GPS positions are within the image, as one edit.
 
-    Parameters
-    ----------
-    account_id : int
-        Author of the edit, who can undo it.
+    Args:
+        account_id: Author of the edit, who can undo it.
 
-    Raises
-    ------
-    UsageError
-        The map has no satellite image, or the image has no georeference.
+    Raises:
+        UsageError: The map has no satellite image, or the image has no georeference.
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

@@ -26,29 +26,19 @@ Changing = Callable[[int], AbstractContextManager[MapChange]]
 
 
 class NewBlur(NamedTuple):
-    """Requested blurring of a photo.
+    """Requested blurring of a photo."""
 
-    Attributes
-    ----------
-    boxes : sequence of BlurBox
-        The complete new list of boxes.
-    seen : sequence of BlurBox or None
-        The boxes that were blurred when these were chosen; None to overwrite without a check.
-    """
-
-    boxes: Sequence[BlurBox]
+    boxes: Sequence[BlurBox]  # The complete new list of boxes
+    # The boxes that were blurred when these were chosen; None to overwrite without a check.
     seen: Sequence[BlurBox] | None = None
 
 
 def original(library: Library, slug: str, *, photo: Photo) -> Path:
     """Find the original file of a photo.
 
-    Raises
-    ------
-    NotFound
-        It is missing on the disk.
-    MapError
-        Its path leads out of the map's folder, perhaps by a link.
+    Raises:
+        NotFound: It is missing on the disk.
+        MapError: Its path leads out of the map's folder, perhaps by a link.
     """
     cfg = library.cfg(slug)
     with show_file_as(photo.name, cfg):
@@ -73,10 +63,8 @@ def file_of(library: Library, slug: str, *, photo: Photo) -> PhotoFile:
 def boxes_in_exports(library: Library, map_id: int, *, photo_id: int) -> tuple[BlurBox, ...]:
     """Return the boxes to blur in a photo of a map for those who receive an export.
 
-    Raises
-    ------
-    NotFound
-        The map or the photo was deleted meanwhile.
+    Raises:
+        NotFound: The map or the photo was deleted meanwhile.
     """
     with library.database.read() as session:
         record = session.get(MapRecord, map_id)
@@ -100,23 +88,16 @@ def blur_photo(
 
     The previews are written before the record is committed, so that an old one is never shown as the new one.
 
-    Parameters
-    ----------
-    changing : callable, optional
-        Used instead of `library.changing`, such as that of a job.
+    Args:
+        changing: Used instead of `library.changing`, such as that of a job.
 
-    Returns
-    -------
-    int or None
+    Returns:
         New revision of the map; None if nothing changed.
 
-    Raises
-    ------
-    UsageError
-        A box is not valid, or there are too many.
-    Conflict
-        The boxes were changed concurrently, or since `wanted.seen`; nothing was changed.
-    NotFound, PhotoError, StorageError
+    Raises:
+        UsageError: A box is not valid, or there are too many.
+        Conflict: The boxes were changed concurrently, or since `wanted.seen`; nothing was changed.
+        NotFound, PhotoError, StorageError
     """
     boxes = [_checked(box) for box in wanted.boxes]
     if len(boxes) > MOST_BOXES:

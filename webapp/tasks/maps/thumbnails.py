@@ -23,14 +23,10 @@ _QUALITY = 80
 def thumbnail(source: Source, experience: Experience, *, side: int, limits: PhotoLimits) -> bytes | None:
     """Make a thumbnail of a photo, from its preview if there is one.
 
-    Parameters
-    ----------
-    side : int
-        Maximum length of the longer side, pixels.
+    Args:
+        side: Maximum length of the longer side, pixels.
 
-    Returns
-    -------
-    bytes or None
+    Returns:
         JPEG without metadata; None if the photo is missing, unreadable, or was removed meanwhile.
     """
     cfg, id = source.cfg, experience.id
@@ -48,10 +44,8 @@ def thumbnail(source: Source, experience: Experience, *, side: int, limits: Phot
 def satellite_picture(cfg: Path, path: str, *, side: int, settings: Settings) -> Pixels | None:
     """Read the satellite image, scaled down to at most `side` pixels.
 
-    Returns
-    -------
-    (h, w, 3) uint8 or None
-        Blue, green, red; None if the image is missing or unreadable.
+    Returns:
+        (h, w, 3) uint8 or None: Blue, green, red; None if the image is missing or unreadable.
     """
     try:
         file = photo_path(cfg, path)

@@ -72,21 +72,13 @@ def readers(parts: Iterable[LibraryPart]) -> Mapping[str, Reader]:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """What is in a backup.
-
-    Attributes
-    ----------
-    size_bytes : int
-        Total size of the files.
-    missing : tuple of str
-        Files that are missing from the library itself.
-    """
+    """What is in a backup."""
 
     maps: int
     photos: int
     files: int
-    size_bytes: int
-    missing: tuple[str, ...]
+    size_bytes: int  # Total size of the files
+    missing: tuple[str, ...]  # Files that are missing from the library itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,23 +97,17 @@ def back_up(
 
     Derived files (`derived/`), unfinished uploads and the key that signs sessions are left out.
 
-    Parameters
-    ----------
-    target : Path
-        Backup file; an existing one is replaced when the new one is complete.
-    parts : sequence of LibraryPart
-        Parts of the library with files, apart from maps.
-    progress : Progress
-        One step per file, for copying and then for verification.
+    Args:
+        target: Backup file; an existing one is replaced when the new one is complete.
+        parts: Parts of the library with files, apart from maps.
+        progress: One step per file, for copying and then for verification.
 
-    Raises
-    ------
-    UsageError
-        The file would be in the library itself, or photos of the library are in S3 and this process has not
-        opened its storage.
-    StorageError, DiskFull
-        The disk or the object storage failed; an older backup of that name is unchanged.
-    Cancelled
+    Raises:
+        UsageError: The file would be in the library itself, or photos of the library are in S3 and this
+            process has not opened its storage.
+        StorageError, DiskFull: The disk or the object storage failed; an older backup of that name is
+            unchanged.
+        Cancelled
     """
     if in_use() is None:
         refuse_objects(library.inner, doing="this backup")

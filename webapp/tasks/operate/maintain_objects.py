@@ -51,18 +51,10 @@ _SOME = 500
 
 @dataclass(frozen=True, slots=True)
 class PhotosMoved:
-    """Result of a move to the storage.
+    """Result of a move to the storage."""
 
-    Attributes
-    ----------
-    stored : int
-        Number of files stored.
-    left : tuple of Path
-        Files that could not be stored; the reasons are in the log.
-    """
-
-    stored: int
-    left: tuple[Path, ...] = ()
+    stored: int  # Number of files stored
+    left: tuple[Path, ...] = ()  # Files that could not be stored; the reasons are in the log
 
 
 def objects_lock(library: Library) -> FileLock:
@@ -73,15 +65,11 @@ def objects_lock(library: Library) -> FileLock:
 def move_photos(library: Library, *, stops: Callable[[], bool] = lambda: False) -> int:
     """Call `move_locked_photos`, unless another process is moving files.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of files stored.
 
-    Raises
-    ------
-    StorageError
-        See `move_locked_photos`.
+    Raises:
+        StorageError: See `move_locked_photos`.
     """
     if in_use() is None:
         return 0
@@ -98,15 +86,11 @@ def move_locked_photos(library: Library, *, stops: Callable[[], bool] = lambda: 
     These are imported photos, those from before the storage was set up, and all images, which are first saved
     as files so that placing one need not wait for an upload. The caller holds the lock `objects_lock`.
 
-    Parameters
-    ----------
-    stops : callable
-        Called before each file; True ends the move.
+    Args:
+        stops: Called before each file; True ends the move.
 
-    Raises
-    ------
-    StorageError
-        The storage or the disk failed; files that are not stored remain in the folder.
+    Raises:
+        StorageError: The storage or the disk failed; files that are not stored remain in the folder.
     """
     storage = in_use()
     if storage is None:
@@ -161,20 +145,14 @@ def sweep_objects(library: Library, settings: Settings, *, stops: Callable[[], b
     Interrupted uploads and permanently deleted maps leave such objects. By then nothing reads them, and they
     cannot be referenced again, as each upload has a unique key.
 
-    Parameters
-    ----------
-    stops : callable
-        Called before each pointer and each object; True ends the sweep until the next time.
+    Args:
+        stops: Called before each pointer and each object; True ends the sweep until the next time.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of objects deleted.
 
-    Raises
-    ------
-    StorageError
-        The folder cannot be read completely, or the storage failed; the sweep ends.
+    Raises:
+        StorageError: The folder cannot be read completely, or the storage failed; the sweep ends.
     """
     storage, age = in_use(), timedelta(hours=settings.orphans_h)
     if storage is None:
@@ -226,10 +204,8 @@ def _unnamed(
 def pointed_files(folder: Path) -> Iterator[Path]:
     """Find the paths of all files that have pointers in the folder of a library.
 
-    Raises
-    ------
-    StorageError
-        The folder cannot be read completely.
+    Raises:
+        StorageError: The folder cannot be read completely.
     """
 
     def fail(error: OSError) -> None:

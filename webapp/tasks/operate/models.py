@@ -20,23 +20,14 @@ Models = Mapping[str, tuple[ModelFile, ...]]
 
 @dataclass(frozen=True, slots=True)
 class ModelState:
-    """A file with weights, and whether it is installed.
+    """A file with weights, and whether it is installed."""
 
-    Attributes
-    ----------
-    model : str
-        Name of features, or of a network that matches them.
-    state : {"here", "missing", "damaged", "unusable"}
-        Files supplied by the user are never "damaged", as they have no known hash; that of a global
-        descriptor is loaded as a test.
-    problem : str
-        Why it is unusable.
-    """
-
-    model: str
+    model: str  # Name of features, or of a network that matches them
     file: ModelFile
+    # "here", "missing", "damaged" or "unusable". Files supplied by the user are never "damaged", as they have
+    # no known hash; that of a global descriptor is loaded as a test.
     state: str
-    problem: str = ""
+    problem: str = ""  # Why it is unusable
 
 
 def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
@@ -52,15 +43,11 @@ def states(settings: Settings, *, models: Models = MODELS) -> list[ModelState]:
 def missing(names: Collection[str], *, settings: Settings, models: Models = MODELS) -> list[str]:
     """List the models with published files that are not installed.
 
-    Parameters
-    ----------
-    names : collection of str
-        Models; if empty, all with published files.
+    Args:
+        names: Models; if empty, all with published files.
 
-    Raises
-    ------
-    UsageError
-        A name is unknown, or the model has no published file.
+    Raises:
+        UsageError: A name is unknown, or the model has no published file.
     """
     unknown = next((name for name in names if name not in models), None)
     if unknown is not None:
@@ -84,17 +71,12 @@ def is_available(name: str, source: Path | None, *, models: Models = MODELS) -> 
 def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> ModelFile:
     """Choose which of a model's files to fetch; separate from `fetch`, to show the licence first.
 
-    Parameters
-    ----------
-    source : Path or None
-        Folder to copy it from; None to download it.
+    Args:
+        source: Folder to copy it from; None to download it.
 
-    Raises
-    ------
-    NotFound
-        The folder has none of them.
-    UsageError
-        It has no download address.
+    Raises:
+        NotFound: The folder has none of them.
+        UsageError: It has no download address.
     """
     files = models[name]
     if source is None:
@@ -112,21 +94,15 @@ def choose_file(name: str, source: Path | None, *, models: Models = MODELS) -> M
 def fetch(file: ModelFile, source: Path | None, *, settings: Settings, progress: Progress) -> Path:
     """Download a file, or copy it from a folder; only the published file is accepted, by its hash.
 
-    Parameters
-    ----------
-    source : Path or None
-        Folder with the file; None to download it.
+    Args:
+        source: Folder with the file; None to download it.
 
-    Returns
-    -------
-    Path
+    Returns:
         The file.
 
-    Raises
-    ------
-    InputError
-        The content differs from the published file.
-    StorageError, Cancelled
+    Raises:
+        InputError: The content differs from the published file.
+        StorageError, Cancelled
     """
     if source is not None:
         came_from = str(source / file.name)

@@ -54,45 +54,27 @@ _IN_USE = Conflict(
 
 @dataclass(frozen=True, slots=True)
 class MoveReport:
-    """What was moved.
+    """What was moved."""
 
-    Attributes
-    ----------
-    tables : tuple of TableCopy
-        The copied tables.
-    place : str
-        The new database.
-    kept : str
-        The old database.
-    """
-
-    tables: tuple[TableCopy, ...]
-    place: str
-    kept: str
+    tables: tuple[TableCopy, ...]  # The copied tables
+    place: str  # The new database
+    kept: str  # The old database
 
 
 def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
     """Move the records of a library from SQLite to a server.
 
-    Parameters
-    ----------
-    url : str
-        Address of an empty database, or of one that this move has partly filled.
-    progress : Progress
-        One step per row.
+    Args:
+        url: Address of an empty database, or of one that this move has partly filled.
+        progress: One step per row.
 
-    Raises
-    ------
-    NotFound
-        There is no library in the folder.
-    UsageError
-        Its records are in a server already, or the database is not empty.
-    Conflict
-        The library is in use.
-    StorageError, DiskFull, MissingPart
-        One of the databases cannot be read or written, or is of another version of the program.
-    Cancelled
-        The library is unchanged.
+    Raises:
+        NotFound: There is no library in the folder.
+        UsageError: Its records are in a server already, or the database is not empty.
+        Conflict: The library is in use.
+        StorageError, DiskFull, MissingPart: One of the databases cannot be read or written, or is of another
+            version of the program.
+        Cancelled: The library is unchanged.
     """
     inner = folder.resolve() / INNER
     with alone(inner), closing(Database(url)) as target:
@@ -120,21 +102,15 @@ def move_to_server(folder: Path, url: str, *, progress: Progress) -> MoveReport:
 def move_to_file(folder: Path, url: str | None, *, progress: Progress) -> MoveReport:
     """Move the records of a library from a server to SQLite.
 
-    Parameters
-    ----------
-    url : str or None
-        Address of the database that holds them.
-    progress : Progress
-        One step per row.
+    Args:
+        url: Address of the database that holds them.
+        progress: One step per row.
 
-    Raises
-    ------
-    NotFound
-        There is no library in the folder.
-    UsageError
-        Its records are in SQLite already, there is no address, or photos of the library are in S3.
-    Conflict, StorageError, DiskFull, MissingPart, Cancelled
-        See `move_to_server`.
+    Raises:
+        NotFound: There is no library in the folder.
+        UsageError: Its records are in SQLite already, there is no address, or photos of the library are in
+            S3.
+        Conflict, StorageError, DiskFull, MissingPart, Cancelled: See `move_to_server`.
     """
     inner = folder.resolve() / INNER
     refuse_objects(inner, doing="a library in SQLite")
@@ -231,9 +207,7 @@ def _refuse_other_move(moved: MovedMark | None, key: str | None, *, name: str) -
 def alone(inner: Path) -> Iterator[None]:
     """Prevent other processes from opening a library during the block; refuse if one has it open.
 
-    Raises
-    ------
-    NotFound, Conflict, Busy, StorageError
+    Raises NotFound, Conflict, Busy, StorageError.
     """
     if not any((inner / name).is_file() for name in (DATABASE, SERVER)):
         raise NotFound(
@@ -257,9 +231,7 @@ def alone(inner: Path) -> Iterator[None]:
 def check_alone(connection: Connection) -> None:
     """Refuse if another process on any machine is connected; wait a little for one that is just ending.
 
-    Raises
-    ------
-    Conflict
+    Raises Conflict.
     """
     until = time.monotonic() + _WAIT_S
     while backend_of(connection).is_open_elsewhere(connection):
@@ -271,10 +243,8 @@ def check_alone(connection: Connection) -> None:
 def _begin(inner: Path, place: str, source: Database) -> str:
     """Write the ticket of a move, or find that of a killed one; return its key.
 
-    Raises
-    ------
-    StorageError
-        The records were moved to another place, or a move to another place is incomplete.
+    Raises:
+        StorageError: The records were moved to another place, or a move to another place is incomplete.
     """
     key = _ticket(inner, place)
     _refuse_other_move(_mark_of(source), key, name=source.name)

@@ -37,18 +37,10 @@ _WAIT_S, _LOOK_S = 600.0, 1.0
 
 @dataclass(frozen=True, slots=True)
 class ObjectsMoved:
-    """What was moved.
+    """What was moved."""
 
-    Attributes
-    ----------
-    files : int
-        Number of files moved.
-    place : str
-        Where they are now.
-    """
-
-    files: int
-    place: str
+    files: int  # Number of files moved
+    place: str  # Where they are now
 
 
 def move_to_storage(library: Library, settings: Settings, *, progress: Progress) -> ObjectsMoved:
@@ -57,15 +49,11 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
     Servers and workers may keep running: they do the same every hour, and delete the files that are no longer
     read. If a worker is moving files, this waits for it.
 
-    Raises
-    ------
-    UsageError
-        The settings name no storage.
-    Busy
-        The worker has not finished in time.
-    StorageError
-        Some files could not be stored and remain in the folder.
-    Cancelled
+    Raises:
+        UsageError: The settings name no storage.
+        Busy: The worker has not finished in time.
+        StorageError: Some files could not be stored and remain in the folder.
+        Cancelled
     """
     if settings.storage is None:
         raise UsageError(
@@ -79,7 +67,7 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
         progress.advance()
         return False
 
-    with _alone_at_it(library, progress=progress):
+    with _exclusively(library, progress=progress):
         moved = move_locked_photos(library, stops=stops)
     if moved.left:
         left, all_ = len(moved.left), len(moved.left) + moved.stored
@@ -92,7 +80,7 @@ def move_to_storage(library: Library, settings: Settings, *, progress: Progress)
 
 
 @contextmanager
-def _alone_at_it(library: Library, *, progress: Progress) -> Iterator[None]:
+def _exclusively(library: Library, *, progress: Progress) -> Iterator[None]:
     """Hold the lock for moving files during the block; wait for a worker that holds it."""
     lock, until = objects_lock(library), time.monotonic() + _WAIT_S
     is_noted = False
@@ -120,20 +108,15 @@ def _alone_at_it(library: Library, *, progress: Progress) -> Iterator[None]:
 def move_to_folder(folder: Path, settings: Settings, *, progress: Progress) -> ObjectsMoved:
     """Fetch all objects of a library as files, verify their hashes, and detach the storage.
 
-    Parameters
-    ----------
-    progress : Progress
-        One step per object.
+    Args:
+        progress: One step per object.
 
-    Raises
-    ------
-    UsageError
-        The library has no storage.
-    Conflict
-        The library is in use.
-    StorageUnavailable, DiskFull, StorageError
-        The disk or the storage failed, or objects are lost; those fetched before remain as files.
-    NotFound, Busy, Cancelled
+    Raises:
+        UsageError: The library has no storage.
+        Conflict: The library is in use.
+        StorageUnavailable, DiskFull, StorageError: The disk or the storage failed, or objects are lost; those
+            fetched before remain as files.
+        NotFound, Busy, Cancelled
     """
     inner = folder.resolve() / INNER
     with alone(inner):

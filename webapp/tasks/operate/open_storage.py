@@ -27,16 +27,10 @@ _WAIT_S = 60.0
 
 
 def refuse_objects(inner: Path, *, doing: str) -> None:
-    """Refuse work that cannot access photos in the object storage, if there are any.
+    """Refuse work that cannot access photos in the object storage, if there are any. Raises UsageError.
 
-    Parameters
-    ----------
-    inner : Path
-        The folder `.library`.
-
-    Raises
-    ------
-    UsageError
+    Args:
+        inner: The folder `.library`.
     """
     address = read_marker(inner)[0]
     if address is not None:
@@ -50,12 +44,9 @@ def refuse_objects(inner: Path, *, doing: str) -> None:
 def open_storage(library: Library, settings: Settings) -> None:
     """Use the object storage of a library in this process, if it has one.
 
-    Raises
-    ------
-    StorageError
-        The library has another storage than the settings name, or they name none.
-    UsageError, MissingPart
-        See `connect`.
+    Raises:
+        StorageError: The library has another storage than the settings name, or they name none.
+        UsageError, MissingPart: See `connect`.
     """
     is_marked, marker = check_marker(library.inner, settings), library.inner / MARKER
     storage = connect(settings)
@@ -74,9 +65,7 @@ def open_storage(library: Library, settings: Settings) -> None:
 def check_owner(inner: Path, storage: ObjectStorage) -> None:
     """Refuse an object storage that does not, or no longer, belong to the library with this inner folder.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     owner = _owner(storage)
     if owner is None or owner != read_marker(inner)[1]:

@@ -39,21 +39,13 @@ _BEFORE = ".before-restore-"
 
 @dataclass(frozen=True, slots=True)
 class RestoreReport:
-    """What was restored.
+    """What was restored."""
 
-    Attributes
-    ----------
-    made_at : str
-        When the backup was made, ISO 8601.
-    before : Path or None
-        Folder with the previous library.
-    """
-
-    made_at: str
+    made_at: str  # When the backup was made, ISO 8601
     maps: int
     photos: int
     files: int
-    before: Path | None
+    before: Path | None  # Folder with the previous library
 
 
 def restore(
@@ -69,30 +61,19 @@ def restore(
 
     Indexes are not part of a backup: the first worker builds them.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the library; created if missing.
-    parts : sequence of LibraryPart
-        Parts of the library with files, apart from maps.
-    url : str or None
-        Address of an empty database for the records, instead of a SQLite file in the folder.
-    force : bool
-        Restore even if the folder is not empty; its contents are kept in a folder of their own.
-    progress : Progress
-        One step per file.
+    Args:
+        folder: Folder of the library; created if missing.
+        parts: Parts of the library with files, apart from maps.
+        url: Address of an empty database for the records, instead of a SQLite file in the folder.
+        force: Restore even if the folder is not empty; its contents are kept in a folder of their own.
+        progress: One step per file.
 
-    Raises
-    ------
-    UsageError
-        The folder or the database is not empty.
-    Conflict
-        A server or a worker is running on the library.
-    InputError
-        The file is not a backup, or is damaged; nothing was changed.
-    StorageError, DiskFull
-        The disk failed.
-    Cancelled
+    Raises:
+        UsageError: The folder or the database is not empty.
+        Conflict: A server or a worker is running on the library.
+        InputError: The file is not a backup, or is damaged; nothing was changed.
+        StorageError, DiskFull: The disk failed.
+        Cancelled
     """
     folder = folder.absolute()
     manifest = read_manifest(archive)

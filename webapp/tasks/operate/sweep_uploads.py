@@ -16,9 +16,7 @@ from webapp.store.maps import uploads
 def sweep_uploads(library: Library, *, settings: Settings) -> int:
     """Delete uploads that have not continued for `upload.keep_hours`.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of files deleted.
     """
     keep = timedelta(hours=settings.upload.keep_hours)

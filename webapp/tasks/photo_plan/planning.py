@@ -49,66 +49,39 @@ class PhotoTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MapTrials:
-    """Trials of a map's photos.
-
-    Attributes
-    ----------
-    by_photo : mapping of int to PhotoTrial
-        Trials by photo id.
-    """
+    """Trials of a map's photos."""
 
     source: TrialSource
-    by_photo: Mapping[int, PhotoTrial]
+    by_photo: Mapping[int, PhotoTrial]  # Trials by photo id
 
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """Options of a plan.
-
-    Attributes
-    ----------
-    area : Rectangle or None
-        Area of the image, pixels; None plans where there are photos.
-    """
+    """Options of a plan."""
 
     spots: int = 12
-    area: Rectangle | None = None
+    area: Rectangle | None = None  # Area of the image, pixels; None plans where there are photos
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoPlan:
-    """How well a map is recognised, and where to take the next photos.
-
-    Attributes
-    ----------
-    spots : list of PlannedSpot
-        In map pixels; their `photos` are ids.
-    latlon : list of LatLon or None
-        Of the spots.
-    expected_share : float
-        Recognised share of the area with the new photos, as predicted by the model.
-    walk_px : float
-    scale : float or None
-        Metres per pixel in the middle of the image.
-    """
+    """How well a map is recognised, and where to take the next photos."""
 
     map_: Map
     grid: RecognitionGrid
     trials: MapTrials
-    spots: list[PlannedSpot]
-    latlon: list[LatLon | None]
-    expected_share: float
+    spots: list[PlannedSpot]  # In map pixels; their `photos` are ids
+    latlon: list[LatLon | None]  # Of the spots
+    expected_share: float  # Recognised share of the area with the new photos, as predicted by the model
     walk_px: float
-    scale: float | None
+    scale: float | None  # Metres per pixel in the middle of the image
 
 
 def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoPlan:
     """Plan the next photos.
 
-    Raises
-    ------
-    UsageError
-        The map has no placed photos, or the area is not on its image.
+    Raises:
+        UsageError: The map has no placed photos, or the area is not on its image.
     """
     if not map_.experiences:
         raise UsageError("the map has no placed photos", hint="place some photos first")
@@ -141,9 +114,7 @@ def plan_photos(map_: Map, *, trials: MapTrials, request: PlanRequest) -> PhotoP
 def trials_of(map_: Map, cfg: Path) -> MapTrials:
     """Return the trials of the last evaluation of a map on itself, else of the last survey of weak places.
 
-    Raises
-    ------
-    StorageError
+    Raises StorageError.
     """
     try:
         evaluated = trials_from_evaluation(map_, stored_evaluation.read_forms(cfg))
@@ -165,10 +136,8 @@ def trials_of(map_: Map, cfg: Path) -> MapTrials:
 def trials_from_evaluation(map_: Map, schemes: Iterable[Mapping[str, Any]]) -> MapTrials:
     """Return the trials in the output of `expmap evaluate --self --json`, of photos not moved since.
 
-    Raises
-    ------
-    KeyError, TypeError
-        It has another format.
+    Raises:
+        KeyError, TypeError: It has another format.
     """
     every = list(schemes)
     chosen = [one for one in every if one["scheme"] == "leave-one-out"] or every
@@ -264,16 +233,10 @@ def plan_json(plan: PhotoPlan) -> dict[str, Any]:
 
 
 def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
-    """Store a plan for the pages of the map, replacing the previous one.
+    """Store a plan for the pages of the map, replacing the previous one. Raises StorageError.
 
-    Returns
-    -------
-    dict
+    Returns:
         As `plan_json`, with a new `id`.
-
-    Raises
-    ------
-    StorageError
     """
     content = {"version": _VERSION, "id": secrets.token_hex(8), **plan_json(plan)}
     make_folder(_path(cfg).parent)
@@ -282,12 +245,7 @@ def keep(cfg: Path, plan: PhotoPlan) -> dict[str, Any]:
 
 
 def read(cfg: Path) -> dict[str, Any] | None:
-    """Read the stored plan; None if there is none of this version.
-
-    Raises
-    ------
-    StorageError
-    """
+    """Read the stored plan; None if there is none of this version. Raises StorageError."""
     try:
         content: dict[str, Any] = json.loads(_path(cfg).read_bytes())
     except FileNotFoundError:

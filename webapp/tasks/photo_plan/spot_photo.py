@@ -25,17 +25,11 @@ _OF_IMAGE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class TargetPose:
-    """Planned position and heading of a photo.
-
-    Attributes
-    ----------
-    revision : int or None
-        Revision of the map when the spot was planned; None for the current one.
-    """
+    """Planned position and heading of a photo."""
 
     position: MapPixel
     heading_deg: float | None = None
-    revision: int | None = None
+    revision: int | None = None  # Revision of the map when the spot was planned; None for the current one
 
 
 def add_photo_at_spot(
@@ -43,16 +37,12 @@ def add_photo_at_spot(
 ) -> tuple[AddedPhoto, bool]:
     """Add a photo to a map, as `add_photo`; without GPS, suggest the spot as its place.
 
-    Returns
-    -------
-    intake : AddedPhoto
-    suggested : bool
-        It is in the tray, and the spot is suggested as its place; never if the image was replaced, or the
-        spot is outside it.
+    Raises PhotoError, NotFound, UsageError, DiskFull, StorageError.
 
-    Raises
-    ------
-    PhotoError, NotFound, UsageError, DiskFull, StorageError
+    Returns:
+        intake:
+        suggested: It is in the tray, and the spot is suggested as its place; never if the image was replaced,
+            or the spot is outside it.
     """
     intake = add_photo(library, map_id, photo=photo, settings=settings)
     with library.database.read() as session:

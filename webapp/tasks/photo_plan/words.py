@@ -15,22 +15,12 @@ from webapp.files.exchange.walk import WalkPoint
 
 @dataclass(frozen=True, slots=True)
 class PlanWords:
-    """The words of one language.
+    """The words of one language."""
 
-    Attributes
-    ----------
-    directions : tuple of str
-        From north clockwise.
-    look : str
-        Template with `{directions}`.
-    look_around : str
-        Used if no direction is planned.
-    """
-
-    directions: tuple[str, ...]
+    directions: tuple[str, ...]  # From north clockwise
     reasons: Mapping[Reason, str]
-    look: str
-    look_around: str
+    look: str  # Template with `{directions}`
+    look_around: str  # Used if no direction is planned
 
 
 ENGLISH = PlanWords(
@@ -55,10 +45,8 @@ def directions_of(spot: Mapping[str, Any], words: PlanWords = ENGLISH) -> str:
 def walk_of(plan: Mapping[str, Any], words: PlanWords = ENGLISH) -> list[WalkPoint]:
     """Convert a plan from `planning.plan_json` to a walk.
 
-    Raises
-    ------
-    UsageError
-        The map has no georeference.
+    Raises:
+        UsageError: The map has no georeference.
     """
     spots = plan["spots"]
     if any(spot["lat"] is None for spot in spots):

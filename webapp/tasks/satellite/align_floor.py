@@ -35,18 +35,14 @@ def align_floor(
 ) -> FloorEdit:
     """Move the image of a floor over the map, and the photos and notes on the floor with it.
 
-    Parameters
-    ----------
-    pairs : sequence of (MapPixel, MapPixel)
-        Current and wanted positions of spots. One pair gives a shift, two a similarity, three or more an
-        affine transformation.
+    Args:
+        pairs: Current and wanted positions of spots. One pair gives a shift, two a similarity, three or more
+            an affine transformation.
 
-    Raises
-    ------
-    UsageError
-        The floor has no image of its own, the spots do not determine the transformation, or photos or notes
-        would leave the map.
-    NotFound
+    Raises:
+        UsageError: The floor has no image of its own, the spots do not determine the transformation, or
+            photos or notes would leave the map.
+        NotFound
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record

@@ -49,57 +49,31 @@ TRAY: dict[str, Any] = {"x_px": None, "y_px": None, "floor": BASE_FLOOR}
 
 @dataclass(frozen=True, slots=True)
 class NewImage:
-    """The new image of a map.
+    """The new image of a map."""
 
-    Attributes
-    ----------
-    path : str
-        Path of the existing file, relative to the map's folder.
-    image : MapImage
-        Its size and georeference.
-    """
-
-    path: str
-    image: MapImage
+    path: str  # Path of the existing file, relative to the map's folder
+    image: MapImage  # Its size and georeference
 
 
 @dataclass(frozen=True, slots=True)
 class ImageChoice:
-    """Options of a new image: author of the edit, and treatment of positions outside it.
-
-    Attributes
-    ----------
-    scale : bool
-        Whether to scale positions with the image, if not both images are georeferenced.
-    tray : bool
-        Whether photos outside go back to the tray; else the image is refused.
-    seen : int or None
-        Newest revision that the author has seen; an image that was changed later is a conflict.
-    """
+    """Options of a new image: author of the edit, and treatment of positions outside it."""
 
     account_id: int | None
-    scale: bool = False
-    tray: bool = False
+    scale: bool = False  # Whether to scale positions with the image, if not both images are georeferenced
+    tray: bool = False  # Whether photos outside go back to the tray; else the image is refused
+    # Newest revision that the author has seen; an image that was changed later is a conflict.
     seen: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ImageEditResult:
-    """The result of an edit of the image.
+    """The result of an edit of the image."""
 
-    Attributes
-    ----------
-    changed : tuple of int
-        Ids of the photos whose position or heading changed.
-    to_tray : int
-        Number of positions that were dropped: photos moved to the tray, and photos in further placements.
-    from_tray : int
-        Number of photos that were placed from the tray, by their GPS.
-    """
-
-    changed: tuple[int, ...]
+    changed: tuple[int, ...]  # Ids of the photos whose position or heading changed
+    # Number of positions that were dropped: photos moved to the tray, and photos in further placements.
     to_tray: int
-    from_tray: int
+    from_tray: int  # Number of photos that were placed from the tray, by their GPS
 
 
 def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageChoice) -> ImageEditResult:
@@ -108,11 +82,9 @@ def set_image(changing: Changing, map_id: int, *, new: NewImage, choice: ImageCh
     Photos in the tray that have a GPS position are placed if the map had no georeference before. Setting the
     same file without a georeference keeps that of the map.
 
-    Raises
-    ------
-    UsageError
-        Placed photos would not lie on it; nothing was changed.
-    Conflict
+    Raises:
+        UsageError: Placed photos would not lie on it; nothing was changed.
+        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record
@@ -138,11 +110,9 @@ def set_georeference(
 ) -> ImageEditResult:
     """Set the georeference of the current image; None removes it.
 
-    Raises
-    ------
-    UsageError
-        The map has no image.
-    Conflict
+    Raises:
+        UsageError: The map has no image.
+        Conflict
     """
     with changing(map_id) as change:
         session, record = change.session, change.record
@@ -171,7 +141,7 @@ def _apply(
     outside, from_tray = 0, 0
     for photo, spot in zip(standing, spots, strict=True):
         moved = change.placed(photo, spot)
-        if not change.on_it(MapPixel(moved["x_px"], moved["y_px"])):
+        if not change.shows(MapPixel(moved["x_px"], moved["y_px"])):
             moved = TRAY
             outside += not photo.removed
         changes[f"photo/{photo.id}"] = moved
@@ -206,9 +176,9 @@ def _move_placements(
     rows = list(session.scalars(select(PlacedElsewhere).where(PlacedElsewhere.map_id == record.id)))
     spots = change.moved([MapPixel(row.x_px, row.y_px) for row in rows])
     for row, spot in zip(rows, spots, strict=True):
-        at = {"x_px": spot.x, "y_px": spot.y} if change.on_it(spot) else None
+        at = {"x_px": spot.x, "y_px": spot.y} if change.shows(spot) else None
         changes[f"placed/{row.placement}/{row.photo_id}"] = at
-    return sum(not change.on_it(spot) for spot in spots)
+    return sum(not change.shows(spot) for spot in spots)
 
 
 def _move_control_points(
@@ -218,7 +188,7 @@ def _move_control_points(
     points = [point for point in control_points(record) if point.position is not None]
     spots = change.moved([point.position for point in points if point.position is not None])
     for point, spot in zip(points, spots, strict=True):
-        moved = replace(point, position=spot if change.on_it(spot) else None)
+        moved = replace(point, position=spot if change.shows(spot) else None)
         if moved != point:
             changes[f"point/{point.name}"] = point_fields(moved)
 
@@ -229,7 +199,7 @@ def _move_notes(
     """Move the notes; those outside lose their position, but keep their content."""
     there = [(note, note.position) for note in notes(record) if note.position is not None]
     for (note, _), spot in zip(there, change.moved([position for _, position in there]), strict=True):
-        moved = replace(note, position=spot if change.on_it(spot) else None)
+        moved = replace(note, position=spot if change.shows(spot) else None)
         if moved != note:
             changes[f"note/{note.id}"] = note_fields(moved)
 
@@ -269,19 +239,12 @@ class ImageChange:
     If the image is replaced and both are georeferenced, positions keep their latitude and longitude; else
     they keep their pixels, or are scaled with the image. If only the georeference changes, photos at their
     GPS positions follow these; all others keep their pixels, and their directions in the image.
-
-    Attributes
-    ----------
-    same_file : bool
-        Whether it is the same image, with another georeference.
-    scale : bool
-        Whether positions are scaled with the image.
     """
 
     old: MapImage | None
     new: MapImage
-    same_file: bool
-    scale: bool = False
+    same_file: bool  # Whether it is the same image, with another georeference
+    scale: bool = False  # Whether positions are scaled with the image
 
     def moved(self, positions: Sequence[MapPixel]) -> list[MapPixel]:
         """Return the positions on the new image; NaN where there is none."""
@@ -298,7 +261,7 @@ class ImageChange:
             for after, before in zip(pixels.tolist(), positions, strict=True)
         ]
 
-    def on_it(self, position: MapPixel) -> bool:
+    def shows(self, position: MapPixel) -> bool:
         """Return whether a position is on the new image."""
         return inside(position, width=self.new.width, height=self.new.height)
 
@@ -339,7 +302,7 @@ class ImageChange:
         if self.old is not None and self.old.georeference is not None:
             return None
         at = self.new.georeference.pixel_of(gps)
-        return {"x_px": at.x, "y_px": at.y} if self.on_it(at) else None
+        return {"x_px": at.x, "y_px": at.y} if self.shows(at) else None
 
     def _tidy(self, after: MapPixel, *, before: MapPixel) -> MapPixel:
         """Remove rounding errors: keep unmoved positions exactly, and those on the border inside."""

@@ -52,17 +52,11 @@ _MIME = (
 
 @dataclass(frozen=True, slots=True)
 class DisplayFile:
-    """A file to send.
-
-    Attributes
-    ----------
-    key : str
-        Changes when the content does.
-    """
+    """A file to send."""
 
     path: Path
     mime: str
-    key: str
+    key: str  # Changes when the content does
 
 
 def key_of(library: Library, record: MapRecord) -> str | None:
@@ -81,12 +75,9 @@ def has_tiles(library: Library, record: MapRecord) -> bool:
 def whole(library: Library, record: MapRecord, *, settings: Settings) -> DisplayFile:
     """Return the image for display: the file, a lighter copy, or a smaller one of a large or unusual image.
 
-    Raises
-    ------
-    NotFound
-        The map has no image.
-    PhotoError, StorageError, Busy
-        The copy cannot be made.
+    Raises:
+        NotFound: The map has no image.
+        PhotoError, StorageError, Busy: The copy cannot be made.
     """
     original = _original(library, record)
     mime = _mime(original.path)
@@ -120,12 +111,9 @@ def floor_key(library: Library, record: MapRecord, *, floor: Floor) -> str | Non
 def floor_picture(library: Library, record: MapRecord, *, floor: Floor, settings: Settings) -> DisplayFile:
     """Return the image of a floor, resampled to cover the map.
 
-    Raises
-    ------
-    NotFound
-        The floor has no image of its own.
-    PhotoError, StorageError, Busy
-        It cannot be made.
+    Raises:
+        NotFound: The floor has no image of its own.
+        PhotoError, StorageError, Busy: It cannot be made.
     """
     original, key = _floor_original(library, record, floor=floor), floor_key(library, record, floor=floor)
     if original is None or key is None or floor.image is None:
@@ -150,10 +138,8 @@ def _floor_original(library: Library, record: MapRecord, *, floor: Floor) -> Dis
 def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> DisplayFile:
     """Return a tile.
 
-    Raises
-    ------
-    NotFound
-        There is none, or not yet.
+    Raises:
+        NotFound: There is none, or not yet.
     """
     key = key_of(library, record)
     if key is not None:
@@ -168,22 +154,15 @@ def tile(library: Library, record: MapRecord, *, z: int, x: int, y: int) -> Disp
 def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: bool) -> None:
     """Write the smaller copies of an image.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the map.
-    name : str
-        File name of the image.
-    small : (h, w, 3) uint8
-        Red, green, blue; at least as large as a preview if the image is.
-    large : bool
-        Whether a preview is needed in addition to the thumbnail.
+    Args:
+        folder: Folder of the map.
+        name: File name of the image.
+        small: (h, w, 3) uint8. Red, green, blue; at least as large as a preview if the image is.
+        large: Whether a preview is needed in addition to the thumbnail.
 
-    Raises
-    ------
-    NotFound
-        The image has been deleted since.
-    StorageError
+    Raises:
+        NotFound: The image has been deleted since.
+        StorageError
     """
     key = _key(folder, name)
     if key is None:
@@ -195,16 +174,10 @@ def write_small(folder: Path, name: str, *, small: NDArray[np.uint8], large: boo
 
 
 def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: Progress) -> bool:
-    """Make the tiles of a map's image, unless it has them.
+    """Make the tiles of a map's image, unless it has them. Raises PhotoError, StorageError, Cancelled.
 
-    Returns
-    -------
-    bool
+    Returns:
         False if the image has another size than its record: the tiles would not fit.
-
-    Raises
-    ------
-    PhotoError, StorageError, Cancelled
     """
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
@@ -219,12 +192,9 @@ def make_tiles(library: Library, map_id: int, *, settings: Settings, progress: P
 def forget(folder: Path, name: str) -> None:
     """Delete an image, the record of its source, and all files derived from it.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the map.
-    name : str
-        File name of the image.
+    Args:
+        folder: Folder of the map.
+        name: File name of the image.
     """
     path, key = folder / name, _key(folder, name)
     if key is not None:
@@ -312,10 +282,8 @@ def _write(path: Path, pixels: NDArray[np.uint8], side: int) -> None:
 def _encode(path: Path, bgr: MatLike, quality: int) -> None:
     """Write a BGR or BGRA image in the format of the file's suffix.
 
-    Parameters
-    ----------
-    quality : int
-        OpenCV's flag for the quality in this format.
+    Args:
+        quality: OpenCV's flag for the quality in this format.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

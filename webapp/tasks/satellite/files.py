@@ -49,16 +49,11 @@ _OURS = re.compile(r"satellite-[0-9a-f]{8}\.(png|jpg)")
 def keep_file(source: Path, folder: Path) -> str:
     """Move a PNG or JPEG file into the map's folder, named by its hash.
 
-    Parameters
-    ----------
-    source : Path
-        On the same disk.
-    folder : Path
-        Folder of the map.
+    Args:
+        source: On the same disk.
+        folder: Folder of the map.
 
-    Returns
-    -------
-    str
+    Returns:
         `satellite-<8 hexadecimal digits of its hash>.png` or `.jpg`.
     """
     with source.open("rb") as file:
@@ -73,18 +68,12 @@ def keep_file(source: Path, folder: Path) -> str:
 def keep_pixels(pixels: NDArray[np.uint8], folder: Path, *, lossless: bool = True) -> str:
     """Write an image to the map's folder, named by its hash.
 
-    Parameters
-    ----------
-    pixels : (h, w, 3) uint8
-        Blue, green, red.
-    folder : Path
-        Folder of the map.
-    lossless : bool
-        PNG, else JPEG.
+    Args:
+        pixels: (h, w, 3) uint8. Blue, green, red.
+        folder: Folder of the map.
+        lossless: PNG, else JPEG.
 
-    Returns
-    -------
-    str
+    Returns:
         As `keep_file`.
     """
     if lossless:
@@ -120,19 +109,13 @@ def source_of(folder: Path, name: str) -> dict[str, Any]:
 def as_shown(path: Path, *, scratch: Path, settings: Settings) -> Path:
     """Return an upright PNG or JPEG of an uploaded image: the file itself, or a copy in `scratch`.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, JPEG or TIFF.
-    scratch : Path
-        Folder for temporary files.
+    Args:
+        path: PNG, JPEG or TIFF.
+        scratch: Folder for temporary files.
 
-    Raises
-    ------
-    PhotoError
-        It is damaged, too large, or of another format.
-    StorageError
-        Writing failed.
+    Raises:
+        PhotoError: It is damaged, too large, or of another format.
+        StorageError: Writing failed.
     """
     copy = scratch / f"{secrets.token_hex(8)}.image"
     with opened_raster(path, limits=settings.satellite) as raster:
@@ -226,18 +209,14 @@ def _image(floor: Mapping[str, Any]) -> str | None:
 
 
 @contextmanager
-def taken_back_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
+def removed_if_refused(library: Library, map_id: int, *, name: str) -> Iterator[None]:
     """Delete the file of a new image if the map refuses it.
 
-    Parameters
-    ----------
-    name : str
-        File name of the image in the map's folder.
+    Args:
+        name: File name of the image in the map's folder.
 
-    Raises
-    ------
-    UsageError
-        Passed on from the block.
+    Raises:
+        UsageError: Passed on from the block.
     """
     try:
         yield
@@ -252,9 +231,7 @@ def taken_back_if_refused(library: Library, map_id: int, *, name: str) -> Iterat
 def sweep(library: Library, map_id: int, *, keep: timedelta) -> int:
     """Delete images that a killed process has left, once they are old enough.
 
-    Returns
-    -------
-    int
+    Returns:
         Number of images deleted.
     """
     before = time.time() - keep.total_seconds()

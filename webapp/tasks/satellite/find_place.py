@@ -30,23 +30,15 @@ def find_place(
 ) -> tuple[FoundPlace, ...]:
     """Find places with a name.
 
-    Parameters
-    ----------
-    language : str
-        Preferred language of the names, such as `cs`.
-    cache : Path
-        Folder of earlier results; created if missing.
+    Args:
+        language: Preferred language of the names, such as `cs`.
+        cache: Folder of earlier results; created if missing.
 
-    Raises
-    ------
-    NotFound
-        The search is disabled.
-    Busy
-        Too many others are searching.
-    InputError
-        The host does not answer, or sends an invalid answer.
-    StorageError
-        The cache cannot be written.
+    Raises:
+        NotFound: The search is disabled.
+        Busy: Too many others are searching.
+        InputError: The host does not answer, or sends an invalid answer.
+        StorageError: The cache cannot be written.
     """
     if settings.address is None:
         raise NotFound(

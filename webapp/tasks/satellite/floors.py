@@ -37,42 +37,25 @@ from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.maps.placing import needed_image
 from webapp.tasks.satellite.apply import TRAY
 from webapp.tasks.satellite.display import PREVIEW_PX
-from webapp.tasks.satellite.files import as_shown, keep_file, taken_back_if_refused
+from webapp.tasks.satellite.files import as_shown, keep_file, removed_if_refused
 
 
 @dataclass(frozen=True, slots=True)
 class FloorEdit:
-    """An edit of a floor.
+    """An edit of a floor."""
 
-    Attributes
-    ----------
-    id : int
-        Id of the floor.
-    revision : int or None
-        Revision of the edit; None if nothing changed.
-    """
-
-    id: int
-    revision: int | None
+    id: int  # Id of the floor
+    revision: int | None  # Revision of the edit; None if nothing changed
 
 
 @dataclass(frozen=True, slots=True)
 class NewFloor:
-    """A floor to add to a map.
+    """A floor to add to a map."""
 
-    Attributes
-    ----------
-    floor : Floor
-        Without an image; its id is chosen when it is added.
-    base : Floor
-        Floor that the map's own image shows; used if the map has no floors yet.
-    file : Path or None
-        Its image, in the library's uploads folder; it is deleted afterwards. Without one, the floor is shown
-        on the map's own image.
-    """
-
-    floor: Floor
-    base: Floor
+    floor: Floor  # Without an image; its id is chosen when it is added
+    base: Floor  # Floor that the map's own image shows; used if the map has no floors yet
+    # Its image, in the library's uploads folder; it is deleted afterwards. Without one, the floor is shown on
+    # the map's own image.
     file: Path | None = None
 
 
@@ -81,13 +64,10 @@ def add_floor(
 ) -> FloorEdit:
     """Add a floor.
 
-    Raises
-    ------
-    UsageError
-        The map has no image, or the floor is not valid.
-    PhotoError
-        The image cannot be used.
-    StorageError
+    Raises:
+        UsageError: The map has no image, or the floor is not valid.
+        PhotoError: The image cannot be used.
+        StorageError
     """
     with (
         _kept_image(library, map_id, file=new.file, settings=settings) as image,
@@ -101,12 +81,7 @@ def add_floor(
 def change_floor(
     library: Library, map_id: int, *, id: int, fields: Mapping[str, Any], account_id: int
 ) -> FloorEdit:
-    """Change `name`, `level` or `height_m` of a floor.
-
-    Raises
-    ------
-    UsageError, NotFound
-    """
+    """Change `name`, `level` or `height_m` of a floor. Raises UsageError, NotFound."""
     with library.changing(map_id) as change:
         changed = replace(found_floor(change.record, id), **fields)
         return FloorEdit(id, write_floors(change, with_floor(change.record, changed), account_id=account_id))
@@ -117,11 +92,9 @@ def set_floor_image(
 ) -> FloorEdit:
     """Replace the image of a floor; photos keep their positions on the map.
 
-    Raises
-    ------
-    UsageError
-        It is the floor of the map's own image.
-    NotFound, PhotoError, StorageError
+    Raises:
+        UsageError: It is the floor of the map's own image.
+        NotFound, PhotoError, StorageError
     """
     with (
         _kept_image(library, map_id, file=file, settings=settings) as image,
@@ -134,16 +107,12 @@ def set_floor_image(
 def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, account_id: int) -> FloorEdit:
     """Remove a floor; its notes move to the same positions on the floor of the map's own image.
 
-    Parameters
-    ----------
-    to_tray : bool
-        Move its photos to the tray; else a floor with photos is not removed.
+    Args:
+        to_tray: Move its photos to the tray; else a floor with photos is not removed.
 
-    Raises
-    ------
-    UsageError
-        There are photos on it, or the map's own image shows it.
-    NotFound
+    Raises:
+        UsageError: There are photos on it, or the map's own image shows it.
+        NotFound
     """
     with library.changing(map_id) as change:
         session, record = change.session, change.record
@@ -165,17 +134,11 @@ def remove_floor(library: Library, map_id: int, *, id: int, to_tray: bool, accou
 
 
 def with_floor(record: MapRecord, changed: Floor) -> list[Floor]:
-    """Return the floors of a map, with one changed."""
     return [changed if floor.id == changed.id else floor for floor in floors(record)]
 
 
 def found_floor(record: MapRecord, id: int) -> Floor:
-    """Find a floor of a map.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Find a floor of a map. Raises NotFound."""
     found = next((floor for floor in floors(record) if floor.id == id), None)
     if found is None:
         raise NotFound(f"the map has no floor {id}", hint="somebody may have removed it; reload the page")
@@ -183,24 +146,14 @@ def found_floor(record: MapRecord, id: int) -> Floor:
 
 
 def further_floor(record: MapRecord, id: int) -> Floor:
-    """Find a floor other than that of the map's own image.
-
-    Raises
-    ------
-    NotFound, UsageError
-    """
+    """Find a floor other than that of the map's own image. Raises NotFound, UsageError."""
     found = found_floor(record, id)
     check_removable(id)
     return found
 
 
 def check_removable(id: int) -> None:
-    """Refuse the floor of the map's own image.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse the floor of the map's own image. Raises UsageError."""
     if id == BASE_FLOOR:
         raise UsageError(
             "the map's own image shows this floor", hint="change that on the Image page", where=f"floor/{id}"
@@ -224,9 +177,7 @@ def write_floors(
 ) -> int | None:
     """Set the floors of a map, with other changes in the same edit; return its revision.
 
-    Raises
-    ------
-    UsageError, Conflict
+    Raises UsageError, Conflict.
     """
     session, record = change.session, change.record
     needed_image(record, with_georeference=False)
@@ -245,12 +196,7 @@ def write_floors(
 
 
 def check_floors(wanted: Sequence[Floor]) -> None:
-    """Refuse invalid floors.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Refuse invalid floors. Raises UsageError."""
     for floor in wanted:
         for what, problem in (
             ("name", floor_name_problem(floor.name)),
@@ -284,17 +230,15 @@ def _kept_image(
             reduced(raster, PREVIEW_PX)  # reads the whole file: damage is found before the map changes
         laid = plan_transform(file, base, size=(width, height))
         name = keep_file(shown, folder)
-    with taken_back_if_refused(library, map_id, name=name):
+    with removed_if_refused(library, map_id, name=name):
         yield FloorImage(name, width, height, laid)
 
 
 def plan_transform(file: Path, base: MapImage, *, size: tuple[int, int]) -> Affine:
     """Align a new image with the map by the georeferences of both, else stretch it over the whole map.
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height of the image, pixels.
+    Args:
+        size: Width and height of the image, pixels.
     """
     return _by_georeference(file, base, size=size) or stretched(*size, over=(base.width, base.height))
 

@@ -25,9 +25,7 @@ from webapp.tasks.satellite.floors import (
 def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
     """Add a floor; its image is copied next to the map, under its own name.
 
-    Raises
-    ------
-    MapError, UsageError, PhotoError, StorageError
+    Raises MapError, UsageError, PhotoError, StorageError.
     """
     the_map = read_map(cfg)
     there = the_map.floors or (replace(new.base, id=BASE_FLOOR),)
@@ -40,16 +38,10 @@ def add_in_folder(cfg: Path, *, new: NewFloor, settings: Settings) -> None:
 
 
 def remove_in_folder(cfg: Path, id: int, *, to_tray: bool) -> None:
-    """Remove a floor; the file of its image is kept.
+    """Remove a floor; the file of its image is kept. Raises MapError, UsageError, StorageError.
 
-    Parameters
-    ----------
-    to_tray : bool
-        Move its photos to the tray; else a floor with photos is not removed.
-
-    Raises
-    ------
-    MapError, UsageError, StorageError
+    Args:
+        to_tray: Move its photos to the tray; else a floor with photos is not removed.
     """
     the_map = read_map(cfg)
     check_removable(id)

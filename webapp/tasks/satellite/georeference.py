@@ -31,36 +31,22 @@ Kind = Literal["corners", "control-points", "worldfile"]
 
 @dataclass(frozen=True, slots=True)
 class GeoreferenceRequest:
-    """User input for the georeference of an image.
+    """User input for the georeference of an image."""
 
-    Attributes
-    ----------
-    kind : {"corners", "control-points", "worldfile"}
-    model : {"similarity", "affine", "projective"} or None
-        For control points.
-    worldfile : str or None
-        Content of the file.
-    crs : str or None
-        Coordinate system of the world file.
-    """
-
-    kind: Kind
+    kind: Kind  # "corners", "control-points" or "worldfile"
     corners: Corners | None = None
     points: Sequence[ControlPoint] = ()
-    model: Model | None = None
-    worldfile: str | None = None
-    crs: str | None = None
+    model: Model | None = None  # "similarity", "affine" or "projective". For control points.
+    worldfile: str | None = None  # Content of the file
+    crs: str | None = None  # Coordinate system of the world file
 
 
 def fit(request: GeoreferenceRequest, *, width: int, height: int) -> GeoreferenceFit:
     """Fit a georeference to user input.
 
-    Raises
-    ------
-    UsageError
-        The input that its kind requires is missing.
-    GeoreferenceError
-        The input gives no georeference.
+    Raises:
+        UsageError: The input that its kind requires is missing.
+        GeoreferenceError: The input gives no georeference.
     """
     if request.kind == "corners":
         if request.corners is None:
@@ -82,20 +68,16 @@ def preview(
 ) -> dict[str, Any]:
     """Describe a georeference, for a check before it is applied.
 
-    Parameters
-    ----------
-    request : GeoreferenceRequest
-        The input that it was made from.
-    width, height : int
-        Of the image, pixels.
+    Args:
+        request: The input that it was made from.
+        width, height: Of the image, pixels.
 
-    Returns
-    -------
-    dict
+    Returns:
         `kind` (the fit), `residuals` (metres, one per control point), `rms_m`, `warnings`, `corners`
-        (`top_left` and so on, each `lat`, `lon`), `metres_per_pixel`, `north_deg`, `points` (for each control
-        point `x`, `y`, `lat`, `lon` as given, the pixel `fitted_x`, `fitted_y` of its latitude and longitude,
-        `fitted_lat`, `fitted_lon` of its pixel, `residual_m`) and `georeference` as in `map.json`.
+            (`top_left` and so on, each `lat`, `lon`), `metres_per_pixel`, `north_deg`, `points` (for each
+            control point `x`, `y`, `lat`, `lon` as given, the pixel `fitted_x`, `fitted_y` of its latitude
+            and longitude, `fitted_lat`, `fitted_lon` of its pixel, `residual_m`) and `georeference` as in
+            `map.json`.
     """
     georeference = found.georeference
     residuals = list(found.residuals_m)
@@ -155,40 +137,28 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class GeoSource:
-    """Source of a georeference.
+    """Source of a georeference."""
 
-    Attributes
-    ----------
-    kind : {"corners", "geotiff", "worldfile", "control-points"}
-    file : Path or None
-        Required for corners and control points; by default, a world file is looked for next to the image. A
-        GeoTIFF is the image itself.
-    crs : str or None
-        Coordinate system of a world file or GeoTIFF that does not state it.
-    model : {"similarity", "affine", "projective"} or None
-        For control points; None takes the most general that their number allows.
-    """
-
-    kind: Literal["corners", "geotiff", "worldfile", "control-points"]
+    kind: Literal["corners", "geotiff", "worldfile", "control-points"]  #
+    # Required for corners and control points; by default, a world file is looked for next to the image. A
+    # GeoTIFF is the image itself.
     file: Path | None = None
-    crs: str | None = None
+    crs: str | None = None  # Coordinate system of a world file or GeoTIFF that does not state it
+    # "similarity", "affine" or "projective". For control points; None takes the most general that their
+    # number allows.
     model: Model | None = None
 
 
 def georeference_image(image: Path, source: GeoSource, *, width: int, height: int) -> GeoreferenceFit:
     """Make the georeference of an image.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the image, pixels.
+    Args:
+        width, height: Of the image, pixels.
 
-    Raises
-    ------
-    GeoreferenceError, TableError
-        The source gives none; `where` names its file.
-    UsageError
-        A coordinate system or model does not apply to this kind of source, or the file is missing.
+    Raises:
+        GeoreferenceError, TableError: The source gives none; `where` names its file.
+        UsageError: A coordinate system or model does not apply to this kind of source, or the file is
+            missing.
     """
     if source.crs and source.kind not in ("worldfile", "geotiff"):
         message = f"{source.kind} are always degrees on WGS 84"

@@ -21,7 +21,7 @@ from webapp.store.schema import MapRecord
 from webapp.tasks.maps.place_photos import MapImage
 from webapp.tasks.satellite import display
 from webapp.tasks.satellite.apply import DISPLAY_SIDE_PX, ImageChoice, ImageEditResult, NewImage, set_image
-from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, taken_back_if_refused
+from webapp.tasks.satellite.files import as_shown, keep_file, keep_pixels, removed_if_refused
 from webapp.tasks.satellite.georeference import GeoreferenceRequest, fit
 
 SMALLEST_PX, LARGEST_PX = 100, 10_000
@@ -29,16 +29,10 @@ SMALLEST_PX, LARGEST_PX = 100, 10_000
 
 @dataclass(frozen=True, slots=True)
 class UploadedImage:
-    """The result of an uploaded image.
-
-    Attributes
-    ----------
-    warnings : tuple of str
-        Warnings about its georeference.
-    """
+    """The result of an uploaded image."""
 
     applied: ImageEditResult
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  # Warnings about its georeference
 
 
 def store_upload(
@@ -52,23 +46,15 @@ def store_upload(
 ) -> UploadedImage:
     """Check an image, store it in the map's folder, and set it as one edit.
 
-    Parameters
-    ----------
-    file : Path
-        In the library's uploads folder; it is deleted afterwards.
-    request : GeoreferenceRequest or None
-        Its georeference. None takes that of a GeoTIFF, if there is one.
+    Args:
+        file: In the library's uploads folder; it is deleted afterwards.
+        request: Its georeference. None takes that of a GeoTIFF, if there is one.
 
-    Raises
-    ------
-    PhotoError
-        It is not a PNG, JPEG or TIFF, damaged, or larger than the limits.
-    GeoreferenceError
-        The request gives no georeference.
-    UsageError
-        Placed photos would not lie on it.
-    StorageError
-        Writing failed.
+    Raises:
+        PhotoError: It is not a PNG, JPEG or TIFF, damaged, or larger than the limits.
+        GeoreferenceError: The request gives no georeference.
+        UsageError: Placed photos would not lie on it.
+        StorageError: Writing failed.
     """
     with library.database.read() as session:
         folder = library.map_folder(session.get_one(MapRecord, map_id).slug)
@@ -88,7 +74,7 @@ def store_upload(
         name = keep_file(shown, folder)
     display.write_small(folder, name, small=small, large=max(width, height) > DISPLAY_SIDE_PX)
     new = NewImage(name, MapImage(width, height, georeference))
-    with taken_back_if_refused(library, map_id, name=name):
+    with removed_if_refused(library, map_id, name=name):
         return UploadedImage(set_image(library.changing, map_id, new=new, choice=choice), warnings)
 
 
@@ -117,16 +103,14 @@ def make_blank(
 ) -> ImageEditResult:
     """Draw a blank plan and set it as the map's image, as one edit.
 
-    Parameters
-    ----------
-    sheet : PlanSize or None
-        None makes a plan around the GPS positions of the map's photos, with 5 % of their extent as a margin.
+    Args:
+        sheet: None makes a plan around the GPS positions of the map's photos, with 5 % of their extent as a
+            margin.
 
-    Raises
-    ------
-    UsageError
-        The size is out of range, no photo has a GPS position, or placed photos would not lie on the plan.
-    StorageError
+    Raises:
+        UsageError: The size is out of range, no photo has a GPS position, or placed photos would not lie on
+            the plan.
+        StorageError
     """
     with library.database.read() as session:
         record = session.get_one(MapRecord, map_id)
@@ -143,7 +127,7 @@ def make_blank(
     rgb = np.ascontiguousarray(pixels[:, :, ::-1])
     large = max(image.width, image.height) > DISPLAY_SIDE_PX
     display.write_small(folder, name, small=rgb, large=large)
-    with taken_back_if_refused(library, map_id, name=name):
+    with removed_if_refused(library, map_id, name=name):
         return set_image(library.changing, map_id, new=NewImage(name, image), choice=choice)
 
 

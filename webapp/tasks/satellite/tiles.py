@@ -35,40 +35,23 @@ _PNG = b"\x89PNG"
 
 @dataclass(frozen=True, slots=True)
 class TileRequest:
-    """The area and zoom to fetch from a service.
+    """The area and zoom to fetch from a service."""
 
-    Attributes
-    ----------
-    service : str
-        Name of the service.
-    """
-
-    service: str
+    service: str  # Name of the service
     box: GeoBox
     zoom: int
 
 
 @dataclass(frozen=True, slots=True)
 class TileDownload:
-    """The result of a download.
+    """The result of a download."""
 
-    Attributes
-    ----------
-    new : NewImage
-        The image to set.
-    metres_per_pixel : float
-        In its middle.
-    tiles, missing : int
-        Number of its tiles, and of those that the service does not have.
-    attribution : str
-        Attribution to show with it.
-    """
-
-    new: NewImage
-    metres_per_pixel: float
+    new: NewImage  # The image to set
+    metres_per_pixel: float  # In its middle
+    # `tiles`, `missing`: Number of its tiles, and of those that the service does not have.
     tiles: int
     missing: int
-    attribution: str
+    attribution: str  # Attribution to show with it
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -81,12 +64,10 @@ class TileDownload:
 def plan(request: TileRequest, *, settings: Settings) -> tuple[TileService, TileCut]:
     """Return the service and the tiles of a request; refuse requests above the limits.
 
-    Raises
-    ------
-    NotFound
-        The service does not exist.
-    UsageError, GeoreferenceError
-        The area is empty, or too large for this zoom; or the service does not offer this zoom.
+    Raises:
+        NotFound: The service does not exist.
+        UsageError, GeoreferenceError: The area is empty, or too large for this zoom; or the service does not
+            offer this zoom.
     """
     service = named(tile_services(settings.tile_services), request.service)
     if request.zoom > service.max_zoom:
@@ -113,18 +94,13 @@ def fetch_tiles(
 
     Fetched tiles stay in the library's cache, so that an interrupted download can be resumed.
 
-    Parameters
-    ----------
-    progress : Progress
-        One step per tile.
+    Args:
+        progress: One step per tile.
 
-    Raises
-    ------
-    NotFound, UsageError, GeoreferenceError
-        As `plan`.
-    InputError
-        The service does not answer, refuses, or has no tile of the area at all.
-    StorageError, Cancelled
+    Raises:
+        NotFound, UsageError, GeoreferenceError: As `plan`.
+        InputError: The service does not answer, refuses, or has no tile of the area at all.
+        StorageError, Cancelled
     """
     service, cut = plan(request, settings=settings)
     with library.database.read() as session:
@@ -150,12 +126,9 @@ def fetch_tiles(
 def _stitch(cut: TileCut, fetcher: TileFetcher, *, progress: Progress) -> tuple[NDArray[np.uint8], int, bool]:
     """Stitch the tiles.
 
-    Returns
-    -------
-    canvas : (height, width, 3) uint8
-        Blue, green, red.
-    lossless : bool
-        Whether every tile came as PNG.
+    Returns:
+        canvas: (height, width, 3) uint8. Blue, green, red.
+        lossless: Whether every tile came as PNG.
     """
     canvas = np.full((cut.height, cut.width, 3), _MISSING, np.uint8)
     # at small zooms, a cut across the 180th meridian can show a tile twice

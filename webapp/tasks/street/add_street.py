@@ -46,18 +46,10 @@ class FailedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class StreetReport:
-    """The result for the photos that a map did not have.
+    """The result for the photos that a map did not have."""
 
-    Attributes
-    ----------
-    added : int
-        Number of photos; each view of a panorama is one.
-    duplicates : int
-        Number of files that the map had under another name.
-    """
-
-    added: int
-    duplicates: int
+    added: int  # Number of photos; each view of a panorama is one
+    duplicates: int  # Number of files that the map had under another name
     failed: tuple[FailedPhoto, ...] = ()
 
 
@@ -71,24 +63,16 @@ def add_street_photos(
 ) -> StreetReport:
     """Download photos and add them, each as soon as it has arrived.
 
-    Parameters
-    ----------
-    request : StreetRequest
-        The request of the survey.
-    progress : Progress
-        One step per photo of the service.
+    Args:
+        request: The request of the survey.
+        progress: One step per photo of the service.
 
-    Raises
-    ------
-    NotFound
-        The service is no longer configured, or the map no longer exists.
-    InputError
-        The service failed several times in a row; photos added before stay.
-    TooMany
-        The service demands a long pause; photos added before stay.
-    Busy
-        Photos are already being added to this map.
-    DiskFull, StorageError, Cancelled
+    Raises:
+        NotFound: The service is no longer configured, or the map no longer exists.
+        InputError: The service failed several times in a row; photos added before stay.
+        TooMany: The service demands a long pause; photos added before stay.
+        Busy: Photos are already being added to this map.
+        DiskFull, StorageError, Cancelled
     """
     with exclusive(
         target.scratch("adding.lock"), doing="street-level photos are being added to this map already"

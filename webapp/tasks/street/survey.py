@@ -59,17 +59,10 @@ class PixelBox(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StreetRequest:
-    """Options of a survey.
+    """Options of a survey."""
 
-    Attributes
-    ----------
-    source : {"panoramax", "mapillary"}
-    area : GeoBox or PixelBox or None
-        None for the whole image of the map.
-    """
-
-    source: SourceKey
-    area: GeoBox | PixelBox | None = None
+    source: SourceKey  # "panoramax" or "mapillary"
+    area: GeoBox | PixelBox | None = None  # None for the whole image of the map
     panoramas: PanoramaWish = "cut"
 
 
@@ -83,31 +76,15 @@ class PlacedStreetPhoto:
 
 @dataclass(frozen=True, slots=True)
 class StreetSurvey:
-    """The photos of an area.
-
-    Attributes
-    ----------
-    wanted : tuple of PlacedStreetPhoto
-        Photos that the map does not have yet.
-    found : int
-        Number of all photos that the service has of the area.
-    known : int
-        Number of photos that the map has already.
-    outside : int
-        Number of photos that are not on the map's image.
-    skipped : int
-        Number of panoramas, if these are not wanted.
-    unusable : int
-        Number of photos for which the service gives no file, position or licence.
-    """
+    """The photos of an area."""
 
     service: str
-    wanted: tuple[PlacedStreetPhoto, ...]
-    found: int
-    known: int = 0
-    outside: int = 0
-    skipped: int = 0
-    unusable: int = 0
+    wanted: tuple[PlacedStreetPhoto, ...]  # Photos that the map does not have yet
+    found: int  # Number of all photos that the service has of the area
+    known: int = 0  # Number of photos that the map has already
+    outside: int = 0  # Number of photos that are not on the map's image
+    skipped: int = 0  # Number of panoramas, if these are not wanted
+    unusable: int = 0  # Number of photos for which the service gives no file, position or licence
 
     @property
     def size_bytes(self) -> int:
@@ -143,10 +120,8 @@ def services(settings: StreetSettings) -> dict[SourceKey, StreetService]:
 def open_service(source: SourceKey, settings: StreetSettings) -> tuple[StreetService, PoliteClient]:
     """Return a service and its client; no request is sent yet.
 
-    Raises
-    ------
-    NotFound
-        It is not configured.
+    Raises:
+        NotFound: It is not configured.
     """
     service = services(settings).get(source)
     if service is None:
@@ -165,20 +140,15 @@ def survey_street(
 ) -> StreetSurvey:
     """List the photos that a service has of an area.
 
-    Parameters
-    ----------
-    limit_s : float, optional
-        Time limit, seconds.
+    Args:
+        limit_s: Time limit, seconds.
 
-    Raises
-    ------
-    NotFound
-        The service is not configured.
-    UsageError
-        The map has no georeference; the area is empty, not on the image, or has too many photos.
-    InputError, TooMany
-        The service does not answer, refuses, sends an invalid answer, or takes longer than the limit.
-    Cancelled
+    Raises:
+        NotFound: The service is not configured.
+        UsageError: The map has no georeference; the area is empty, not on the image, or has too many photos.
+        InputError, TooMany: The service does not answer, refuses, sends an invalid answer, or takes longer
+            than the limit.
+        Cancelled
     """
     service, client = open_service(request.source, settings)
     image, known = target.image(), target.known(service.name)
@@ -238,10 +208,8 @@ def part_ids(photo: StreetPhoto, panoramas: PanoramaWish) -> tuple[str, ...]:
 def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None) -> Iterator[None]:
     """Stop a client at the end of the block, or after the time limit even if it is waiting.
 
-    Raises
-    ------
-    InputError
-        The limit was reached.
+    Raises:
+        InputError: The limit was reached.
     """
     timer = None if limit_s is None else threading.Timer(limit_s, client.stop)
     try:
@@ -260,12 +228,9 @@ def _stopping(client: PoliteClient, *, progress: Progress, limit_s: float | None
 def _area(request: StreetRequest, image: MapImage) -> GeoBox:
     """Return the area to request from the service: the part of the wanted area that the image may show.
 
-    Raises
-    ------
-    UsageError
-        There is none.
-    GeoreferenceError
-        The image is nowhere on the Earth.
+    Raises:
+        UsageError: There is none.
+        GeoreferenceError: The image is nowhere on the Earth.
     """
     if isinstance(request.area, PixelBox):
         sides = request.area.on(image)

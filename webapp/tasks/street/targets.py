@@ -33,15 +33,9 @@ _NEEDED = "give its image a georeference first: street-level photos come by lati
 
 @dataclass(frozen=True, slots=True)
 class ArrivedPhoto:
-    """A downloaded photo, or a view that was cut out of one.
+    """A downloaded photo, or a view that was cut out of one."""
 
-    Attributes
-    ----------
-    file : Path
-        One of the target's scratch files; it is moved or deleted.
-    """
-
-    file: Path
+    file: Path  # One of the target's scratch files; it is moved or deleted
     name: str
     known: ServiceMetadata
     pixel: MapPixel
@@ -66,10 +60,8 @@ class StreetTarget(Protocol):
 class LibraryTarget:
     """A map of the library.
 
-    Parameters
-    ----------
-    changing : callable, optional
-        Opens a change of the map; a job passes its own, which checks its lease.
+    Args:
+        changing: Opens a change of the map; a job passes its own, which checks its lease.
     """
 
     def __init__(

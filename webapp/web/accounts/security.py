@@ -43,10 +43,8 @@ _csrf = CSRFProtect()
 def allow_images(*origins: str) -> None:
     """Allow the page of this request to load images from other origins, such as map tiles.
 
-    Parameters
-    ----------
-    *origins : str
-        Each `https://host`; from the settings, never from a client.
+    Args:
+        *origins: Each `https://host`; from the settings, never from a client.
     """
     g.image_origins = (*g.get("image_origins", ()), *origins)
 
@@ -181,20 +179,14 @@ def _policy() -> str:
 def secret_key(folder: Path) -> str:
     """Read the secret key, or make one if there is none; all worker processes get the same.
 
-    Parameters
-    ----------
-    folder : Path
-        The inner folder of a library.
+    Args:
+        folder: The inner folder of a library.
 
-    Returns
-    -------
-    str
+    Returns:
         64 hexadecimal digits.
 
-    Raises
-    ------
-    StorageError
-        The file cannot be written, or does not contain a key.
+    Raises:
+        StorageError: The file cannot be written, or does not contain a key.
     """
     path = folder / _NAME
     try:

@@ -131,10 +131,8 @@ class ColmapIn(Schema):
 def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
     """Return landmarks in the form of `SharedCloudOut`, with `left_out`.
 
-    Parameters
-    ----------
-    cameras : mapping of int to mapping
-        Further fields of the cameras, by ids of photos; cameras of other photos are left out.
+    Args:
+        cameras: Further fields of the cameras, by ids of photos; cameras of other photos are left out.
     """
     found = shown.points
     if found is None:
@@ -156,16 +154,10 @@ def cloud_json(shown: ShownCloud, cameras: Mapping[int, Mapping[str, Any]]) -> d
 
 
 def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = False) -> Response:
-    """Send a block of the points; browsers cache it, as the key changes with the content.
+    """Send a block of the points; browsers cache it, as the key changes with the content. Raises NotFound.
 
-    Parameters
-    ----------
-    visitor : bool
-        Whether points seen only by photos in the tray are left out.
-
-    Raises
-    ------
-    NotFound
+    Args:
+        visitor: Whether points seen only by photos in the tray are left out.
     """
     found = _points(record, visitor=visitor)
     if found.key != key:
@@ -180,16 +172,10 @@ def send_block(record: MapRecord, *, key: str, number: int, visitor: bool = Fals
 
 
 def send_ply(record: MapRecord, *, visitor: bool = False) -> Response:
-    """Send the points as a PLY file, in the frame of the map.
+    """Send the points as a PLY file, in the frame of the map. Raises NotFound.
 
-    Parameters
-    ----------
-    visitor : bool
-        As for `send_block`.
-
-    Raises
-    ------
-    NotFound
+    Args:
+        visitor: As for `send_block`.
     """
     return _to_save(Response(as_ply(_points(record, visitor=visitor)), mimetype=OCTETS), f"{record.slug}.ply")
 
@@ -199,18 +185,12 @@ def send_colmap(
 ) -> Response:
     """Send the models as a zip archive, the one that is aligned with the map first.
 
-    Parameters
-    ----------
-    names : mapping of str to str
-        As `names_of` returns them.
-    form : str
-        `text` or `binary`.
-    only_named : bool
-        Whether photos without a name are left out.
+    Raises NotFound, MissingPart, IndexDamaged, StorageError.
 
-    Raises
-    ------
-    NotFound, MissingPart, IndexDamaged, StorageError
+    Args:
+        names: As `names_of` returns them.
+        form: `text` or `binary`.
+        only_named: Whether photos without a name are left out.
     """
     require("sfm")
     folder = landmarks_folder(library().cfg(record.slug))
@@ -230,10 +210,8 @@ def names_of(photos: Mapping[str, Photo]) -> dict[str, str]:
 
     A model that was made before a photo was blurred has another hash for that photo, and thus no name.
 
-    Parameters
-    ----------
-    photos : mapping of str to Photo
-        Photos by the names to use.
+    Args:
+        photos: Photos by the names to use.
     """
     names = {}
     for name, photo in photos.items():

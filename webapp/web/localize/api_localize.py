@@ -214,14 +214,10 @@ def received(
 ) -> Iterator[tuple[UploadedPhoto, ...]]:
     """Write the uploaded photos to temporary files, which are deleted after the block.
 
-    Parameters
-    ----------
-    again : int or None
-        Id of a stored query whose photo is used again, instead of files.
+    Raises UsageError, InputError, NotFound, StorageError.
 
-    Raises
-    ------
-    UsageError, InputError, NotFound, StorageError
+    Args:
+        again: Id of a stored query whose photo is used again, instead of files.
     """
     if bool(files) == (again is not None):
         raise UsageError(

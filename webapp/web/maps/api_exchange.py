@@ -195,10 +195,8 @@ def _by_job(name: str, token: str) -> dict[str, Any]:
 def _name_of(given: str | None, archive: Path, filename: str | None) -> str:
     """Choose the name of an imported map: the given one, its title in the archive, or the file name.
 
-    Raises
-    ------
-    UsageError
-        The given name is not valid.
+    Raises:
+        UsageError: The given name is not valid.
     """
     if given:
         return maps.checked_name(given)

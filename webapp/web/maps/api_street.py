@@ -110,7 +110,7 @@ def preview(slug: str, data: dict[str, Any]) -> dict[str, Any]:
     target = LibraryTarget(library(), record.id, settings=settings())
     with _limit.slot():
         survey = survey_street(
-            target, _request(data), settings=_impatient(), progress=Progress(), limit_s=_LIMIT_S
+            target, _request(data), settings=_settings_of_requests(), progress=Progress(), limit_s=_LIMIT_S
         )
     positions = [[round(side, _DIGITS) for side in one.pixel] for one in survey.wanted]
     return {**survey_json(survey), "positions": positions}
@@ -138,7 +138,7 @@ def _request(data: dict[str, Any]) -> StreetRequest:
     return StreetRequest(data["source"], area, data["panoramas"])
 
 
-def _impatient() -> StreetSettings:
+def _settings_of_requests() -> StreetSettings:
     chosen = settings().street
     return replace(
         chosen,

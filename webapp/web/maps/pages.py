@@ -34,21 +34,13 @@ _MOST_DOTS = 200
 
 @dataclass(frozen=True, slots=True)
 class MapCard:
-    """An entry of the list of maps.
-
-    Attributes
-    ----------
-    role : str or None
-        Role of the caller.
-    dots : str
-        Data of an SVG path: a dot for each photo, or for some of them if there are many.
-    """
+    """An entry of the list of maps."""
 
     map: MapRecord
-    role: Role | None
+    role: Role | None  # Role of the caller
     photos: int
     placed: int
-    dots: str
+    dots: str  # Data of an SVG path: a dot for each photo, or for some of them if there are many
 
 
 @blueprint.get("/")

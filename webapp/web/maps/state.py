@@ -38,11 +38,9 @@ _DOT_DIGITS = 2
 def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
     """Return the whole state of a map.
 
-    Returns
-    -------
-    dict
+    Returns:
         `slug, name, role, can_edit, binned, revision, satellite, georeference, photos, placements, notes,
-        floors, undo, redo`.
+            floors, undo, redo`.
     """
     present = [p for p in maps.photos(session, record) if not p.removed]
     return {**_about(session, record, account=account), "photos": _photos(record, present)}
@@ -51,9 +49,7 @@ def whole(session: Session, record: MapRecord, *, account: Account) -> dict[str,
 def of_page(session: Session, record: MapRecord, *, account: Account) -> dict[str, Any]:
     """Return the initial state for a page of a map, which fetches the other photos later.
 
-    Returns
-    -------
-    dict
+    Returns:
         As `whole`, but with only the first `photos`, and `dots` for all others.
     """
     first = maps.first_photos(session, record, most=FIRST_PHOTOS)
@@ -101,11 +97,10 @@ def _about(session: Session, record: MapRecord, *, account: Account) -> dict[str
 def changes(session: Session, record: MapRecord, *, account: Account, since: int) -> dict[str, Any]:
     """Return the changes since a revision.
 
-    Returns
-    -------
-    dict
+    Returns:
         `revision`, `photos` (the changed ones, removed ones as `{id, removed, revision}`), `undo`, `redo`,
-        `jobs`; `satellite`, `georeference`, `placements`, `notes` and `floors` only if they may have changed.
+            `jobs`; `satellite`, `georeference`, `placements`, `notes` and `floors` only if they may have
+            changed.
     """
     changed = maps.photos(session, record, since=since)
     return {
@@ -125,18 +120,13 @@ def changes(session: Session, record: MapRecord, *, account: Account, since: int
 def edited(record: MapRecord, revision: int | None) -> dict[str, Any]:
     """Return the changes made by one edit, without concurrent edits, which `changes` returns.
 
-    Parameters
-    ----------
-    record : MapRecord
-        The map, before or after the edit.
-    revision : int or None
-        Revision of the edit; None if it changed nothing.
+    Args:
+        record: The map, before or after the edit.
+        revision: Revision of the edit; None if it changed nothing.
 
-    Returns
-    -------
-    dict
+    Returns:
         `revision`, `photos` (those whose last change is this edit), `placements`, `notes`, `floors`, `undo`,
-        `redo`; `satellite` and `georeference` only if it changed the image.
+            `redo`; `satellite` and `georeference` only if it changed the image.
     """
     who = context.account()
     with library().database.read() as session:
@@ -186,9 +176,7 @@ def summaries(session: Session, records: Sequence[MapRecord], *, account: Accoun
 def image(record: MapRecord, *, base: str | None = None) -> dict[str, Any]:
     """Return a map's image and its georeference; `base` as for `satellite_json`.
 
-    Returns
-    -------
-    dict
+    Returns:
         `satellite` and `georeference`, each None if the map has none.
     """
     found = georeference(record)
@@ -269,16 +257,12 @@ def notes_json(record: MapRecord) -> list[dict[str, Any]]:
 def floors_json(record: MapRecord, *, base: str | None = None) -> list[dict[str, Any]]:
     """Return the floors of a map, the lowest first; empty if the map has only its own image.
 
-    Parameters
-    ----------
-    base : str, optional
-        Base URL of the images; by default that for members of the map.
+    Args:
+        base: Base URL of the images; by default that for members of the map.
 
-    Returns
-    -------
-    list of dict
+    Returns:
         `id`, `name`, `level`, `height_m`, `url` of an image that covers the map (null if the map's own image
-        shows the floor), and `attribution`.
+            shows the floor), and `attribution`.
     """
     base = base or f"/api/v1/maps/{record.slug}/floors"
     return [_floor(record, floor, base=base) for floor in sorted(floors(record), key=lambda f: f.level)]
@@ -343,16 +327,12 @@ def _history(session: Session, record: MapRecord, *, account: Account) -> dict[s
 def satellite_json(record: MapRecord, *, base: str | None = None) -> dict[str, Any] | None:
     """Return the URL and size of a map's image; None without one.
 
-    Parameters
-    ----------
-    base : str, optional
-        Base URL of the image; by default that for members of the map.
+    Args:
+        base: Base URL of the image; by default that for members of the map.
 
-    Returns
-    -------
-    dict or None
+    Returns:
         `url`, `width`, `height`, `tiles` (`url` with {z}, {x} and {y}, and `max_zoom`) or null, and
-        `attribution` or null. The URLs change with the content, so that browsers can cache the image.
+            `attribution` or null. The URLs change with the content, so that browsers can cache the image.
     """
     key = display.key_of(library(), record)
     width, height = record.satellite_width, record.satellite_height

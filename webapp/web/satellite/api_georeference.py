@@ -145,10 +145,8 @@ def _fitted(
 def answer(record: MapRecord, applied: ImageEditResult, *, warnings: Sequence[str] = ()) -> dict[str, Any]:
     """Return the changes made by an edit of the image or its georeference.
 
-    Parameters
-    ----------
-    record : MapRecord
-        Its state before the edit.
+    Args:
+        record: Its state before the edit.
     """
     who = account()
     with library().database.read() as session:

@@ -17,10 +17,8 @@ def offered_layers(*, to_visitors: bool = False) -> tuple[TileService, ...]:
 
     Empty, with a warning in the log, if the file of services cannot be used: pages work without them.
 
-    Parameters
-    ----------
-    to_visitors : bool
-        Whether to return only services whose URLs are public.
+    Args:
+        to_visitors: Whether to return only services whose URLs are public.
     """
     try:
         found = tile_services(settings().tile_services)

@@ -35,11 +35,9 @@ _OF_THE_EARTH = ("metres_per_pixel", "latlon_grid")
 def whole(session: Session, opened: OpenedShare, *, token: str) -> dict[str, Any]:
     """Return the whole state of a share.
 
-    Returns
-    -------
-    dict
+    Returns:
         `name, revision, allows, satellite, georeference, notes, floors, photos, answer`: `photos` are the
-        placed ones, `answer` is the shared answer or null.
+            placed ones, `answer` is the shared answer or null.
     """
     present = [photo for photo in maps.photos(session, opened.map) if _is_on(photo)]
     return {**_about(session, opened, token), "photos": _photos(session, opened, present, token=token)}
@@ -93,10 +91,8 @@ def _about(session: Session, opened: OpenedShare, token: str) -> dict[str, Any]:
 def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord, Photo]:
     """Find a photo whose previews the share includes.
 
-    Raises
-    ------
-    NotFound
-        The share does not include its previews.
+    Raises:
+        NotFound: The share does not include its previews.
     """
     found = maps.photo(session, opened.map, id)
     if not _is_on(found) or not _shows(opened, id):
@@ -105,28 +101,17 @@ def photo(session: Session, opened: OpenedShare, *, id: int) -> tuple[MapRecord,
 
 
 def query(opened: OpenedShare) -> QueryRecord:
-    """Return the shared answer, if the share includes its photo.
-
-    Raises
-    ------
-    NotFound
-    """
+    """Return the shared answer, if the share includes its photo. Raises NotFound."""
     if opened.query is None or not opened.share.photos:
         raise NotFound("photo not found")
     return opened.query
 
 
 def open_landmarks(session: Session, token: str, *, originals: bool = False) -> OpenedShare:
-    """Find a share that includes the landmarks.
+    """Find a share that includes the landmarks. Raises NotFound.
 
-    Parameters
-    ----------
-    originals : bool
-        Whether it has to include original files, too.
-
-    Raises
-    ------
-    NotFound
+    Args:
+        originals: Whether it has to include original files, too.
     """
     opened = sharing.open_share(session, token)
     if not opened.share.landmarks:

@@ -85,7 +85,7 @@ function entry(hypothesis, { choose, faint }) {
     { class: "lo-place", type: "button", "aria-pressed": "false", onclick: () => choose(rank) },
     number,
     h("span", { class: "lo-place__text" },
-      h("span", { class: "lo-place__what" }, whatIs(hypothesis)),
+      h("span", { class: "lo-place__what" }, kindText(hypothesis)),
       h("span", { class: "small soft" }, ...details(hypothesis))),
     h("span", { class: "lo-place__share" }, percentText(probability), bar(probability, fill)),
   );
@@ -98,7 +98,7 @@ export function placeName({ kind, rank }) {
   return kind === "area" ? t("Area {n}", { n: rank }) : t("Place {n}", { n: rank });
 }
 
-function whatIs(hypothesis) {
+function kindText(hypothesis) {
   const { radius_m, radius_px } = hypothesis;
   return radius_px === null ? placeName(hypothesis) : `${placeName(hypothesis)} ± ${lengthText(radius_m, radius_px)}`;
 }

@@ -35,12 +35,12 @@ class TurnedImage extends L.ImageOverlay {
 class TurnedTiles extends L.TileLayer {
   /** @override @param {L.Map} map */
   onAdd(map) {
-    this.on("tileloadstart", this._lay, this);
+    this.on("tileloadstart", this._place, this);
     return super.onAdd(map);
   }
 
   /** Position tiles without transforms of their own, which would show seams: the level is rotated as a whole. */
-  _lay({ tile, coords }) {
+  _place({ tile, coords }) {
     if (turnOf(this._map) === UPRIGHT) return;
     const { x, y } = this._getTilePos(coords);
     Object.assign(tile.style, { transform: "none", left: `${x}px`, top: `${y}px`, willChange: "auto" });

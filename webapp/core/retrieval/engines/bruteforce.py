@@ -19,11 +19,9 @@ _BLOCK_ROWS = 65_536
 class BruteForce:
     """Exact k nearest neighbours.
 
-    Parameters
-    ----------
-    segments : sequence of (rows, d) uint8
-        The map's descriptors; may be memory-mapped.
-    norm : {"l1", "l2", "hamming", "hamming2"}
+    Args:
+        segments: sequence of (rows, d) uint8. The map's descriptors; may be memory-mapped.
+        norm: "l1", "l2", "hamming" or "hamming2"
     """
 
     def __init__(self, segments: Sequence[NDArray[np.uint8]], norm: str) -> None:

@@ -20,10 +20,9 @@ _CHECKS = {"checks": 32}
 class Flann:
     """Approximate k nearest neighbours; the index is built in memory by the constructor.
 
-    Parameters
-    ----------
-    segments : sequence of (rows, d) uint8
-    kind : {"float", "binary"}
+    Args:
+        segments: sequence of (rows, d) uint8
+        kind: "float" or "binary"
     """
 
     def __init__(self, segments: Sequence[NDArray[np.uint8]], kind: Kind) -> None:

@@ -46,13 +46,11 @@ def cells_for(descriptors: int) -> int:
 def train(sample: NDArray[np.uint8], descriptors: int, *, kind: Kind) -> Any:
     """Train an empty index.
 
-    Parameters
-    ----------
-    sample : (n, d) uint8
-        Sample of the map's descriptors; `SAMPLE_PER_CELL * cells_for(descriptors)` are enough.
-    descriptors : int
-        Number of descriptors of the map.
-    kind : {"float", "binary"}
+    Args:
+        sample: (n, d) uint8. Sample of the map's descriptors; `SAMPLE_PER_CELL * cells_for(descriptors)` are
+            enough.
+        descriptors: Number of descriptors of the map.
+        kind: "float" or "binary"
     """
     cells, width = cells_for(descriptors), sample.shape[1]
     if kind == "binary":
@@ -96,10 +94,8 @@ def _cell_search(index: Any) -> Any:
 class InvertedFile:
     """Search over the segments of one codebook.
 
-    Parameters
-    ----------
-    segments : sequence of faiss indexes
-        Each from `train` and `encode`; may be memory-mapped.
+    Args:
+        segments: Each from `train` and `encode`; may be memory-mapped.
     """
 
     def __init__(self, segments: Sequence[Any]) -> None:

@@ -12,47 +12,26 @@ from webapp.core.features.types import Features
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoEntry:
-    """One photo's features, with hash and field of view of its file.
+    """One photo's features, with hash and field of view of its file."""
 
-    Attributes
-    ----------
-    content : str
-        SHA-256 of the file, hexadecimal.
-    fov_deg : float
-        Horizontal field of view of the upright photo from EXIF; NaN if unknown.
-    """
-
-    content: str
-    fov_deg: float
+    content: str  # SHA-256 of the file, hexadecimal
+    fov_deg: float  # Horizontal field of view of the upright photo from EXIF; NaN if unknown
     features: Features
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """Features of many photos; the arrays may be memory-mapped.
+    """Features of many photos; the arrays may be memory-mapped."""
 
-    Attributes
-    ----------
-    content : list of str
-        SHA-256 of each of the p photo files.
-    first : (p + 1,) int64
-        Rows of photo i are `first[i]` to `first[i + 1]`.
-    xy, size, angle, descriptors
-        As in `Features`, for all rows.
-    photo_size : (p, 2) int32
-        Width and height of the upright photos.
-    fov_deg : (p,) float64
-        From EXIF; NaN if unknown.
-    """
-
-    content: list[str]
-    first: NDArray[np.int64]
+    content: list[str]  # SHA-256 of each of the p photo files
+    first: NDArray[np.int64]  # (p + 1,) int64. Rows of photo i are `first[i]` to `first[i + 1]`.
+    # `xy`, `size`, `angle`, `descriptors`: As in `Features`, for all rows.
     xy: NDArray[np.float32]
     size: NDArray[np.float32]
     angle: NDArray[np.float32]
     descriptors: NDArray[np.uint8]
-    photo_size: NDArray[np.int32]
-    fov_deg: NDArray[np.float64]
+    photo_size: NDArray[np.int32]  # (p, 2) int32. Width and height of the upright photos.
+    fov_deg: NDArray[np.float64]  # (p,) float64. From EXIF; NaN if unknown.
 
     def entry(self, photo: int) -> PhotoEntry:
         """Return one photo, by its number in the segment."""

@@ -19,11 +19,9 @@ def is_uncompressed(descriptors: int, *, kind: Kind) -> bool:
 def bytes_in_memory(descriptors: int, *, width: int, kind: Kind) -> int:
     """Estimate the memory of an inverted file from its number of descriptors.
 
-    Parameters
-    ----------
-    width : int
-        Bytes of a descriptor, which a product quantizer reduces to a quarter.
-    kind : {"float", "binary"}
+    Args:
+        width: Bytes of a descriptor, which a product quantizer reduces to a quarter.
+        kind: "float" or "binary"
     """
     kept = width if is_uncompressed(descriptors, kind=kind) else width // 4
     return descriptors * (kept + _BYTES_A_ROW)

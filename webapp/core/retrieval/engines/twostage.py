@@ -39,12 +39,9 @@ class TwoStage:
     There is at most one per photo, unless there are fewer photos than neighbours: then photos contribute
     several each, because a neighbour's distance can only be judged relative to another's.
 
-    Parameters
-    ----------
-    signatures : sequence of (p, b) uint8
-        Signatures of each segment's photos.
-    segments : sequence of Segment
-        Their descriptors may be memory-mapped.
+    Args:
+        signatures: sequence of (p, b) uint8. Signatures of each segment's photos.
+        segments: Their descriptors may be memory-mapped.
     """
 
     def __init__(
@@ -64,12 +61,9 @@ class TwoStage:
         Neighbours that are nearer to another descriptor of the query have row -1. Their distance is kept, as
         a reference for that of others.
 
-        Parameters
-        ----------
-        descriptors : (n, d) uint8
-            Those of the strongest keypoints first.
-        visible : (e,) bool
-            Which photos of all segments, in order, are searched.
+        Args:
+            descriptors: (n, d) uint8. Those of the strongest keypoints first.
+            visible: (e,) bool. Which photos of all segments, in order, are searched.
         """
         if not len(descriptors) or not visible.any():
             return no_neighbours(len(descriptors), k)

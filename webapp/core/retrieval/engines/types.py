@@ -11,17 +11,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbours:
-    """For each of n query descriptors its k nearest map descriptors, the nearest first.
+    """For each of n query descriptors its k nearest map descriptors, the nearest first."""
 
-    Attributes
-    ----------
-    distance : (n, k) float32
-        In the engine's norm (Euclidean, not squared, for L2); infinite if there is no k-th neighbour.
-    row : (n, k) int64
-        Number of the map descriptor, counted over the whole index; -1 if there is none.
-    """
-
+    # (n, k) float32. In the engine's norm (Euclidean, not squared, for L2); infinite if there is no k-th
+    # neighbour.
     distance: NDArray[np.float32]
+    # (n, k) int64. Number of the map descriptor, counted over the whole index; -1 if there is none.
     row: NDArray[np.int64]
 
 
@@ -40,10 +35,8 @@ def no_neighbours(n: int, k: int) -> Neighbours:
 def merge_nearest(parts: list[Neighbours], k: int) -> Neighbours:
     """Merge the results of several parts of an index into the k nearest over all.
 
-    Parameters
-    ----------
-    parts : list of Neighbours
-        At least one; rows are already counted over the whole index.
+    Args:
+        parts: At least one; rows are already counted over the whole index.
     """
     distance = np.concatenate([p.distance for p in parts], axis=1)
     row = np.concatenate([p.row for p in parts], axis=1)

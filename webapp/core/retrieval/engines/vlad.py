@@ -32,17 +32,10 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Codebook:
-    """Parameters of signatures.
+    """Parameters of signatures."""
 
-    Attributes
-    ----------
-    centres : (c, d) float32
-    mean : (c, d) float32
-        Mean of the aggregated vectors of some photos.
-    """
-
-    centres: NDArray[np.float32]
-    mean: NDArray[np.float32]
+    centres: NDArray[np.float32]  # (c, d) float32
+    mean: NDArray[np.float32]  # (c, d) float32. Mean of the aggregated vectors of some photos.
 
     @property
     def signature_bytes(self) -> int:
@@ -53,10 +46,8 @@ class Codebook:
 def train(photos: Sequence[NDArray[np.uint8]]) -> Codebook:
     """Train a codebook.
 
-    Parameters
-    ----------
-    photos : sequence of (n, d) uint8
-        Descriptors of some photos, together at least one.
+    Args:
+        photos: sequence of (n, d) uint8. Descriptors of some photos, together at least one.
     """
     sample = np.concatenate(photos)
     most = CENTRES * _SAMPLE_PER_CENTRE
@@ -79,15 +70,12 @@ def _clustered(sample: NDArray[np.float32]) -> NDArray[np.float32]:
 def aggregate(centres: NDArray[np.float32], descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Sum the differences of descriptors to their nearest centre.
 
-    Parameters
-    ----------
-    centres : (c, d) float32
-    descriptors : (n, d) uint8
+    Args:
+        centres: (c, d) float32
+        descriptors: (n, d) uint8
 
-    Returns
-    -------
-    (c, d) float32
-        Rows of length 1, or 0 for centres to which no descriptor is nearest.
+    Returns:
+        (c, d) float32: Rows of length 1, or 0 for centres to which no descriptor is nearest.
     """
     values = descriptors.astype(np.float32)
     nearest = (values @ centres.T - 0.5 * (centres**2).sum(1)).argmax(1)
@@ -113,19 +101,13 @@ def most_similar(
 ) -> NDArray[np.int64]:
     """Find the photos that are most similar to a query.
 
-    Parameters
-    ----------
-    signatures : sequence of (p, `signature_bytes`) uint8
-        e photos in all; may be memory-mapped.
-    descriptors : (n, d) uint8
-        Of the query.
-    visible : (e,) bool
-        Which photos are searched.
+    Args:
+        signatures: sequence of (p, `signature_bytes`) uint8. e photos in all; may be memory-mapped.
+        descriptors: (n, d) uint8. Of the query.
+        visible: (e,) bool. Which photos are searched.
 
-    Returns
-    -------
-    (m,) int64
-        The most similar first; at most `most`.
+    Returns:
+        (m,) int64: The most similar first; at most `most`.
     """
     vector = aggregate(codebook.centres, descriptors)
     # The signs of centres without a descriptor of the query mean nothing.

@@ -50,19 +50,13 @@ _WORDS = frozenset({"AND", "OR", "NOT", "IN", "BETWEEN", "LIKE", "IS", "NULL", "
 def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "where") -> Condition | None:
     """Parse a condition.
 
-    Parameters
-    ----------
-    text : str
-        Blank means no condition.
-    columns : mapping of str to Kind
-        Types of the available columns.
-    field : str
-        Name of the text in messages.
+    Args:
+        text: Blank means no condition.
+        columns: Types of the available columns.
+        field: Name of the text in messages.
 
-    Raises
-    ------
-    UsageError
-        Invalid syntax; `where` names the character, counted from 1.
+    Raises:
+        UsageError: Invalid syntax; `where` names the character, counted from 1.
     """
     reader = _Reader(text, columns, field)
     if reader.now.kind == "end":
@@ -73,12 +67,7 @@ def parse_condition(text: str, columns: Mapping[str, Kind], *, field: str = "whe
 
 
 def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "select") -> list[str]:
-    """Parse a list of columns; `*` or an empty text means all of them.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Parse a list of columns; `*` or an empty text means all of them. Raises UsageError."""
     reader = _Reader(text, columns, field)
     if reader.now.kind == "end" or (reader.now.is_sign("*") and reader.next()):
         chosen = list(columns)
@@ -91,12 +80,7 @@ def parse_columns(text: str, columns: Mapping[str, Kind], *, field: str = "selec
 
 
 def parse_order(text: str, columns: Mapping[str, Kind], *, field: str = "order") -> list[SortOrder]:
-    """Parse a sort order: `confidence desc, class`.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Parse a sort order: `confidence desc, class`. Raises UsageError."""
     reader = _Reader(text, columns, field)
     found: list[SortOrder] = []
     if reader.now.kind != "end":

@@ -28,19 +28,11 @@ _UNFIT = re.compile("[\x00\ud800-\udfff]")
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """A token.
-
-    Attributes
-    ----------
-    text : str
-        As written; for quoted text, without the quotes.
-    at : int
-        Position of its first character, from 1.
-    """
+    """A token."""
 
     kind: TokenKind
-    text: str
-    at: int
+    text: str  # As written; for quoted text, without the quotes
+    at: int  # Position of its first character, from 1
 
     def is_word(self, *words: str) -> bool:
         """Return whether it is one of these keywords, given in upper case."""
@@ -60,22 +52,15 @@ class Token:
 def tokens(text: str, field: str) -> list[Token]:
     """Split a text into tokens.
 
-    Parameters
-    ----------
-    text : str
-        At most `MAX_CHARACTERS` long.
-    field : str
-        Name of the text in messages: `where`.
+    Args:
+        text: At most `MAX_CHARACTERS` long.
+        field: Name of the text in messages: `where`.
 
-    Returns
-    -------
-    list of Token
+    Returns:
         The last one has the kind "end".
 
-    Raises
-    ------
-    UsageError
-        The text is too long or has an invalid character; `where` names its position.
+    Raises:
+        UsageError: The text is too long or has an invalid character; `where` names its position.
     """
     if len(text) > MAX_CHARACTERS:
         raise mistake(f"more than {MAX_CHARACTERS} characters", field=field, at=MAX_CHARACTERS + 1)

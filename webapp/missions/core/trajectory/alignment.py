@@ -42,30 +42,19 @@ WIDER = 9.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialState:
-    """An initial state.
+    """An initial state."""
 
-    Attributes
-    ----------
-    state : (8,) float64
-    covariance : (8, 8) float64
-    agrees : (m,) bool
-        Which of the given fixes agree with it.
-    """
-
-    state: Floats
-    covariance: Floats
-    agrees: NDArray[np.bool_]
+    state: Floats  # (8,) float64
+    covariance: Floats  # (8, 8) float64
+    agrees: NDArray[np.bool_]  # (m,) bool. Which of the given fixes agree with it.
 
 
 def start(steps: Steps, fixes: Fixes, *, begin: int, noise: Noise) -> InitialState:
     """Estimate the state at a node from the fixes at and after it.
 
-    Parameters
-    ----------
-    fixes : Fixes
-        All at `begin` or later; at least one. Only the first of them are used.
-    begin : int
-        The node.
+    Args:
+        fixes: All at `begin` or later; at least one. Only the first of them are used.
+        begin: The node.
     """
     spread = np.sqrt(np.trace(fixes.covariance, axis1=1, axis2=2) / 2)
     found = _nearby(steps, fixes, spread, begin=begin, noise=noise)

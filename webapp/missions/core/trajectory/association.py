@@ -53,20 +53,14 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class ObjectEstimate:
-    """An object as estimated from its detections.
-
-    Attributes
-    ----------
-    covariance_m2 : tuple of float
-        Of the position: variance east, variance north, covariance of the two.
-    first_time_s, last_time_s : float
-        Interval in which it was seen, seconds since 1970, UTC.
-    """
+    """An object as estimated from its detections."""
 
     id: str
     kind: str
     latlon: LatLon
+    # Of the position: variance east, variance north, covariance of the two.
     covariance_m2: tuple[float, float, float]
+    # `first_time_s`, `last_time_s`: Interval in which it was seen, seconds since 1970, UTC.
     first_time_s: float
     last_time_s: float
 
@@ -75,10 +69,8 @@ class ObjectEstimate:
 class ObjectAssociation:
     """The objects of a mission, to which detections are associated.
 
-    Parameters
-    ----------
-    new_id : callable
-        Returns the id for a new object of a class.
+    Args:
+        new_id: Returns the id for a new object of a class.
     """
 
     new_id: Callable[[str], str]
@@ -96,9 +88,7 @@ class ObjectAssociation:
     def join(self, seen: Sequence[Sighting]) -> list[str | None]:
         """Associate detections with objects, in the order of time, whatever order they are given in.
 
-        Returns
-        -------
-        list of str or None
+        Returns:
             Id of the object of each; None for a detection known already: same class, time and position.
         """
         ids: list[str | None] = [None] * len(seen)

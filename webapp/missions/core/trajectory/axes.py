@@ -53,10 +53,8 @@ class Frames:
 def parse_axes(text: str | None) -> Axes | None:
     """Read the name of an axis convention; None for an empty text.
 
-    Raises
-    ------
-    UsageError
-        The name is unknown.
+    Raises:
+        UsageError: The name is unknown.
     """
     if not text:
         return None
@@ -89,11 +87,10 @@ def to_robot(
 ) -> LocalPoses:
     """Convert poses to robot axes; their covariance is unknown.
 
-    Parameters
-    ----------
-    xyz_m : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        World from body; NaN where unknown. The yaw is NaN where the body looks steeply up or down.
+    Args:
+        xyz_m: (n, 3) float64
+        rotation: (n, 3, 3) float64. World from body; NaN where unknown. The yaw is NaN where the body looks
+            steeply up or down.
     """
     turn = _ROBOT_FROM[frames.world]
     forward = rotation[:, :, _FORWARD[frames.body]] @ turn.T
@@ -107,19 +104,14 @@ def detect_frames(
 ) -> tuple[Frames, str]:
     """Detect the axis conventions of a trajectory from its motion: a vehicle moves forward and stays upright.
 
-    Parameters
-    ----------
-    xyz_m : (n, 3) float64
-    rotation : (n, 3, 3) float64
-        World from body; NaN where it is unknown.
-    usual : Frames
-        The default, unless the motion clearly contradicts it.
+    Args:
+        xyz_m: (n, 3) float64
+        rotation: (n, 3, 3) float64. World from body; NaN where it is unknown.
+        usual: The default, unless the motion clearly contradicts it.
 
-    Returns
-    -------
-    frames : Frames
-    remark : str
-        Why the usual axes were not taken, or why they are doubtful; may be empty.
+    Returns:
+        frames:
+        remark: Why the usual axes were not taken, or why they are doubtful; may be empty.
     """
     known = ~np.isnan(rotation).any(axis=(1, 2)) & ~np.isnan(xyz_m).any(axis=1)
     places = np.flatnonzero(known)

@@ -24,38 +24,22 @@ TrackKey = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class BatchTrack:
-    """Poses of one track.
+    """Poses of one track."""
 
-    Attributes
-    ----------
-    poses : Poses
-        `travelled_m` is NaN where the robot did not send it.
-    skipped : int
-        Number of poses that the robot left out between these, and after the last one if the track is over.
-    travelled_m : float
-        Distance at the end of the track, poses left out after the last one included; NaN if not sent.
-    """
-
-    poses: Poses
+    poses: Poses  # `travelled_m` is NaN where the robot did not send it
+    # Number of poses that the robot left out between these, and after the last one if the track is over.
     skipped: int
+    # Distance at the end of the track, poses left out after the last one included; NaN if not sent.
     travelled_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """The records of a batch, in their order.
+    """The records of a batch, in their order."""
 
-    Attributes
-    ----------
-    tracks : dict of (str, str) to BatchTrack
-        By source and name.
-    ends : bool
-        Whether the mission is over.
-    """
-
-    tracks: dict[TrackKey, BatchTrack]
+    tracks: dict[TrackKey, BatchTrack]  # By source and name
     sightings: list[Sighting]
-    ends: bool
+    ends: bool  # Whether the mission is over
 
 
 @dataclass(slots=True)
@@ -80,16 +64,12 @@ class _Columns:
 def parse(records: Sequence[object]) -> Batch:
     """Read the records of a batch.
 
-    Parameters
-    ----------
-    records : sequence
-        As `webapp.robot.fields` defines them: `{"type": "pose", "time", "lat", "lon", ...}`, `{"type":
-        "object", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
+    Args:
+        records: As `webapp.robot.fields` defines them: `{"type": "pose", "time", "lat", "lon", ...}`,
+            `{"type": "object", "class", "time", "lat", "lon", ...}` or `{"type": "end"}`.
 
-    Raises
-    ------
-    InputError
-        A record is invalid; `where` names it and its field: `records.17.lat`.
+    Raises:
+        InputError: A record is invalid; `where` names it and its field: `records.17.lat`.
     """
     columns: dict[TrackKey, _Columns] = {}
     sightings: list[Sighting] = []

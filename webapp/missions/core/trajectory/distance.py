@@ -20,15 +20,11 @@ COLUMNS = 4
 def steps_m(latlon: ArrayLike) -> NDArray[np.float64]:
     """Measure the distance from each position to the next, by Karney's geodesics (J. of Geodesy 87, 2013).
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
+    Args:
+        latlon: (n, 2) float64. Degrees north, degrees east.
 
-    Returns
-    -------
-    (n - 1,) float64
-        Metres; empty for fewer than two.
+    Returns:
+        (n - 1,) float64: Metres; empty for fewer than two.
     """
     lat, lon = np.asarray(latlon, dtype=np.float64).reshape(-1, 2).T
     return np.asarray(WGS84.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2], dtype=np.float64)
@@ -48,29 +44,19 @@ def metres_per_degree(lat: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 
 @dataclass(slots=True)
 class Odometer:
-    """Measures the length of a track that arrives in pieces.
+    """Measures the length of a track that arrives in pieces."""
 
-    Attributes
-    ----------
-    metres : float
-        So far.
-    """
-
-    metres: float = 0.0
+    metres: float = 0.0  # So far
     _last: NDArray[np.float64] | None = field(default=None, init=False)
 
     def add(self, latlon: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add the next positions.
 
-        Parameters
-        ----------
-        latlon : (n, 2) float64
-            Degrees north, degrees east.
+        Args:
+            latlon: (n, 2) float64. Degrees north, degrees east.
 
-        Returns
-        -------
-        (n,) float64
-            Metres along the track from the very first position to each of these.
+        Returns:
+            (n,) float64: Metres along the track from the very first position to each of these.
         """
         if not len(latlon):
             return np.empty(0)
@@ -88,19 +74,14 @@ def fill_travelled(
 ) -> NDArray[np.float64]:
     """Fill in missing distances travelled, by the steps since the last pose that has one.
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
-    travelled_m : (n,) float64
-        Metres; NaN where unknown.
-    before : (float, float, float) or None
-        Degrees north, degrees east and metres travelled of the pose before these; None at the start of a
-        track.
+    Args:
+        latlon: (n, 2) float64. Degrees north, degrees east.
+        travelled_m: (n,) float64. Metres; NaN where unknown.
+        before: Degrees north, degrees east and metres travelled of the pose before these; None at the start
+            of a track.
 
-    Returns
-    -------
-    (n,) float64
+    Returns:
+        (n,) float64
     """
     if not np.isnan(travelled_m).any():
         return travelled_m
@@ -120,18 +101,14 @@ def profile(
 ) -> NDArray[np.float64]:
     """Choose points of a track: the lowest and the highest of each of its parts.
 
-    Parameters
-    ----------
-    times_s, travelled_m, height_m : (n,) float64
-        Heights are NaN where unknown: a part without heights is represented by its ends.
-    points : int
-        Largest number of points.
+    Args:
+        times_s, travelled_m, height_m: (n,) float64. Heights are NaN where unknown: a part without heights is
+            represented by its ends.
+        points: Largest number of points.
 
-    Returns
-    -------
-    (m, 4) float64
-        time_s, travelled_m, speed_mps, height_m; the speed is the mean over the part, NaN where time does not
-        increase.
+    Returns:
+        (m, 4) float64: time_s, travelled_m, speed_mps, height_m; the speed is the mean over the part, NaN
+            where time does not increase.
     """
     n = len(times_s)
     if n == 0:

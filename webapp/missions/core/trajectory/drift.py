@@ -19,18 +19,10 @@ LEAST_REACH_M = 10.0
 
 @dataclass(frozen=True, slots=True)
 class LoopClosure:
-    """The loop closure error of a track.
+    """The loop closure error of a track."""
 
-    Attributes
-    ----------
-    gap_m : float
-        From the first position to the last one.
-    share : float
-        The gap as a fraction of the distance travelled.
-    """
-
-    gap_m: float
-    share: float
+    gap_m: float  # From the first position to the last one
+    share: float  # The gap as a fraction of the distance travelled
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +44,10 @@ def measure_closure(
     A track closes if its end is much nearer to its start than its farthest point, and if dead reckoning may
     drift by the gap over the distance travelled.
 
-    Parameters
-    ----------
-    first, last : LatLon
-        Its ends.
-    distance_m : float
-        Distance travelled, over all poses.
-    bounds : (float, float, float, float)
-        South, west, north, east of all its positions, degrees.
+    Args:
+        first, last: Its ends.
+        distance_m: Distance travelled, over all poses.
+        bounds: South, west, north, east of all its positions, degrees.
     """
     frame = LocalFrame(first)
     east, north, _ = frame.enu_of(last)

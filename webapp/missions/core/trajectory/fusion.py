@@ -52,27 +52,15 @@ LEAST_SPEED_MPS = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GatingResult:
-    """Innovations of the fixes of one track, and which fixes the filter rejected.
+    """Innovations of the fixes of one track, and which fixes the filter rejected."""
 
-    Attributes
-    ----------
-    number : (m,) intp
-        Indices in the given track, ordered by time.
-    distance : (m,) float64
-        Squared Mahalanobis distance of the innovation; its mean is 2 where all covariances are right.
-    gated : (m,) bool
-        Whether each was rejected as an outlier.
-    expected : (m, 2) float64
-        Predicted positions, degrees north and east.
-    innovation_m : (m,) float64
-        Length of the innovation, metres.
-    """
-
-    number: NDArray[np.intp]
+    number: NDArray[np.intp]  # (m,) intp. Indices in the given track, ordered by time.
+    # (m,) float64. Squared Mahalanobis distance of the innovation; its mean is 2 where all covariances are
+    # right.
     distance: Floats
-    gated: NDArray[np.bool_]
-    expected: Floats
-    innovation_m: Floats
+    gated: NDArray[np.bool_]  # (m,) bool. Whether each was rejected as an outlier.
+    expected: Floats  # (m, 2) float64. Predicted positions, degrees north and east.
+    innovation_m: Floats  # (m,) float64. Length of the innovation, metres.
 
     @property
     def mean_distance(self) -> float:
@@ -83,22 +71,13 @@ class GatingResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fusion:
-    """A fused track.
+    """A fused track."""
 
-    Attributes
-    ----------
-    poses : Poses
-        At each time of the odometry and of the fixes.
-    begins_s : tuple of float
-        Start time of each piece: that of the track, and of each jump to another position.
-    fit : NoiseFit
-        Factors on the noise of odometry and receiver, estimated from this track.
-    """
-
-    poses: Poses
+    poses: Poses  # At each time of the odometry and of the fixes
     gating: dict[Source, GatingResult]
+    # Start time of each piece: that of the track, and of each jump to another position.
     begins_s: tuple[float, ...]
-    fit: NoiseFit
+    fit: NoiseFit  # Factors on the noise of odometry and receiver, estimated from this track
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,14 +100,11 @@ def fuse(
 ) -> Fusion | NoFusion:
     """Smooth odometry and fixes, or fixes alone.
 
-    Parameters
-    ----------
-    odometry : Poses or None
-        Only its relative motion is used, not its origin nor its covariance.
-    fixes : mapping of Source to Poses
-        Their covariances are used where known.
-    check : callable
-        Called now and then with the number of nodes done; an exception that it raises cancels the fusion.
+    Args:
+        odometry: Only its relative motion is used, not its origin nor its covariance.
+        fixes: Their covariances are used where known.
+        check: Called now and then with the number of nodes done; an exception that it raises cancels the
+            fusion.
     """
     tracks = {source: poses for source, poses in fixes.items() if len(poses)}
     if not tracks:

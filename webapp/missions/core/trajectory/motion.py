@@ -73,13 +73,10 @@ Prediction = tuple[Floats, Floats, Floats]
 def predict(state: Floats, move: Floats, *, seconds: float, noise: Noise) -> Prediction:
     """Predict the state at the next node.
 
-    Parameters
-    ----------
-    state : (8,) float64
-    move : (3,) float64
-        As in `Steps.moves`; NaN where it is unknown.
-    seconds : float
-        Positive.
+    Args:
+        state: (8,) float64
+        move: (3,) float64. As in `Steps.moves`; NaN where it is unknown.
+        seconds: Positive.
     """
     if math.isnan(move[0]):
         return _coast(state, seconds, noise)

@@ -28,14 +28,9 @@ RECEIVER = (1.0, 2.0, 4.0)
 
 @dataclass(frozen=True, slots=True)
 class NoiseFit:
-    """Factors on the assumed errors.
+    """Factors on the assumed errors."""
 
-    Attributes
-    ----------
-    odometry, receiver : float
-        Factors on standard deviations.
-    """
-
+    # `odometry`, `receiver`: Factors on standard deviations.
     odometry: float = 1.0
     receiver: float = 1.0
 
@@ -56,10 +51,8 @@ class NoiseFit:
     def fixes(self, stated: Fixes, *, of_receiver: NDArray[np.bool_]) -> Fixes:
         """Return the fixes with scaled covariances.
 
-        Parameters
-        ----------
-        of_receiver : (m,) bool
-            Which came from a satellite receiver.
+        Args:
+            of_receiver: (m,) bool. Which came from a satellite receiver.
         """
         by = np.where(of_receiver, self.receiver**2, 1.0)
         return replace(stated, covariance=stated.covariance * by[:, None, None])
@@ -75,15 +68,11 @@ def fit(
 ) -> NoiseFit:
     """Estimate the noise of odometry and receiver.
 
-    Parameters
-    ----------
-    steps, fixes : Steps, Fixes
-        A sample of the track is enough: it is filtered once for each assumption.
-    of_receiver : (m,) bool
-        Which fixes came from a satellite receiver.
-    judged : callable
-        Finds outliers under an assumed covariance, as they are no evidence of a noisy receiver. The judgement
-        is used if it makes the fixes likelier.
+    Args:
+        steps, fixes: A sample of the track is enough: it is filtered once for each assumption.
+        of_receiver: (m,) bool. Which fixes came from a satellite receiver.
+        judged: Finds outliers under an assumed covariance, as they are no evidence of a noisy receiver. The
+            judgement is used if it makes the fixes likelier.
     """
     with_odometry = bool(np.isfinite(steps.moves).any())
     assumed = [

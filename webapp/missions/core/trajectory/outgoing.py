@@ -24,40 +24,20 @@ SOURCE_COLOURS = {
 
 @dataclass(frozen=True, slots=True)
 class ExportTrack:
-    """A track.
-
-    Attributes
-    ----------
-    source : str
-        `gps`, `odometry`, `visual`, `fused` or `manual`.
-    name : str
-        Distinguishes several tracks of one source; may be empty.
-    count : int
-        Number of exported poses.
-    distance_m : float
-        Distance along all poses of the source.
-    bounds : tuple of float, or None
-        South, west, north, east, degrees; None without poses.
-    poses : function
-        Yields the poses in their order, in parts of at most a few thousand.
-    timed : bool
-        False if the times only order the poses: they are not exported.
-    removed : int
-        Number of poses that were removed to save space.
-    thinned_m : float or None
-        Largest distance of those from the motion interpolated without them, metres; None if only both ends
-        are left.
-    """
+    """A track."""
 
     id: int
-    source: str
-    name: str
-    count: int
-    distance_m: float
-    bounds: tuple[float, float, float, float] | None
+    source: str  # `gps`, `odometry`, `visual`, `fused` or `manual`
+    name: str  # Distinguishes several tracks of one source; may be empty
+    count: int  # Number of exported poses
+    distance_m: float  # Distance along all poses of the source
+    bounds: tuple[float, float, float, float] | None  # South, west, north, east, degrees; None without poses
+    # Yields the poses in their order, in parts of at most a few thousand.
     poses: Callable[[], Iterable[Poses]]
-    timed: bool = True
-    removed: int = 0
+    timed: bool = True  # False if the times only order the poses: they are not exported
+    removed: int = 0  # Number of poses that were removed to save space
+    # Largest distance of those from the motion interpolated without them, metres; None if only both ends are
+    # left.
     thinned_m: float | None = None
 
     @property
@@ -82,59 +62,31 @@ class ExportTrack:
 
 @dataclass(frozen=True, slots=True)
 class ExportObject:
-    """A detected object at its last position; an associated object at the mean of its detections.
-
-    Attributes
-    ----------
-    kind : str
-        Its class.
-    first_time_s, last_time_s : float
-        Seconds since 1970, UTC.
-    photo : str or None
-        SHA-256 of a photo of the mission.
-    covariance_m2 : tuple of float, or None
-        Of the position: variance east, variance north, covariance of the two.
-    size_m : tuple of float, or None
-        Length, width, height.
-    state : str
-        `found`, `confirmed`, `cleared` or `dismissed`.
-    state_by : str or None
-        Who set the state; None if it is unset, or names are not exported.
-    state_time_s : float or None
-        When it was set, seconds since 1970, UTC.
-    """
+    """A detected object at its last position; an associated object at the mean of its detections."""
 
     id: str
-    kind: str
+    kind: str  # Its class
     latlon: LatLon
+    # `first_time_s`, `last_time_s`: Seconds since 1970, UTC.
     first_time_s: float
     last_time_s: float
     height_m: float | None
     confidence: float | None
     sightings: int
-    photo: str | None
+    photo: str | None  # SHA-256 of a photo of the mission
+    # Of the position: variance east, variance north, covariance of the two.
     covariance_m2: tuple[float, float, float] | None = None
-    size_m: tuple[float, float, float] | None = None
-    state: str = "found"
-    state_by: str | None = None
-    state_time_s: float | None = None
+    size_m: tuple[float, float, float] | None = None  # Length, width, height
+    state: str = "found"  # `found`, `confirmed`, `cleared` or `dismissed`
+    state_by: str | None = None  # Who set the state; None if it is unset, or names are not exported
+    state_time_s: float | None = None  # When it was set, seconds since 1970, UTC
 
 
 @dataclass(frozen=True, slots=True)
 class MissionExport:
-    """A mission to export.
-
-    Attributes
-    ----------
-    tracks : tuple of ExportTrack
-        Those that have poses.
-    kinds : tuple of str
-        The classes of its objects; of very many, a part.
-    objects : function
-        Yields the objects, in the order of their ids.
-    """
+    """A mission to export."""
 
     name: str
-    tracks: tuple[ExportTrack, ...]
-    kinds: tuple[str, ...]
-    objects: Callable[[], Iterable[ExportObject]]
+    tracks: tuple[ExportTrack, ...]  # Those that have poses
+    kinds: tuple[str, ...]  # The classes of its objects; of very many, a part
+    objects: Callable[[], Iterable[ExportObject]]  # Yields the objects, in the order of their ids

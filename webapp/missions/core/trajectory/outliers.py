@@ -48,16 +48,11 @@ def find_outliers(
 ) -> OutlierLabels | None:
     """Judge all fixes jointly; a run of wrong fixes that agree with each other begins a new piece.
 
-    Parameters
-    ----------
-    fixes : Fixes
-        At least one.
-    check : callable
-        Called now and then; raises if the work was cancelled.
+    Args:
+        fixes: At least one.
+        check: Called now and then; raises if the work was cancelled.
 
-    Returns
-    -------
-    OutlierLabels or None
+    Returns:
         None without odometry: the motion between fixes is then unknown, and each could be right.
     """
     if not np.isfinite(steps.moves).any():

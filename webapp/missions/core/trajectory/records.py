@@ -16,29 +16,18 @@ __all__ = ["SOURCES", "Poses", "Sighting", "Source", "join", "make_poses"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """The poses of one track, in the order in which they arrived.
+    """The poses of one track, in the order in which they arrived."""
 
-    Attributes
-    ----------
-    times_s : (n,) float64
-        Seconds since 1970, UTC; not necessarily ascending.
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
-    height_m : (n,) float64
-        Metres, in the height system of the source; NaN where it is unknown.
-    heading_deg : (n,) float64
-        Degrees clockwise from north, 0 <= heading < 360; NaN where it is unknown.
-    covariance_m2 : (n, 3) float64
-        Square metres: variance east, variance north, covariance of the two; NaN where it is unknown.
-    travelled_m : (n,) float64
-        Metres along the track since its first pose, through the poses that thinning left out too.
-    """
-
-    times_s: NDArray[np.float64]
-    latlon: NDArray[np.float64]
+    times_s: NDArray[np.float64]  # (n,) float64. Seconds since 1970, UTC; not necessarily ascending.
+    latlon: NDArray[np.float64]  # (n, 2) float64. Degrees north, degrees east.
+    # (n,) float64. Metres, in the height system of the source; NaN where it is unknown.
     height_m: NDArray[np.float64]
+    # (n,) float64. Degrees clockwise from north, 0 <= heading < 360; NaN where it is unknown.
     heading_deg: NDArray[np.float64]
+    # (n, 3) float64. Square metres: variance east, variance north, covariance of the two; NaN where it is
+    # unknown.
     covariance_m2: NDArray[np.float64]
+    # (n,) float64. Metres along the track since its first pose, through the poses that thinning left out too.
     travelled_m: NDArray[np.float64]
 
     def __len__(self) -> int:
@@ -52,38 +41,20 @@ class Poses:
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """A detection of an object by a robot.
+    """A detection of an object by a robot."""
 
-    Attributes
-    ----------
-    object_id : str or None
-        The same at every sighting of an object; None if its detector does not track objects.
-    kind : str
-        Its class: `car`, `victim` ...
-    time_s : float
-        Seconds since 1970, UTC.
-    confidence : float or None
-        0 to 1.
-    photo : str or None
-        SHA-256 of a photo of the mission, hexadecimal.
-    covariance_m2 : tuple of float, or None
-        Of the position: variance east, variance north, covariance of the two.
-    size_m : tuple of float, or None
-        Along the object's own axes, the last one up.
-    state : str
-        The object's state, read from a file that this program exported; empty if it has none.
-    """
-
+    # The same at every sighting of an object; None if its detector does not track objects.
     object_id: str | None
-    kind: str
-    time_s: float
+    kind: str  # Its class: `car`, `victim` ..
+    time_s: float  # Seconds since 1970, UTC
     latlon: LatLon
     height_m: float | None = None
-    confidence: float | None = None
-    photo: str | None = None
+    confidence: float | None = None  # 0 to 1
+    photo: str | None = None  # SHA-256 of a photo of the mission, hexadecimal
+    # Of the position: variance east, variance north, covariance of the two.
     covariance_m2: tuple[float, float, float] | None = None
-    size_m: tuple[float, float, float] | None = None
-    state: str = ""
+    size_m: tuple[float, float, float] | None = None  # Along the object's own axes, the last one up
+    state: str = ""  # The object's state, read from a file that this program exported; empty if it has none
 
 
 def make_poses(
@@ -97,19 +68,15 @@ def make_poses(
 ) -> Poses:
     """Make poses from arrays; those not given are NaN.
 
-    Parameters
-    ----------
-    times_s : (n,) array_like
-    latlon : (n, 2) array_like
-    height_m, heading_deg : (n,) array_like, optional
-        Headings are normalised to 0 <= heading < 360.
-    covariance_m2 : (n, 3) array_like, optional
-    travelled_m : (n,) array_like, optional
+    Args:
+        times_s: (n,) array_like
+        latlon: (n, 2) array_like
+        height_m, heading_deg: (n,) array_like. Headings are normalised to 0 <= heading < 360.
+        covariance_m2: (n, 3) array_like
+        travelled_m: (n,) array_like
 
-    Raises
-    ------
-    ValueError
-        The arrays differ in length.
+    Raises:
+        ValueError: The arrays differ in length.
     """
     times = np.asarray(times_s, dtype=np.float64).reshape(-1)
     n = len(times)

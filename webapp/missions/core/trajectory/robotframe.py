@@ -25,23 +25,12 @@ from webapp.missions.core.trajectory.records import Poses, make_poses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalPoses:
-    """Poses in a robot's frame, in the order in which they arrived.
+    """Poses in a robot's frame, in the order in which they arrived."""
 
-    Attributes
-    ----------
-    times_s : (n,) float64
-        Seconds since 1970, UTC.
-    xyz_m : (n, 3) float64
-        Metres forward, left and up.
-    yaw_rad : (n,) float64
-        From x towards y; NaN where it is unknown.
-    covariance_m2 : (n, 3) float64
-        Variance of x, variance of y, covariance of the two; NaN where it is unknown.
-    """
-
-    times_s: NDArray[np.float64]
-    xyz_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
+    times_s: NDArray[np.float64]  # (n,) float64. Seconds since 1970, UTC.
+    xyz_m: NDArray[np.float64]  # (n, 3) float64. Metres forward, left and up.
+    yaw_rad: NDArray[np.float64]  # (n,) float64. From x towards y; NaN where it is unknown.
+    # (n, 3) float64. Variance of x, variance of y, covariance of the two; NaN where it is unknown.
     covariance_m2: NDArray[np.float64]
 
     def __len__(self) -> int:
@@ -55,25 +44,17 @@ class LocalPoses:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """The start pose of a robot on the Earth.
-
-    Attributes
-    ----------
-    heading_deg : float
-        Degrees clockwise from north.
-    """
+    """The start pose of a robot on the Earth."""
 
     position: LatLon
-    heading_deg: float
+    heading_deg: float  # Degrees clockwise from north
 
 
 def parse_start(text: str | None) -> Start | None:
     """Read a start written as `latitude,longitude,heading`; None for an empty text.
 
-    Raises
-    ------
-    UsageError
-        It is not valid.
+    Raises:
+        UsageError: It is not valid.
     """
     if not text:
         return None
@@ -91,45 +72,29 @@ def parse_start(text: str | None) -> Start | None:
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The first pose in a frame with its origin elsewhere, as in a log that was started on the way.
-
-    Attributes
-    ----------
-    yaw_rad : float
-        From x towards y.
-    """
+    """The first pose in a frame with its origin elsewhere, as in a log that was started on the way."""
 
     x_m: float = 0.0
     y_m: float = 0.0
     z_m: float = 0.0
-    yaw_rad: float = 0.0
+    yaw_rad: float = 0.0  # From x towards y
 
 
 @dataclass(frozen=True, slots=True)
 class RobotFrame:
-    """A robot's frame, georeferenced by its start.
-
-    Attributes
-    ----------
-    anchor : Anchor
-        The pose in the frame that corresponds to the start.
-    """
+    """A robot's frame, georeferenced by its start."""
 
     start: Start
-    anchor: Anchor = field(default_factory=Anchor)
+    anchor: Anchor = field(default_factory=Anchor)  # The pose in the frame that corresponds to the start
 
     def latlon_from_xy(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Convert positions to latitude and longitude.
 
-        Parameters
-        ----------
-        xy_m : (n, 2) float64
-            Metres forward and left in the frame.
+        Args:
+            xy_m: (n, 2) float64. Metres forward and left in the frame.
 
-        Returns
-        -------
-        (n, 2) float64
-            Degrees north, degrees east.
+        Returns:
+            (n, 2) float64: Degrees north, degrees east.
         """
         offsets = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2) - (self.anchor.x_m, self.anchor.y_m)
         return LocalFrame(self.start.position).latlon_from_enu(offsets @ self._enu_from_xy.T)
@@ -166,10 +131,8 @@ class RobotFrame:
 def anchor_of(local: LocalPoses) -> Anchor:
     """Return the first pose as the anchor; an unknown yaw counts as 0.
 
-    Parameters
-    ----------
-    local : LocalPoses
-        At least one.
+    Args:
+        local: At least one.
     """
     x, y, z = local.xyz_m[0].tolist()
     yaw = float(local.yaw_rad[0])

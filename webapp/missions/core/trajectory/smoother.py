@@ -45,45 +45,22 @@ _CHECK_EVERY = 1000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SmoothedTrack:
-    """A smoothed track.
+    """A smoothed track."""
 
-    Attributes
-    ----------
-    state : (n, 8) float64
-        At each node; see `motion`.
-    covariance : (n, 8, 8) float64
-    begins : tuple of int
-        The first node of each piece.
-    distance : (m,) float64
-        Squared Mahalanobis distance of each fix from its prediction.
-    gated : (m,) bool
-        Which fixes were rejected.
-    expected : (m, 2) float64
-        Predicted position of each fix, metres east and north.
-    """
-
-    state: Floats
-    covariance: Floats
-    begins: tuple[int, ...]
-    distance: Floats
-    gated: NDArray[np.bool_]
-    expected: Floats
+    state: Floats  # (n, 8) float64. At each node; see `motion`.
+    covariance: Floats  # (n, 8, 8) float64
+    begins: tuple[int, ...]  # The first node of each piece
+    distance: Floats  # (m,) float64. Squared Mahalanobis distance of each fix from its prediction.
+    gated: NDArray[np.bool_]  # (m,) bool. Which fixes were rejected.
+    expected: Floats  # (m, 2) float64. Predicted position of each fix, metres east and north.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutlierLabels:
-    """Outliers among the fixes, and the pieces between which the robot was carried, by the whole track.
+    """Outliers among the fixes, and the pieces between which the robot was carried, by the whole track."""
 
-    Attributes
-    ----------
-    weight : (m,) float64
-        0 for a wrong fix, 1 for a good one; NaN where it is not judged.
-    begins_s : tuple of float
-        Start time of each piece.
-    """
-
-    weight: Floats
-    begins_s: tuple[float, ...]
+    weight: Floats  # (m,) float64. 0 for a wrong fix, 1 for a good one; NaN where it is not judged.
+    begins_s: tuple[float, ...]  # Start time of each piece
 
 
 def smooth(
@@ -96,14 +73,11 @@ def smooth(
 ) -> SmoothedTrack:
     """Filter a track forward and smooth it backward, twice.
 
-    Parameters
-    ----------
-    fixes : Fixes
-        At least one.
-    judged : OutlierLabels, optional
-        Without it, fixes are gated by their predictions, and pieces begin where several are rejected.
-    check : callable
-        Called now and then with the number of nodes done; an exception that it raises cancels the work.
+    Args:
+        fixes: At least one.
+        judged: Without it, fixes are gated by their predictions, and pieces begin where several are rejected.
+        check: Called now and then with the number of nodes done; an exception that it raises cancels the
+            work.
     """
     filter = Filter(steps, fixes, noise=noise or Noise(), weight=None if judged is None else judged.weight)
     ends = None if judged is None else _ends(steps, judged.begins_s)
@@ -165,11 +139,9 @@ def log_likelihood(steps: Steps, fixes: Fixes, *, noise: Noise, judged: OutlierL
 class Filter:
     """An extended Kalman filter and smoother, with the arrays of one run.
 
-    Parameters
-    ----------
-    weight : (m,) float64, optional
-        Of each fix, 0 to 1; NaN where the filter gates a fix by its prediction, as it does without weights.
-        The array may be changed between passes.
+    Args:
+        weight: (m,) float64. Of each fix, 0 to 1; NaN where the filter gates a fix by its prediction, as it
+            does without weights. The array may be changed between passes.
     """
 
     def __init__(self, steps: Steps, fixes: Fixes, *, noise: Noise, weight: Floats | None = None) -> None:

@@ -18,22 +18,13 @@ MOST_SPEED_MPS = 40.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steps:
-    """Motion between nodes.
+    """Motion between nodes."""
 
-    Attributes
-    ----------
-    times_s : (n,) float64
-        Strictly ascending.
-    moves : (n, 3) float64
-        Since the previous node, in the robot's own frame there: metres forward, metres to the right, and
-        radians turned clockwise. NaN without odometry, and for the first node.
-    heading_rad : (n,) float64
-        Of the odometry, clockwise from north; NaN where there is none.
-    """
-
-    times_s: Floats
+    times_s: Floats  # (n,) float64. Strictly ascending.
+    # (n, 3) float64. Since the previous node, in the robot's own frame there: metres forward, metres to the
+    # right, and radians turned clockwise. NaN without odometry, and for the first node.
     moves: Floats
-    heading_rad: Floats
+    heading_rad: Floats  # (n,) float64. Of the odometry, clockwise from north; NaN where there is none.
 
     def __len__(self) -> int:
         """Count the nodes."""
@@ -42,23 +33,13 @@ class Steps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fixes:
-    """Measured positions.
+    """Measured positions."""
 
-    Attributes
-    ----------
-    node : (m,) intp
-        Node of each fix; ascending.
-    position : (m, 2) float64
-        Metres east, metres north.
-    covariance : (m, 2, 2) float64
-        Square metres.
-    share : (m,) float64
-        Fraction of an independent measurement, 0 < share <= 1: fixes with correlated errors count as one.
-    """
-
-    node: NDArray[np.intp]
-    position: Floats
-    covariance: Floats
+    node: NDArray[np.intp]  # (m,) intp. Node of each fix; ascending.
+    position: Floats  # (m, 2) float64. Metres east, metres north.
+    covariance: Floats  # (m, 2, 2) float64. Square metres.
+    # (m,) float64. Fraction of an independent measurement, 0 < share <= 1: fixes with correlated errors count
+    # as one.
     share: Floats
 
     def __len__(self) -> int:
@@ -72,21 +53,11 @@ class Fixes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """The path of the odometry, in any plane: only its increments are used.
+    """The path of the odometry, in any plane: only its increments are used."""
 
-    Attributes
-    ----------
-    times_s : (n,) float64
-        Strictly ascending.
-    position : (n, 2) float64
-        Metres east, metres north.
-    heading_rad : (n,) float64
-        Clockwise from north, unwrapped.
-    """
-
-    times_s: Floats
-    position: Floats
-    heading_rad: Floats
+    times_s: Floats  # (n,) float64. Strictly ascending.
+    position: Floats  # (n, 2) float64. Metres east, metres north.
+    heading_rad: Floats  # (n,) float64. Clockwise from north, unwrapped.
 
 
 def make_steps(times_s: Floats, odometry_path: DeadReckoning | None) -> Steps:
@@ -94,10 +65,8 @@ def make_steps(times_s: Floats, odometry_path: DeadReckoning | None) -> Steps:
 
     Between two of its poses the robot is assumed to move at constant speed.
 
-    Parameters
-    ----------
-    times_s : (n,) float64
-        Strictly ascending.
+    Args:
+        times_s: (n,) float64. Strictly ascending.
     """
     n = len(times_s)
     if odometry_path is None or len(odometry_path.times_s) < 2:
@@ -128,15 +97,11 @@ def _was_reset(times_s: Floats, odometry_path: DeadReckoning) -> NDArray[np.bool
 def path(steps: Steps, first: int, *, last: int) -> Floats:
     """Integrate the increments from one node to another, with the heading of the first as north.
 
-    Parameters
-    ----------
-    first, last : int
-        Nodes with odometry all the way.
+    Args:
+        first, last: Nodes with odometry all the way.
 
-    Returns
-    -------
-    (last - first + 1, 2) float64
-        Metres right, metres forward of the first node.
+    Returns:
+        (last - first + 1, 2) float64: Metres right, metres forward of the first node.
     """
     moves = steps.moves[first + 1 : last + 1]
     heading = np.concatenate([[0.0], np.cumsum(moves[:, 2])])[:-1]

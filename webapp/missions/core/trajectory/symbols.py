@@ -32,19 +32,11 @@ class SymbolFrame:
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A frame with a glyph.
+    """A frame with a glyph."""
 
-    Attributes
-    ----------
-    words : str
-        Regular expression for whole words of its classes, in lower case and without a plural `s`.
-    glyph : tuple of Line
-        Dark lines.
-    """
-
-    words: str
+    words: str  # Regular expression for whole words of its classes, in lower case and without a plural `s`
     frame: SymbolFrame
-    glyph: tuple[Line, ...]
+    glyph: tuple[Line, ...]  # Dark lines
 
     @property
     def pattern(self) -> str:

@@ -32,17 +32,10 @@ _WRITTEN = re.compile(r"\s*([0-9]*\.?[0-9]+(?:e-?[0-9]+)?)\s*(m|deg|)\s*", re.IG
 
 @dataclass(frozen=True, slots=True)
 class MinMove:
-    """A pose is kept if it is farther than this from the last kept one.
+    """A pose is kept if it is farther than this from the last kept one."""
 
-    Attributes
-    ----------
-    value : float
-        Zero keeps every pose, even without motion.
-    unit : {"deg", "m"}
-        Degrees of latitude or of longitude, whichever changed more; or metres along the geodesic.
-    """
-
-    value: float = 0.00001
+    value: float = 0.00001  # Zero keeps every pose, even without motion
+    # Degrees of latitude or of longitude, whichever changed more; or metres along the geodesic.
     unit: Literal["deg", "m"] = "deg"
 
     def __str__(self) -> str:
@@ -53,10 +46,8 @@ class MinMove:
 def parse_min_move(text: str) -> MinMove:
     """Read a threshold: `0`, `0.5m`, `0.00001deg`.
 
-    Raises
-    ------
-    UsageError
-        It is not a distance, or has no unit.
+    Raises:
+        UsageError: It is not a distance, or has no unit.
     """
     found = _WRITTEN.fullmatch(text)
     value = float(found[1]) if found else math.nan
@@ -68,30 +59,20 @@ def parse_min_move(text: str) -> MinMove:
 
 @dataclass(slots=True)
 class Thinner:
-    """Thins a track that arrives in pieces.
-
-    Attributes
-    ----------
-    skipped : int
-        Poses left out so far.
-    """
+    """Thins a track that arrives in pieces."""
 
     min_move: MinMove
-    skipped: int = field(default=0, init=False)
+    skipped: int = field(default=0, init=False)  # Poses left out so far
     _last: tuple[float, float] | None = field(default=None, init=False)
 
     def keep(self, latlon: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Choose which of the next positions to keep.
 
-        Parameters
-        ----------
-        latlon : (n, 2) float64
-            Degrees north, degrees east; finite.
+        Args:
+            latlon: (n, 2) float64. Degrees north, degrees east; finite.
 
-        Returns
-        -------
-        (n,) bool
-            True for those to keep; the first of a track always is.
+        Returns:
+            (n,) bool: True for those to keep; the first of a track always is.
         """
         if self.min_move.value == 0.0:
             return np.ones(len(latlon), dtype=np.bool_)
@@ -121,15 +102,11 @@ def simplify(latlon: NDArray[np.float64], tolerance_m: float) -> NDArray[np.bool
     represent a digitized line or its caricature", The Canadian Cartographer 10 (1973); all parts of a line
     that are cut at the same depth are processed together.
 
-    Parameters
-    ----------
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
+    Args:
+        latlon: (n, 2) float64. Degrees north, degrees east.
 
-    Returns
-    -------
-    (n,) bool
-        True at the chosen ones: always the first and the last.
+    Returns:
+        (n,) bool: True at the chosen ones: always the first and the last.
     """
     return _split_where_far(_ends(len(latlon)), _off_line(_flat(latlon)), tolerance_m)
 
@@ -149,20 +126,14 @@ def simplify_motion(
     moving point objects", EDBT 2004). Both poses are chosen around a gap, where time goes backwards, and
     where heights begin or end: nothing is interpolated there.
 
-    Parameters
-    ----------
-    times_s : (n,) float64
-    latlon : (n, 2) float64
-        Degrees north, degrees east.
-    height_m : (n,) float64
-        NaN where it is not known.
-    gap_s : float or None
-        Longest interval that is not a gap; None for that of `GAP_S` and `GAP_FACTOR`.
+    Args:
+        times_s: (n,) float64
+        latlon: (n, 2) float64. Degrees north, degrees east.
+        height_m: (n,) float64. NaN where it is not known.
+        gap_s: Longest interval that is not a gap; None for that of `GAP_S` and `GAP_FACTOR`.
 
-    Returns
-    -------
-    (n,) bool
-        True at the chosen ones: always the first and the last.
+    Returns:
+        (n,) bool: True at the chosen ones: always the first and the last.
     """
     at = np.column_stack([latlon[:, 0], np.unwrap(latlon[:, 1], period=360.0), np.nan_to_num(height_m)])
     waits = np.diff(times_s)
@@ -182,10 +153,8 @@ _Distance = Callable[[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]], NDA
 def _split_where_far(ends: NDArray[np.intp], distance: _Distance, tolerance_m: float) -> NDArray[np.bool_]:
     """Choose points of a line: split each part at its farthest point until none is beyond the tolerance.
 
-    Parameters
-    ----------
-    ends : (m,) intp
-        Points that are always chosen: ascending, including the first and the last.
+    Args:
+        ends: (m,) intp. Points that are always chosen: ascending, including the first and the last.
     """
     keep = np.zeros(ends[-1] + 1 if len(ends) else 0, dtype=np.bool_)
     keep[ends] = True

@@ -23,30 +23,19 @@ AXIS_OF_RADIUS = 1.0 / math.sqrt(-2.0 * math.log(1.0 - 0.68))
 
 @dataclass(frozen=True, slots=True)
 class VisualFix:
-    """A position fix from a localized photo.
-
-    Attributes
-    ----------
-    covariance_m2 : (float, float, float)
-        Variance east, variance north, and the covariance of both.
-    heading_deg : float or None
-        Viewing direction, clockwise from north.
-    """
+    """A position fix from a localized photo."""
 
     latlon: LatLon
-    covariance_m2: tuple[float, float, float]
-    heading_deg: float | None
+    covariance_m2: tuple[float, float, float]  # Variance east, variance north, and the covariance of both
+    heading_deg: float | None  # Viewing direction, clockwise from north
 
 
 def visual_fix(answer: Mapping[str, Any], georeference: Georeference | None) -> VisualFix | NoPose:
     """Convert an answer to a fix, if one place is clearly the most probable.
 
-    Parameters
-    ----------
-    answer : mapping
-        In the format of `localize --json`.
-    georeference : Georeference or None
-        Of the map of the answer.
+    Args:
+        answer: In the format of `localize --json`.
+        georeference: Of the map of the answer.
     """
     best = next(iter(answer["hypotheses"]), None)
     if best is None or is_off_map(best["probability"], answer["off_map_probability"]):
