@@ -21,6 +21,7 @@ const PICTURES = [
   { cache: "thumbs", most: 3000, path: new RegExp(`^${MAP}/(photos|queries)/\\d+/thumb$`) },
   { cache: "previews", most: 200, path: new RegExp(`^${MAP}/(photos|queries)/\\d+/preview$`) },
 ];
+const SIGNS_IN_OR_OUT = /^\/sign-(in(\/.*)?|out)$/;
 const PRIVATE = [PAGES, STATE, ...PICTURES.map(({ cache }) => cache)];
 const MOST_PAGES = 40;
 const PATIENCE_MS = 8000;
@@ -33,6 +34,8 @@ self.addEventListener("activate", (event) => event.waitUntil(activate()));
 self.addEventListener("message", (event) => event.waitUntil(opened(event.data)));
 self.addEventListener("fetch", (event) => {
   const url = new URL(event.request.url);
+  // at once: without a network, the next page may be one of the account before
+  if (event.request.method === "POST" && SIGNS_IN_OR_OUT.test(url.pathname)) event.waitUntil(belongTo(""));
   const answer = event.request.method === "GET" && url.origin === location.origin && answerOf(event.request, url);
   if (answer) event.respondWith(answer(event, url));
 });

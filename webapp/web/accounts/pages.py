@@ -230,7 +230,7 @@ def by_password() -> Response | tuple[str, int, dict[str, str]]:
         page = render_template("accounts/sign_in.html", next=there, name=text("name"), error=error)
         return page, errors.status_of(error), errors.extra_headers(error)
     sessions.sign_in(account)
-    return redirect(there, code=303) if there else back("map_pages.index")
+    return _without_cache(redirect(there, code=303) if there else back("map_pages.index"))
 
 
 @sign_in_pages.get("/sign-in/<token>")
@@ -256,7 +256,7 @@ def by_link(token: str) -> Response | tuple[str, int]:
         return _refused(error)
     sessions.sign_in(account)
     _suggest_a_password(account)
-    return back("map_pages.index")
+    return _without_cache(back("map_pages.index"))
 
 
 @sign_in_pages.post("/sign-out")
@@ -264,7 +264,13 @@ def by_link(token: str) -> Response | tuple[str, int]:
 def out() -> Response:
     """End the session of this browser."""
     sessions.sign_out()
-    return back("sign_in.form")
+    return _without_cache(back("sign_in.form"))
+
+
+def _without_cache(response: Response) -> Response:
+    """Have the browser drop its cache: pictures stay for a year, and are not for the next account."""
+    response.headers["Clear-Site-Data"] = '"cache"'
+    return response
 
 
 def _refused(error: NotSignedIn) -> tuple[str, int]:
