@@ -66,7 +66,7 @@ def test_nobody_sees_what_another_account_kept(device, newcomer, api, sample_map
     device.set_offline(True)
     for address in ("/", "/field", f"/field?map={sample_map}", f"/maps/{sample_map}/edit"):
         tab = device.new_page()
-        with pytest.raises(Error, match="ERR_(INTERNET_DISCONNECTED|FAILED)"):
+        with pytest.raises(Error, match=r"ERR_(INTERNET_DISCONNECTED|FAILED)"):
             tab.goto(address)  # nothing is kept: the browser's own page
         tab.close()
     assert [status_of(other, address) for address in pictures] == [0, 0]
