@@ -14,12 +14,9 @@ CSRF = re.compile(r'<meta name="csrf-token" content="([^"]+)"')
 class Client:
     """A client that is signed in by a link; sends the CSRF token as the pages do.
 
-    Parameters
-    ----------
-    url : str
-        Address of the program.
-    link : str
-        Single-use link for signing in.
+    Args:
+        url: Address of the program.
+        link: Single-use link for signing in.
     """
 
     def __init__(self, url: str, link: str) -> None:

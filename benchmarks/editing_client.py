@@ -38,13 +38,8 @@ class Log:
 class Editor:
     """A client with a map open.
 
-    Parameters
-    ----------
-    client : Client
-    slug : str
-    seed : int
-    pause_s : float
-        Mean of the random pauses between edits.
+    Args:
+        pause_s: Mean of the random pauses between edits.
     """
 
     def __init__(self, client: Client, slug: str, *, seed: int, pause_s: float) -> None:

@@ -34,10 +34,8 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 def stage_seconds(answers: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """Return the median seconds of each stage, as `stage_read` and so on.
 
-    Parameters
-    ----------
-    answers : sequence of mapping
-        Output of `localize --json`; answers with an error are left out.
+    Args:
+        answers: Output of `localize --json`; answers with an error are left out.
     """
     times = [answer["seconds"] for answer in answers if "seconds" in answer]
     known = {stage: [t[stage] for t in times if t.get(stage) is not None] for stage in STAGES}

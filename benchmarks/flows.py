@@ -87,10 +87,8 @@ class Flow:
 class Program:
     """The application on a new library, with requests to its API as the owner.
 
-    Parameters
-    ----------
-    library : Path
-        Folder to be created.
+    Args:
+        library: Folder to be created.
     """
 
     def __init__(self, library: Path) -> None:

@@ -41,10 +41,8 @@ def zeros(size: int, compression: str) -> bytes:
 def mcap(size: int, compression: str, *, stated: int | None = None) -> bytes:
     """Make an MCAP with one chunk of zeros.
 
-    Parameters
-    ----------
-    stated : int, optional
-        Size of the chunk that the file states, instead of the true one.
+    Args:
+        stated: Size of the chunk that the file states, instead of the true one.
     """
     packed = zeros(size, compression)
     chunk = struct.pack("<QQQI", 0, 0, size if stated is None else stated, 0)
@@ -65,14 +63,10 @@ def ros1_bag(
 ) -> bytes:
     """Make a ROS 1 bag with one chunk of zeros and one connection.
 
-    Parameters
-    ----------
-    definition : str
-        Of the messages.
-    size : int
-        Bytes of the chunk.
-    stated : int, optional
-        Size of the chunk that the file states, instead of the true one.
+    Args:
+        definition: Of the messages.
+        size: Bytes of the chunk.
+        stated: Size of the chunk that the file states, instead of the true one.
     """
     packed = bytes(size) if compression == "none" else zeros(size, compression)
     kind = {
@@ -106,12 +100,9 @@ def ros1_bag(
 def db3(data: str = "BLOB", *, more: str = "") -> bytes:
     """Make a ROS 2 bag in SQLite with one message.
 
-    Parameters
-    ----------
-    data : str
-        Declaration of the column with the messages.
-    more : str
-        Further statements.
+    Args:
+        data: Declaration of the column with the messages.
+        more: Further statements.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.db3"

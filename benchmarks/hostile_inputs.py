@@ -158,12 +158,9 @@ def track(chance: random.Random) -> tuple[str, bytes]:
 def api_request(chance: random.Random, document: Mapping[str, Any], *, known: Mapping[str, Any]) -> Request:
     """Make a request to a random operation of the API, by its OpenAPI schema, with unusual values.
 
-    Parameters
-    ----------
-    document : mapping
-        The OpenAPI description.
-    known : mapping of str to Any
-        Existing values, by the names of path parameters.
+    Args:
+        document: The OpenAPI description.
+        known: Existing values, by the names of path parameters.
     """
     path = chance.choice(sorted(document["paths"]))
     method = chance.choice(sorted(set(document["paths"][path]) & {"get", "post", "put", "patch", "delete"}))

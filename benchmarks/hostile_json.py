@@ -22,12 +22,9 @@ _ODD = (
 def json_request(chance: random.Random, document: Mapping[str, Any], *, known: Mapping[str, Any]) -> Request:
     """Make a request with such a body to a random operation that takes JSON.
 
-    Parameters
-    ----------
-    document : mapping
-        The OpenAPI description.
-    known : mapping of str to Any
-        Existing values, by the names of path parameters.
+    Args:
+        document: The OpenAPI description.
+        known: Existing values, by the names of path parameters.
     """
     method, path, schema = chance.choice(_operations(document))
     for part in path.split("/"):

@@ -105,10 +105,8 @@ def plan(
 ) -> dict[str, float]:
     """Compute the needs of a library: storage, cores, memory, and cost per month.
 
-    Parameters
-    ----------
-    photos : int
-        Photos in the library, on maps with as many photos as the measured one.
+    Args:
+        photos: Photos in the library, on maps with as many photos as the measured one.
     """
     tier = measured.compressed if measured.photos <= COMPRESSED_UP_TO else measured.signatures
     maps = math.ceil(photos / measured.photos)

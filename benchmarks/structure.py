@@ -10,14 +10,12 @@ Only the source is read: nothing is imported, and nothing has to be installed.
 - "one importer": modules that exactly one other module of the package imports, at any place. Packages
   (`__init__.py`) are not counted, as they are imported with their modules.
 - "folder": Python files directly in one folder.
-- "empty parameters": entries of numpydoc's section Parameters without a description.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
-import inspect
 import io
 import json
 import re
@@ -79,8 +77,6 @@ class Structure:
         Modules that no other imports: entry points, and unused ones.
     folders : list of tuple of str and int
         Folders and the number of Python files directly in them, the largest first.
-    parameters, empty_parameters : int
-        Documented parameters, and those without a description.
     """
 
     files: int
@@ -91,8 +87,6 @@ class Structure:
     most_alone: tuple[str, int]
     no_importer: list[str]
     folders: list[tuple[str, int]]
-    parameters: int
-    empty_parameters: int
 
 
 def main() -> None:
@@ -123,7 +117,6 @@ def measure(checkout: Path, *, package: str = "webapp") -> Structure:
     one_importer = [name for name in modules if len(importers[name]) == 1]
     alone = Counter(importer for name in one_importer for importer in importers[name])
     folders = Counter(source.path.parent.as_posix() for source in sources)
-    described = [bool(text) for s in sources for text in documented_parameters(s.tree)]
     return Structure(
         files=len(sources),
         lines={kind: kinds[kind] for kind in KINDS},
@@ -133,8 +126,6 @@ def measure(checkout: Path, *, package: str = "webapp") -> Structure:
         most_alone=max(alone.items(), key=lambda item: item[1], default=("", 0)),
         no_importer=[name for name in modules if not importers[name]],
         folders=folders.most_common(),
-        parameters=len(described),
-        empty_parameters=described.count(False),
     )
 
 
@@ -156,14 +147,6 @@ def line_kinds(text: str) -> Counter[str]:
     return counted
 
 
-def documented_parameters(tree: ast.Module) -> Iterator[str]:
-    """Yield the description of each documented parameter, "" if it has none."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            lines = inspect.cleandoc(ast.get_docstring(node) or "").splitlines()
-            yield from _descriptions(lines)
-
-
 def as_text(found: Structure) -> str:
     """Format the counts as a table."""
     total = sum(found.lines.values())
@@ -178,7 +161,6 @@ def as_text(found: Structure) -> str:
         "one importer": f"{len(found.one_importer)} modules, {alone} of them by {importer}",
         "no importer": f"{len(found.no_importer)} modules",
         "largest folders": folders,
-        "empty parameters": f"{found.empty_parameters} of {found.parameters}",
     }
     return "\n".join(f"{name:<18}{value}" for name, value in rows.items())
 
@@ -225,25 +207,6 @@ def _imported(node: ast.AST, source: Source, *, names: set[str]) -> Iterator[str
 def _base(level: int, source: Source) -> tuple[str, ...]:
     """Return the package that a relative import starts from: with one dot, the module's own."""
     return source.path.parts[:-level] if level else ()
-
-
-def _descriptions(lines: list[str]) -> Iterator[str]:
-    """Yield the descriptions in the section Parameters, which are indented below their names."""
-    inside, description = False, None
-    for line, following in zip(lines, [*lines, ""][1:], strict=True):
-        is_heading = set(following) == {"-"} and not line.startswith(" ")
-        at_margin = bool(line) and not line.startswith(" ")
-        if description is not None and (at_margin or is_heading):
-            yield description
-            description = None
-        if is_heading:
-            inside = line == "Parameters"
-        elif inside and at_margin and _PARAMETER.match(line):
-            description = ""
-        elif description is not None:
-            description += line.strip()
-    if description is not None:
-        yield description
 
 
 if __name__ == "__main__":

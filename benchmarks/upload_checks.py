@@ -17,14 +17,10 @@ from webapp.store.schema import MapRecord, Photo
 def problems_of(source: Path, there: Path, *, exported: bytes) -> list[str]:
     """Compare a map of a library with the `.cfg` that it was made from.
 
-    Parameters
-    ----------
-    source : Path
-        The `.cfg` with the photos that were uploaded.
-    there : Path
-        `map.cfg` in the library.
-    exported : bytes
-        The `.cfg` downloaded from the page.
+    Args:
+        source: The `.cfg` with the photos that were uploaded.
+        there: `map.cfg` in the library.
+        exported: The `.cfg` downloaded from the page.
     """
     wanted = {_sha256(source.parent / e.photo): _xy(e) for e in read_cfg(source).map.experiences}
     placed = {_sha256(there.parent / e.photo): _xy(e) for e in read_cfg(there).map.experiences}

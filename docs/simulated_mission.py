@@ -27,10 +27,8 @@ CURVE_RAD_PER_M = 0.004
 class Round:
     """A drive along given places at a steady speed.
 
-    Parameters
-    ----------
-    places : list of LatLon
-        In their order; the drive goes straight from one to the next.
+    Args:
+        places: In their order; the drive goes straight from one to the next.
     """
 
     def __init__(self, places: list[LatLon]) -> None:

@@ -1,8 +1,6 @@
 """Counts of `benchmarks.structure` on packages of a few lines."""
 
-import ast
 import json
-import textwrap
 
 import pytest
 
@@ -79,36 +77,6 @@ def test_files_and_folders_are_counted(checkout):
     assert found.folders == [("pkg", 3), ("pkg/rooms", 2)]
     assert found.longest == ("pkg/shapes.py", len(SHAPES.splitlines()))
     assert sum(found.lines.values()) == 1 + 1 + 24 + 2 + 3
-    assert (found.parameters, found.empty_parameters) == (2, 1)
-
-
-def test_parameters_without_a_description_are_empty():
-    docstring = '''
-        """Do it.
-
-        Parameters
-        ----------
-        x, y : float
-            Pixels.
-
-            From the corner.
-        *rest : str
-        settings : Settings
-        last
-            Anything.
-
-        Returns
-        -------
-        float
-        """
-    '''
-    tree = ast.parse("def f():\n" + textwrap.indent(textwrap.dedent(docstring), "    "))
-    assert list(structure.documented_parameters(tree)) == ["Pixels.From the corner.", "", "", "Anything."]
-
-
-def test_a_section_that_ends_the_docstring_is_read():
-    tree = ast.parse('class A:\n    """Be.\n\n    Parameters\n    ----------\n    a : int\n    """\n')
-    assert list(structure.documented_parameters(tree)) == [""]
 
 
 def test_a_folder_without_source_is_refused(tmp_path):

@@ -315,7 +315,7 @@ def import_staged(file_id: str, given: dict[str, Any]) -> dict[str, int]:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Let each account read one file at a time, and all together a few. Raises Busy."""
+    """Let each account read one file at a time, and all together a few."""
     folder, wait_s = library().inner / "reading", ceil(settings().files.request_s)
     own = folder / f"account-{account().id}.lock"
     any_free = [folder / f"{number}.lock" for number in range(settings().files.at_once)]
