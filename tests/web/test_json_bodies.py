@@ -14,7 +14,7 @@ from webapp.tasks.maps import adopt_map
 from webapp.web import json_bodies
 from webapp.web.context import checked_right
 from webapp.web.fields import BoundedDict, BoundedList
-from webapp.web.json_bodies import budget_of, longest
+from webapp.web.json_bodies import limits_of, longest
 
 JSON = {"Content-Type": "application/json"}
 LEVELS, DIGITS = 100_000, 4301
@@ -169,16 +169,16 @@ def test_every_text_list_and_dictionary_of_a_request_has_a_maximum_length(app):
 
 
 def test_the_limits_of_a_route_follow_from_its_schema(app):
-    budgets = {
-        rule.endpoint: budget_of(schema)
+    limits = {
+        rule.endpoint: limits_of(schema)
         for rule, _, schema, kind in rules_with_body(app)
         if kind == "application/json"
     }
-    assert len(budgets) > 40
-    assert budgets["api_shares.create"].bytes < 10_000
-    assert budgets["maps.create"].bytes < 20_000
-    assert budgets["maps.remove_many"].values < 11_000
-    large = {name for name, budget in budgets.items() if budget.bytes > 500_000}
+    assert len(limits) > 40
+    assert limits["api_shares.create"].bytes < 10_000
+    assert limits["maps.create"].bytes < 20_000
+    assert limits["maps.remove_many"].values < 11_000
+    large = {name for name, one in limits.items() if one.bytes > 500_000}
     assert large == {
         "api_batches.send",
         "api_landmarks.accept",

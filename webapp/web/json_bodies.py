@@ -49,17 +49,17 @@ _NO_BRACKETS = bytes(byte for byte in range(256) if byte not in _OPEN + _CLOSE)
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class BodyLimits:
     """The most that valid JSON can have."""
 
     bytes: int
     values: int  # Objects, lists, texts, numbers and so on; names of fields are not counted
 
-    def __add__(self, other: Budget) -> Budget:
-        return Budget(self.bytes + other.bytes, self.values + other.values)
+    def __add__(self, other: BodyLimits) -> BodyLimits:
+        return BodyLimits(self.bytes + other.bytes, self.values + other.values)
 
-    def __mul__(self, times: int) -> Budget:
-        return Budget(self.bytes * times, self.values * times)
+    def __mul__(self, times: int) -> BodyLimits:
+        return BodyLimits(self.bytes * times, self.values * times)
 
 
 def init_app(_app: Flask) -> None:
@@ -79,24 +79,24 @@ def read_json(request: Request, schema: Schema) -> Any:
     """
     if not request.is_json:
         return {}
-    budget = budget_of(schema)
-    request.max_content_length = min(budget.bytes, request.max_content_length or budget.bytes)
+    limits = limits_of(schema)
+    request.max_content_length = min(limits.bytes, request.max_content_length or limits.bytes)
     data = request.get_data(cache=False)
     if not data:
         return {}
-    _check(data, budget)
+    _check(data, limits)
     try:
         return parse_json(data, where="body").value
     except MapJsonError as error:
         raise UsageError(error.message, where=error.where, hint="send valid JSON in UTF-8") from error
 
 
-def _check(data: bytes, budget: Budget) -> None:
-    most_texts = 2 * budget.values  # each value may be a text and have a name
+def _check(data: bytes, limits: BodyLimits) -> None:
+    most_texts = 2 * limits.values  # each value may be a text and have a name
     bare, texts = _TEXT.subn(b"", data, count=most_texts + 1)
     bare = bare.translate(_KINDS)
     opened = bare.count(_OPEN)
-    if texts > most_texts or bare.count(b",") + opened >= budget.values:
+    if texts > most_texts or bare.count(b",") + opened >= limits.values:
         raise RequestEntityTooLarge
     if _DIGIT * (_DIGITS + 1) in bare:
         raise UsageError("a number in the JSON is too long", where="body", hint=f"at most {_DIGITS} digits")
@@ -107,21 +107,21 @@ def _check(data: bytes, budget: Budget) -> None:
 
 
 @cache
-def budget_of(schema: Schema) -> Budget:
+def limits_of(schema: Schema) -> BodyLimits:
     """Return the limits of the JSON that a schema accepts."""
-    whole = _of_schema(schema) + Budget(_SPARE_BYTES, _SPARE_VALUES)
-    return Budget(min(whole.bytes, _MOST_BYTES), min(whole.values, _MOST_VALUES))
+    whole = _of_schema(schema) + BodyLimits(_SPARE_BYTES, _SPARE_VALUES)
+    return BodyLimits(min(whole.bytes, _MOST_BYTES), min(whole.values, _MOST_VALUES))
 
 
-def _of_schema(schema: Schema) -> Budget:
-    total = Budget(_BYTES_PER_VALUE, 1)
+def _of_schema(schema: Schema) -> BodyLimits:
+    total = BodyLimits(_BYTES_PER_VALUE, 1)
     for name, field in schema.load_fields.items():
-        total += Budget(len(field.data_key or name) + _BYTES_PER_VALUE, 0) + _of_field(field)
+        total += BodyLimits(len(field.data_key or name) + _BYTES_PER_VALUE, 0) + _of_field(field)
     return total
 
 
-def _of_field(field: fields.Field[Any]) -> Budget:
-    own = Budget(_BYTES_PER_VALUE, 1)
+def _of_field(field: fields.Field[Any]) -> BodyLimits:
+    own = BodyLimits(_BYTES_PER_VALUE, 1)
     match field:
         case fields.Nested():
             return _of_schema(cast(Schema, field.schema))
@@ -130,9 +130,9 @@ def _of_field(field: fields.Field[Any]) -> Budget:
         case BoundedDict():
             return own + (_of_field(field.key) + _of_field(field.value)) * field.most
         case JsonValue():
-            return Budget(field.bytes, field.values)
+            return BodyLimits(field.bytes, field.values)
         case fields.String():
-            return own + Budget(longest(field.validators) * _BYTES_PER_CHARACTER, 0)
+            return own + BodyLimits(longest(field.validators) * _BYTES_PER_CHARACTER, 0)
         case fields.Integer() | fields.Float() | fields.Boolean():
             return own
     raise TypeError(f"{field!r} has no limit")
