@@ -270,7 +270,8 @@ def with_network(cfg, monkeypatch):
     (found.writable / "orientations-ivf.arrays").unlink()
     oriented(cfg)
     monkeypatch.setattr(orient_map, "_WELL_KNOWN", 0.01)
-    return replace(found, method="thorough", indexed=replace(found.indexed, pair_matcher=MutualNearest()))
+    plan, indexed = replace(found.plan, method="thorough"), found.indexed
+    return replace(found, plan=plan, indexed=replace(indexed, pair_matcher=MutualNearest()))
 
 
 def thoroughly(found, progress=None):

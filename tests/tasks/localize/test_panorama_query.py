@@ -16,7 +16,7 @@ from webapp.progress import Progress
 from webapp.tasks.localize.open_pipeline import open_pipeline
 from webapp.tasks.localize.plan import OpenOptions
 from webapp.tasks.localize.query_photo import PanoramaView, read_query
-from webapp.tasks.localize.spot import Hints, combine, observe
+from webapp.tasks.localize.spot import ALL, Hints, combine
 from webapp.tasks.maps.cut_panoramas import CutOptions, cut_panoramas
 
 WIDE, HIGH = 960, 480
@@ -102,7 +102,7 @@ def test_matches_are_in_pixels_of_the_panorama(cfg, query, quick, method):
 def test_a_compass_is_not_compared_with_where_the_photos_look(cfg, query, quick):
     """The views match photos with any heading."""
     pipeline = opened(cfg, quick)
-    answer = observe(pipeline, query, hints=Hints())
+    answer = pipeline.observe(query, top=ALL)
     answer = replace(answer, hypotheses=tuple(replace(h, heading_deg=None) for h in answer.hypotheses))
     plain, _ = combine(pipeline, [answer], hints=Hints(), top=2)
     hinted, _ = combine(pipeline, [answer], hints=Hints(heading_deg=77.0), top=2)

@@ -306,7 +306,7 @@ def asked(monkeypatch):
     """Names of the localized photos; each gets the answer "not on this map"."""
     names = []
 
-    def run(_maps, _map_id, *, request, settings):
+    def run(_maps, _map_id, *, request):
         names.append(request.photos[0].name)
         form = {"query": names[-1], "hypotheses": [], "off_map_probability": 1.0, "other_probability": 0.0}
         form["seconds"] = {}
