@@ -11,7 +11,8 @@ import pytest
 
 from tests.conftest import textured
 from tests.tasks.landmarks.rendered import FOV_DEG, PIXELS_PER_METRE, SIDE, render
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json
+from webapp.core.hypotheses.model import AnswerSource
 from webapp.errors import UsageError
 from webapp.files.landmarks.cloud import CLOUD_FILE, read_cloud, write_cloud
 from webapp.files.landmarks.colmap import SUBMODELS_FILE

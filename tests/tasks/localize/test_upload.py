@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from webapp.core.hypotheses.jsonform import AnswerSource
+from webapp.core.hypotheses.model import AnswerSource
 from webapp.settings import Settings
 from webapp.tasks.localize import spot, upload
 from webapp.tasks.localize.plan import OpenOptions

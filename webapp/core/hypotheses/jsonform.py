@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from webapp.core.geo.floors import BASE_FLOOR, Floor
@@ -12,27 +12,11 @@ from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
-from webapp.core.hypotheses.model import Answer, Hypothesis, MatchStatistics
-from webapp.core.hypotheses.places import MapKind
+from webapp.core.hypotheses.model import Answer, AnswerSource, Hypothesis, MatchStatistics
 from webapp.core.hypotheses.verdict import sentence_of, verdict_of
 
 STAGES = ("read", "extract", "retrieve", "verify", "position", "total")
 """Names of the times in `seconds`, in order of execution."""
-
-
-@dataclass(frozen=True, slots=True)
-class AnswerSource:
-    """Map and method that an answer comes from."""
-
-    # `method`, `features`: Values of `--method` and `--features`, the latter resolved.
-    method: str
-    features: str
-    georeference: Georeference | None  # Of the map
-    map_revision: int
-    map_kind: MapKind = "metric"  # Kind of the map
-    place_radius_px: float | None = None  # Distance within which a hypothesis counts as right
-    sequence: bool = False  # Whether the photo was one of a sequence, whose earlier photos count, too
-    floors: tuple[Floor, ...] = ()  # Floors of the map
 
 
 def answer_to_json(answer: Answer, *, query: str, source: AnswerSource) -> dict[str, Any]:

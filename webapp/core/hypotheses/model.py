@@ -8,10 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from webapp.core.geo.floors import BASE_FLOOR
+from webapp.core.geo.floors import BASE_FLOOR, Floor
+from webapp.core.geo.georeference import Georeference
 from webapp.core.geo.types import MapPixel
 from webapp.core.geometry.camera_pose import CameraPose
 from webapp.core.geometry.estimate import NoPose
+from webapp.core.hypotheses.places import MapKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,3 +112,18 @@ def is_off_map(best: float | None, off: float | None) -> bool:
         off: Probability that the photo was not taken on this map; None if unknown.
     """
     return best is None or (off is not None and off > best)
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerSource:
+    """Map and method that an answer comes from."""
+
+    # `method`, `features`: Values of `--method` and `--features`, the latter resolved.
+    method: str
+    features: str
+    georeference: Georeference | None  # Of the map
+    map_revision: int
+    map_kind: MapKind = "metric"  # Kind of the map
+    place_radius_px: float | None = None  # Distance within which a hypothesis counts as right
+    sequence: bool = False  # Whether the photo was one of a sequence, whose earlier photos count, too
+    floors: tuple[Floor, ...] = ()  # Floors of the map

@@ -17,7 +17,8 @@ import numpy as np
 from webapp import __version__
 from webapp.core.evaluation.summary import WITHIN_PX, summarise
 from webapp.core.evaluation.types import QueryResult
-from webapp.core.hypotheses.jsonform import AnswerSource, answer_to_json, failure_to_json
+from webapp.core.hypotheses.jsonform import answer_to_json, failure_to_json
+from webapp.core.hypotheses.model import AnswerSource
 from webapp.core.mapmodel.model import Experience, Map
 from webapp.errors import UsageError
 from webapp.files.localize import queries_csv

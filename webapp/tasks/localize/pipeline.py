@@ -34,9 +34,8 @@ from webapp.core.hypotheses import joint, looks
 from webapp.core.hypotheses.bayes import truncate
 from webapp.core.hypotheses.calibration import DEFAULT, Calibration
 from webapp.core.hypotheses.heading_prior import relative_to_north
-from webapp.core.hypotheses.jsonform import AnswerSource
 from webapp.core.hypotheses.map_accuracy import limit_accuracy
-from webapp.core.hypotheses.model import Answer
+from webapp.core.hypotheses.model import Answer, AnswerSource
 from webapp.core.hypotheses.path_prior import apply_path_prior_to_answer
 from webapp.core.hypotheses.places import MapKind
 from webapp.core.localize import vote
