@@ -55,7 +55,7 @@ def _points(g, kind, image, found, table, batch):
         last = g.node("Cast", g.node("Sub", g.node("Concat", width, height, axis=0), c([1])), to=1)
         part = g.node("Div", g.node("Cast", xy, to=1), last)
         xy = g.node("Sub", g.node("Mul", part, c([2.0])), c([1.0]))
-    one = (1,) if kind == "disk" or batch else ()
+    one = (1,) if kind != "aliked" or batch else ()
     for name, values, sides in (
         ("keypoints", xy, ("n", 2)),
         ("scores", score, ("n",)),
@@ -65,7 +65,7 @@ def _points(g, kind, image, found, table, batch):
             g.node("Unsqueeze", values, c([0]), name=name)
         else:
             g.node("Identity", values, name=name)
-        g.output(name, *one, *sides, kind=INT64 if kind == "disk" and name == "keypoints" else 1)
+        g.output(name, *one, *sides, kind=INT64 if kind != "aliked" and name == "keypoints" else 1)
     return g.to_bytes()
 
 

@@ -197,7 +197,9 @@ def test_ids_are_used_once_in_a_library_that_used_them_again(earlier):
     (Path(earlier.engine.url.database).parent / "uploads" / f"{'a' * 32}.77.10.track").touch()
     migrate(earlier)
     after = everything(earlier)
-    assert after[0] == before[0] and after[1].items() >= before[1].items(), "nothing else changed"
+    for table, rows in before[0].items():  # later migrations add columns
+        assert [new[: len(old)] for old, new in zip(rows, after[0][table], strict=True)] == rows, table
+    assert after[1].items() >= before[1].items(), "nothing else changed"
     with earlier.write() as session:
         run = session.connection().exec_driver_sql
         assert run("PRAGMA foreign_key_check").all() == []

@@ -11,13 +11,12 @@ from PIL import Image
 
 from webapp.core.hypotheses.model import Answer, Evidence
 from webapp.core.mapmodel.model import Map
-from webapp.files.maps.folder import photo_path
+from webapp.files.maps.folder import boxes_in_file, photo_path
 from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.render.canvas import Canvas, Point, shortened, text_width
 from webapp.render.colours import INK, INLIER, OUTLIER, PAPER, QUIET
 from webapp.render.map_picture import draw_map
 from webapp.settings import PhotoLimits
-from webapp.tasks.maps.pictures import boxes_in_file
 
 WIDTH_PX = 1600
 HEIGHT_PX = 640

@@ -15,6 +15,7 @@ from webapp.core.evaluation.rows import Row
 from webapp.errors import StorageError
 from webapp.files.atomic import write_text
 from webapp.files.exchange import tum
+from webapp.files.maps.folder import boxes_in_file
 from webapp.files.object_storage.storage import local
 from webapp.files.photos.photo import read_blurred, read_upright
 from webapp.render.answer_pictures import draw_matches
@@ -24,7 +25,6 @@ from webapp.settings import PhotoLimits
 from webapp.tasks.evaluation.evaluate import to_json
 from webapp.tasks.evaluation.poses import trajectories
 from webapp.tasks.evaluation.types import Evaluation
-from webapp.tasks.maps.pictures import boxes_in_file
 
 COLUMNS = (
     "path", "x", "y", "keypoints", "matches", "matches_pruned", "distance_min", "distance_max",

@@ -307,7 +307,7 @@ def test_the_session_of_a_deleted_account_is_not_that_of_the_next_one(library, s
     assert is_in(browser)
     with library.database.write() as session:
         accounts.remove(session, session.get(Account, gone.id))
-    assert new_account("Petra").id == gone.id, "the database gives the id again"
+    assert new_account("Petra").id > gone.id
     assert not is_in(browser)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from webapp.core.blur import BlurBox
 from webapp.core.geo.types import MapPixel, inside, whole_pixel
 from webapp.core.mapmodel.model import Experience, Map, Placement, UnplacedPhoto, facts_of
 from webapp.core.mapmodel.paths import name_problem
@@ -15,6 +16,7 @@ from webapp.files.maps.cfg import format_cfg, parse_cfg, read_bytes, read_cfg
 from webapp.files.maps.lists import LISTS
 from webapp.files.maps.map_json import MapJson, MapJsonPhoto, format_map_json, parse_map_json
 from webapp.files.object_storage.storage import hash_of, local
+from webapp.files.part_file import sha256_of
 
 
 def json_path(cfg_path: Path) -> Path:
@@ -213,3 +215,25 @@ def _read_placement(
         if e.id in photos:
             positions[e.id] = _exact(e.position, exact.get(e.id), map_)
     return Placement(name, positions)
+
+
+def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
+    """Return the boxes that are blurred in a file if it is a photo of a map.
+
+    Args:
+        folder: Folder of the map.
+    """
+    everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
+    photos = [one for one in everyone if one.blurred]
+    if not photos:
+        return ()
+    sha256 = sha256_of(file)
+    same = (one for one in photos if _hash(folder / one.photo) == sha256)
+    return tuple(dict.fromkeys(box for one in same for box in one.blurred))
+
+
+def _hash(path: Path) -> str | None:
+    try:
+        return hash_of(path)
+    except OSError:  # missing
+        return None

@@ -34,6 +34,9 @@ _SAME_AREAS = 0.9
 """Minimum share of the photos that both looks assign to the same kind: in an area, or not."""
 
 
+OTHER_AREAS, TOO_SLOW = "its features show other areas", "it would exceed the time budget"
+
+
 class JoinedLooks(NamedTuple):
     """The looks to use, and the joint calibration of two."""
 
@@ -62,7 +65,7 @@ def join_looks(
     if first.calibration is None or second.calibration is None:
         return JoinedLooks((first,), None, "it is not calibrated", is_uncalibrated=True)
     if not _share_areas(first.opened, second.opened):
-        return JoinedLooks((first,), None, "its features show other areas")
+        return JoinedLooks((first,), None, OTHER_AREAS)
     # The map is schematic for both looks if one of them found it to be.
     schematic = first.calibration.calibration.schematic or second.calibration.calibration.schematic
     agreed = _with_scale(first, schematic=schematic), _with_scale(second, schematic=schematic)
@@ -70,7 +73,7 @@ def join_looks(
     if both is None:
         return JoinedLooks((first,), None, "it is not calibrated", is_uncalibrated=True)
     if both.second_look_s > budget_s:
-        return JoinedLooks((first,), None, "it would exceed the time budget")
+        return JoinedLooks((first,), None, TOO_SLOW)
     return JoinedLooks(agreed, both)
 
 

@@ -65,7 +65,12 @@ def join_looks(first: Look, second: Look, *, budget_s: float, progress: Progress
     """
     calibrated = partial(cascade.calibrate_looks, progress=progress)
     joined = cascade.join_looks((first, second), budget_s=budget_s, calibrated=calibrated)
-    if joined.reason:
+    # constant texts, as pages translate them
+    if joined.reason == cascade.OTHER_AREAS:
+        progress.note("without a second look: its features show other areas")
+    elif joined.reason == cascade.TOO_SLOW:
+        progress.note("without a second look: it would exceed the time budget")
+    elif joined.reason:
         progress.note(f"without a second look: {joined.reason}")
     return joined
 

@@ -14,10 +14,8 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from webapp.core.blur import BlurBox
-from webapp.core.mapmodel.model import Experience, Map, UnplacedPhoto
 from webapp.errors import NotFound
-from webapp.files.object_storage.storage import hash_of
-from webapp.files.part_file import sha256_of, show_file_as
+from webapp.files.part_file import show_file_as
 from webapp.files.photos.preview import Kind, blur_key, make_previews, preview_name, write_previews
 from webapp.settings import Settings
 from webapp.store.library import Library
@@ -99,28 +97,6 @@ def give_original(library: Library, photo: PhotoFile, *, audience: Audience) -> 
         if boxes:
             raise NotFound(NOT_SHARED)
     return photo.find()
-
-
-def boxes_in_file(folder: Path, the_map: Map, *, file: Path) -> tuple[BlurBox, ...]:
-    """Return the boxes that are blurred in a file if it is a photo of a map.
-
-    Args:
-        folder: Folder of the map.
-    """
-    everyone: list[Experience | UnplacedPhoto] = [*the_map.experiences, *the_map.unplaced]
-    photos = [one for one in everyone if one.blurred]
-    if not photos:
-        return ()
-    sha256 = sha256_of(file)
-    same = (one for one in photos if _hash(folder / one.photo) == sha256)
-    return tuple(dict.fromkeys(box for one in same for box in one.blurred))
-
-
-def _hash(path: Path) -> str | None:
-    try:
-        return hash_of(path)
-    except OSError:  # missing
-        return None
 
 
 def _everywhere(session: Session, photo: PhotoFile, same: tuple[BlurBox, ...]) -> tuple[BlurBox, ...]:
