@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.killing import Step, run_until
 from tests.standin_models import install_blur_networks
 from webapp.core.blur import BlurBox
 from webapp.core.detections import Detection
@@ -147,6 +148,21 @@ search_photos(cfg, photos_of(cfg), networks=networks, limits=Settings().photo, p
     assert len(before) == 2
     assert len(search(cfg, networks).suggested) == 3
     assert len(kept.read()) == 4
+
+
+def test_a_map_in_a_folder_stays_whole_when_accepting_is_killed(tmp_path, spotted, networks):
+    cfg, undisturbed = spotted(tmp_path / "park", 3), spotted(tmp_path / "undisturbed", 3)
+    suggested, before = search(cfg, networks).suggested, read_map(cfg)
+    accept_in_folder(undisturbed, suggested)
+    after = read_map(undisturbed)
+    for step, found in (
+        (Step("webapp.files.maps.folder:write_bytes"), before),
+        (Step("webapp.files.maps.folder:write_bytes", calls=1), after),
+    ):
+        assert run_until(step, accept_in_folder, cfg, suggested), step
+        assert read_map(cfg) == found, step
+    assert accept_in_folder(cfg, suggested) == [], "nothing is left to be blurred"
+    assert read_map(cfg) == after
 
 
 def test_a_line_that_was_cut_off_is_searched_again_and_harms_no_other(tmp_path):
