@@ -7,15 +7,21 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.killing import Step, run_until
 from webapp.core.geo.types import MapPixel
 from webapp.core.mapmodel.model import Experience, Map, SatelliteImage, UnplacedPhoto
 from webapp.files.maps import folder
 from webapp.files.maps.folder import read_map, write_map
 from webapp.progress import Progress
 from webapp.settings import Settings
-from webapp.tasks.landmarks import surroundings
+from webapp.store.accounts import accounts
+from webapp.store.library import open_library
+from webapp.store.maps import edits, maps
+from webapp.store.schema import Edit, MapRecord, Photo
+from webapp.tasks.landmarks import accept, surroundings
 from webapp.tasks.landmarks.accept import accept_in_folder, correct_in_folder
 from webapp.tasks.landmarks.place_rest import CorrectedPlace, SuggestedPlace
+from webapp.tasks.maps import adopt_map
 
 PLACED = Experience(0, "0.jpg", MapPixel(5.0, 5.0))
 FACTS = {"gps_accuracy_m": 4.0, "note": "Left of the gate."}
@@ -72,6 +78,49 @@ def assert_accepted(cfg):
     placed = Experience(1, "1.jpg", MapPixel(50.5, 60.0), heading_deg=45.0, radius_px=7.0, **FACTS)
     assert found.experiences == (PLACED, placed)
     assert found.unplaced == TRAY[1:]
+
+
+def accept_both(folder, url, map_id, account_id):
+    library = open_library(folder, url=url)
+    places = [
+        SuggestedPlace(id, f"photos/{id}.jpg", MapPixel(50.0 * id, 60.0), 7.0, 45.0, (0,)) for id in (1, 2)
+    ]
+    accept.accept_in_library(library, map_id, suggested=places, account_id=account_id)
+    library.database.close()
+
+
+def test_all_or_none_are_placed_when_accepting_in_a_library_is_killed(
+    new_library, make_map, tmp_path, database_url
+):
+    library = new_library(tmp_path / "library")
+    make_map(library.map_folder("row"), 3)
+    with library.database.write() as session:
+        owner = accounts.ensure_owner(session).id
+    id = adopt_map.adopt_map(library, "row", account_id=owner)
+    nowhere = {f"photo/{photo}": {"x_px": None, "y_px": None} for photo in (1, 2)}
+    with library.changing(id) as change:
+        edits.apply(change.session, change.record, changes=nowhere, kind="place", account_id=owner)
+
+    def found():
+        with library.database.read() as session:
+            photos = maps.photos(session, session.get_one(MapRecord, id))
+            return [one.is_placed for one in photos], session.query(Edit).filter_by(kind="place-rest").count()
+
+    arguments = library.folder, database_url, id, owner
+    assert run_until(
+        Step("webapp.tasks.landmarks.accept:place_spots", is_after=True), accept_both, *arguments
+    )
+    assert found() == ([True, False, False], 0)
+    assert run_until(
+        Step("webapp.tasks.landmarks.accept:accept_in_library", is_after=True), accept_both, *arguments
+    )
+    assert found() == ([True, True, True], 1)
+    accept_both(*arguments)
+    assert found() == ([True, True, True], 1), "repeated, it changes nothing"
+    with library.changing(id) as change:
+        assert [change.session.get_one(Photo, (id, n)).x_px for n in (1, 2)] == [50.0, 100.0]
+        assert edits.undo(change.session, change.record, account_id=owner)
+    assert found()[0] == [True, False, False]
 
 
 BY_GPS = Experience(3, "3.jpg", MapPixel(20.25, 30.0), gps_accuracy_m=4.0, by_gps=True)
