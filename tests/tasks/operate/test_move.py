@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests import killing
+from tests.killing import Step
 from tests.tasks.operate.moves import (
     ZERO_AT_THE_END,
     Stop,
@@ -247,6 +249,28 @@ def test_a_move_can_be_killed_anywhere(folder, server, where, monkeypatch, tmp_p
     assert (opens(folder, old), opens(folder, new)) == (False, True)
     assert hashes(url if where == "sqlite" else file_url(folder), tmp_path) == before
     assert not (folder / ".library" / TICKET).exists()
+
+
+IN_TABLES = [
+    Step("webapp.store.moving.copying:_copied", calls=3),
+    Step("webapp.store.moving.copying:_insert", calls=2, is_after=True),
+    Step("webapp.store.moving.copying:_read", calls=8),
+    Step("webapp.store.moving.copying:_copied", calls=20, is_after=True),
+]
+
+
+@pytest.mark.parametrize("where", ["sqlite", "postgresql"])
+def test_a_move_killed_within_and_between_tables_goes_on(folder, server, where, tmp_path):
+    url, before = server(), hashes(file_url(folder), tmp_path)
+    if where == "postgresql":
+        to_server(folder, url)
+    there = to_file if where == "postgresql" else to_server
+    old, new = (None, url) if where == "sqlite" else (url, None)
+    for step in IN_TABLES:
+        assert killing.run_until(step, there, folder, url), step
+        assert (opens(folder, old), opens(folder, new)) == (True, False), step
+    assert there(folder, url).tables == before
+    assert hashes(url if where == "sqlite" else file_url(folder), tmp_path) == before
 
 
 def test_a_move_that_is_completed_names_the_file_that_was_kept(folder, server, monkeypatch):
