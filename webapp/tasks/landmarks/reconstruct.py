@@ -238,6 +238,8 @@ def _submodels(
     stored, used = (read_submodels(folder / name) for name in (RIGID_FILE, SUBMODELS_FILE))
     if stored is None or stored.key != key:
         progress.note("joining the photos")
+        # if killed from here on, the former submodels must not be used with the new models
+        (folder / RIGID_FILE).unlink(missing_ok=True)
         submodels = _map(folder, database, contents=contents, progress=progress)
         stored = StoredSubmodels(tuple(submodels), tuple(contents), key)
         write_submodels(folder / RIGID_FILE, stored)
