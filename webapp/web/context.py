@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from flask import Flask, current_app, request
+from flask import Flask, copy_current_request_context, current_app, request
 from sqlalchemy.orm import Session
 
 from webapp.errors import NotFound, NotSignedIn, UsageError
@@ -118,6 +118,16 @@ def checked_right(view: Callable[..., Any]) -> Callable[..., object] | None:
     """Return the check of a view that `authorized_by` has set."""
     found: Callable[..., object] | None = getattr(view, _RIGHT, None)
     return found
+
+
+def repeated_check() -> Callable[[], None]:
+    """Return a function that checks the caller's right again, also while the response is streamed.
+
+    The view is marked by `authorized_by`. The account or its session, the role or the link may have ended:
+    the function raises NotSignedIn, NotFound or NotAllowed.
+    """
+    assert checked_right(current_app.view_functions[request.endpoint or ""]) is not None
+    return copy_current_request_context(_check)
 
 
 def init_app(app: Flask) -> None:

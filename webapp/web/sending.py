@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import mimetypes
+import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
+from typing import cast
 
 from flask import Response, send_file
 
@@ -11,7 +14,10 @@ from webapp.files.photos.preview import Kind
 from webapp.tasks.exchange.export_source import Download
 from webapp.tasks.maps import pictures
 from webapp.tasks.maps.pictures import Audience, PhotoFile
-from webapp.web.state import library, settings
+from webapp.web.context import library, repeated_check, settings
+
+CHECK_S = 1.0
+"""Seconds between two checks of the right to get what is being sent."""
 
 _MEDIA_TYPES = {".webp": "image/webp"}
 """Media types that Python before 3.13 does not know if the system has no list of them."""
@@ -63,9 +69,45 @@ def _send(path: Path, *, etag: str, caching: str, media_type: str | None = None)
     return response
 
 
+class PiecesWhileAllowed(Iterator[bytes]):
+    """Pieces of a response, of which none is sent once the caller's right has ended.
+
+    That is checked before a piece is sent, at most once a second. The iteration raises the error of the
+    check, which closes the connection: the client sees that the file is incomplete.
+    """
+
+    def __init__(self, pieces: Iterable[bytes]) -> None:
+        self._source = pieces
+        self._pieces = iter(pieces)
+        self._check = repeated_check()
+        self._check_at = time.monotonic() + CHECK_S
+
+    def __next__(self) -> bytes:
+        piece = next(self._pieces)
+        if time.monotonic() >= self._check_at:
+            self._check()
+            self._check_at = time.monotonic() + CHECK_S
+        return piece
+
+    def close(self) -> None:
+        close = getattr(self._source, "close", None)
+        if close is not None:
+            close()
+
+
+def send_kept(path: Path, name: str) -> Response:
+    """Send a large file as an attachment, as long as the caller may get it."""
+    response = send_file(path, as_attachment=True, download_name=name)
+    response.response = PiecesWhileAllowed(cast("Iterable[bytes]", response.response))
+    return response
+
+
 def send_pieces(download: Download) -> Response:
-    """Stream a download as an attachment, under its own name."""
-    response = Response(download.pieces, content_type=download.media_type)
+    """Stream a download as an attachment, under its own name, as long as the caller may get it.
+
+    The view is marked by `authorized_by`, as for all that is sent while it is made.
+    """
+    response = Response(PiecesWhileAllowed(download.pieces), content_type=download.media_type)
     response.headers.set("Content-Disposition", "attachment", filename=download.name)
     response.headers["Cache-Control"] = "private, no-store"
     return response

@@ -16,7 +16,7 @@ from apiflask.validators import Length
 from flask import Response, request
 from sqlalchemy.orm import Session
 
-from webapp.errors import DatabaseUnavailable
+from webapp.errors import DatabaseUnavailable, NotAllowed, NotFound, NotSignedIn
 from webapp.missions.store import missions, tracks
 from webapp.missions.store import objects as mission_objects
 from webapp.missions.store.missions import topic_of
@@ -24,12 +24,12 @@ from webapp.missions.store.schema import Mission, Track
 from webapp.missions.tasks.track_display import table_of
 from webapp.missions.web.api_objects import object_json
 from webapp.missions.web.api_tracks import points_json
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.missions.web.state import cursor, read_cursor, track_json
 from webapp.store.backends.watching import Watch
 from webapp.store.database import Database
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import library, settings
+from webapp.web.context import library, repeated_check, settings
 from webapp.web.openapi import file_answer
 
 blueprint = APIBlueprint("api_mission_events", __name__, url_prefix="/api/v1/missions", tag="Missions")
@@ -62,6 +62,7 @@ class EventsQuery(Schema):
 
 
 @blueprint.get("/<id:mission_id>/events")
+@mission_role("viewer")
 @blueprint.input(EventsQuery, location="query", arg_name="query")
 @blueprint.doc(
     description="Each event `changed` has `revision`, `ended_at`, `photos` (how many), `tracks` (the "
@@ -92,6 +93,7 @@ class _Follower:
 
     def __init__(self, database: Database, mission_id: int, known: str | None) -> None:
         self._database = database
+        self._check = repeated_check()
         self._mission_id = mission_id
         self._known = known
 
@@ -105,7 +107,16 @@ class _Follower:
         return None if before is None else before[0]
 
     def next(self) -> str | None:
-        """Return the next event; an empty string if nothing changed, None if the mission no longer exists."""
+        """Return the next event; an empty string if nothing changed, None if the mission no longer exists.
+
+        Raises:
+            NotSignedIn, NotFound, NotAllowed: The client may no longer follow the mission.
+        """
+        text = self._read()
+        self._check()  # last, so that nothing is sent after the right has ended
+        return text
+
+    def _read(self) -> str | None:
         with self._database.read() as session:
             revision = revision_of(session, self._mission_id)
             if revision is None or revision == self._revision:
@@ -175,7 +186,12 @@ def _stream(follower: _Follower, *, seconds: float, look_s: float) -> Iterator[s
         while True:
             try:
                 text = follower.next()
-            except DatabaseUnavailable:  # the browser reconnects, and then gets the error
+            except (
+                DatabaseUnavailable,
+                NotSignedIn,
+                NotFound,
+                NotAllowed,
+            ):  # the browser reconnects, and then gets the error
                 return
             if text is None:
                 return

@@ -19,11 +19,12 @@ from webapp.missions.store import shares
 from webapp.missions.store.query import MAX_ROWS, TABLES, Question
 from webapp.missions.tasks import query as query_mission
 from webapp.missions.tasks.export import LIVE_POSES, export_network_link
-from webapp.missions.web.context import open_mission
+from webapp.missions.web.context import mission_role, open_mission
 from webapp.tasks.exchange.export_source import Download
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, settings
 from webapp.web.openapi import Responses, file_answer
+from webapp.web.sending import PiecesWhileAllowed
 
 blueprint = APIBlueprint(
     "api_mission_exports",
@@ -99,6 +100,7 @@ _ROWS: Responses = {
 
 
 @blueprint.get("/export.<string(maxlength=20):ending>")
+@mission_role("viewer")
 @blueprint.input(ExportQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Response:
@@ -107,6 +109,7 @@ def export_mission(mission_id: int, ending: str, *, query: dict[str, Any]) -> Re
 
 
 @blueprint.get("/objects.csv")
+@mission_role("viewer")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "text/csv"))
 def objects(mission_id: int) -> Response:
     """Export the objects of a mission with their last positions."""
@@ -114,6 +117,7 @@ def objects(mission_id: int) -> Response:
 
 
 @blueprint.get("/link.kml")
+@mission_role("viewer")
 @blueprint.input(LinkQuery, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The link.", "application/vnd.google-earth.kml+xml"))
 def network_link(mission_id: int, query: dict[str, Any]) -> Response:
@@ -131,6 +135,7 @@ def network_link(mission_id: int, query: dict[str, Any]) -> Response:
 
 
 @blueprint.get("/query")
+@mission_role("viewer")
 @blueprint.input(TableQueryIn, location="query", arg_name="asked")
 @blueprint.doc(responses=_ROWS)
 def query(mission_id: int, asked: dict[str, Any]) -> Response:
@@ -168,7 +173,7 @@ def link(name: str, *, token: str, every: int) -> Response:
 
 
 def stream_download(make: Callable[[], Download]) -> Response:
-    """Stream a file as a download.
+    """Stream a file as a download, as long as the caller may get it; the view is marked by `authorized_by`.
 
     Raises:
         TooMany: Too many downloads are running already.
@@ -183,7 +188,8 @@ def stream_download(make: Callable[[], Download]) -> Response:
     except BaseException:
         free.release()
         raise
-    response = Response(_LimitedPieces(download.pieces, free.release), content_type=download.media_type)
+    pieces = _LimitedPieces(PiecesWhileAllowed(download.pieces), free.release)
+    response = Response(pieces, content_type=download.media_type)
     response.headers.set("Content-Disposition", "attachment", filename=download.name)
     response.headers["Cache-Control"] = "private, no-store"
     return response
@@ -192,7 +198,7 @@ def stream_download(make: Callable[[], Download]) -> Response:
 class _LimitedPieces(Iterator[bytes]):
     """Pieces of a download; closing or dropping them releases their slot."""
 
-    def __init__(self, pieces: Iterator[bytes], release: Callable[[], None]) -> None:
+    def __init__(self, pieces: PiecesWhileAllowed, release: Callable[[], None]) -> None:
         self._pieces = pieces
         self._over = weakref.finalize(self, release)
 
@@ -200,7 +206,5 @@ class _LimitedPieces(Iterator[bytes]):
         return next(self._pieces)
 
     def close(self) -> None:
-        close = getattr(self._pieces, "close", None)
-        if close is not None:
-            close()
+        self._pieces.close()
         self._over()

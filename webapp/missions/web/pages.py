@@ -19,7 +19,7 @@ from webapp.missions.web.context import open_mission
 from webapp.store.maps import maps
 from webapp.web import errors
 from webapp.web.accounts.security import allow_framing
-from webapp.web.context import account, library, public
+from webapp.web.context import account, authorized_by, library, public
 from webapp.web.satellite.api_satellite import service_json
 from webapp.web.satellite.layers import configured_layers
 
@@ -39,6 +39,7 @@ _SIGNS = {
 }
 """The symbols of objects, for the scripts of the pages."""
 
+_by_link = authorized_by(lambda token, **_: _opened(token))
 _SECRET = {"X-Robots-Tag": "noindex, nofollow"}
 
 
@@ -90,6 +91,7 @@ def embedded(token: str) -> tuple[str, int, dict[str, str]]:
 
 @public_pages.get("/export.<string(maxlength=20):ending>")
 @public
+@_by_link
 @public_pages.input(ExportQuery, location="query", arg_name="query")
 def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
     """Export a shared mission; `?points=` limits the poses of each track."""
@@ -99,6 +101,7 @@ def export(token: str, ending: str, *, query: dict[str, Any]) -> Response:
 
 @public_pages.get("/objects.csv")
 @public
+@_by_link
 def objects(token: str) -> Response:
     """Export the objects of a shared mission."""
     return api_exports.export(_opened(token).mission.id, ending="objects.csv", query={"points": None})
@@ -106,6 +109,7 @@ def objects(token: str) -> Response:
 
 @public_pages.get("/link.kml")
 @public
+@_by_link
 @public_pages.input(LinkQuery, location="query", arg_name="query")
 def network_link(token: str, query: dict[str, int]) -> Response:
     """Get a KML link that programs fetch every `?every=` seconds."""

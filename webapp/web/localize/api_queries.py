@@ -116,6 +116,7 @@ def history(slug: str, query: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.get("/answers.<any(csv,gpx,geojson):form>")
+@map_role("viewer")
 @blueprint.input(AnswersIn, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("The answers, the oldest first.", "*/*"))
 def export(slug: str, form: AnswerFormat, *, query: dict[str, Any]) -> Response:

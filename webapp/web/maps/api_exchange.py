@@ -10,7 +10,7 @@ from typing import Any
 from apiflask import APIBlueprint, Schema
 from apiflask.fields import Dict, File, Integer, List, String
 from apiflask.validators import Length, OneOf
-from flask import Response, jsonify, request, send_file
+from flask import Response, jsonify, request
 from flask_babel import gettext as _
 
 from webapp.errors import NotFound, UsageError
@@ -28,7 +28,7 @@ from webapp.tasks.maps.delete_map import delete_orphans
 from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.errors import as_json
 from webapp.web.openapi import file_answer, json_answer
-from webapp.web.sending import send_pieces
+from webapp.web.sending import send_kept, send_pieces
 
 blueprint = APIBlueprint("api_exchange", __name__, url_prefix="/api/v1/maps", tag="Import and export")
 
@@ -78,6 +78,7 @@ class JobOut(Schema):
 
 
 @blueprint.get("/<slug>/map.cfg")
+@map_role("viewer")
 @blueprint.doc(responses=file_answer("The map file.", "*/*"))
 def cfg(slug: str) -> Response:
     """Download the map file."""
@@ -85,6 +86,7 @@ def cfg(slug: str) -> Response:
 
 
 @blueprint.get("/<slug>/placements/<name>.cfg")
+@map_role("viewer")
 @blueprint.doc(responses=file_answer("The map file of the placement.", "*/*"))
 def placement_cfg(slug: str, name: str) -> Response:
     """Download the map file of another placement."""
@@ -92,6 +94,7 @@ def placement_cfg(slug: str, name: str) -> Response:
 
 
 @blueprint.get("/<slug>/export.<string(maxlength=8):form>")
+@map_role("viewer")
 @blueprint.doc(responses=file_answer("The file, made while it is sent.", "*/*"))
 def export(slug: str, form: str) -> Response:
     """Download a map as `zip`, `geojson`, `kml`, `kmz`, or as `html` that opens offline.
@@ -122,11 +125,12 @@ def export_by_job(slug: str, data: dict[str, str]) -> dict[str, int]:
 
 
 @blueprint.get("/<slug>/exports/<string(maxlength=200):name>")
+@map_role("viewer")
 @blueprint.doc(responses=file_answer("The file.", "*/*"))
 def exported(slug: str, name: str) -> Response:
     """Download the file that an export job has made."""
     path = export_file.kept(library(), open_map(slug), name=name)
-    return send_file(path, as_attachment=True, download_name=name)
+    return send_kept(path, name)
 
 
 @blueprint.post("/import")

@@ -150,6 +150,7 @@ def make(slug: str, data: dict[str, Any]) -> dict[str, Any]:
 
 
 @blueprint.get("/walk.gpx")
+@map_role("viewer")
 @blueprint.doc(responses=file_answer("Waypoints and a route, GPX 1.1.", "application/gpx+xml"))
 def walk(slug: str) -> Response:
     """Download the walk of the latest plan."""

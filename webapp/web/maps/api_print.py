@@ -34,7 +34,7 @@ from webapp.store import queries
 from webapp.store.schema import MapRecord
 from webapp.tasks.exchange.export_source import Download, of_library
 from webapp.web.concurrency import ConcurrencyLimit
-from webapp.web.context import account, library, open_map, settings
+from webapp.web.context import account, library, map_role, open_map, settings
 from webapp.web.fields import Boolean, RecordNumber
 from webapp.web.openapi import file_answer
 from webapp.web.sending import send_pieces
@@ -97,6 +97,7 @@ class PrintIn(Schema):
 
 
 @blueprint.get("/<slug>/print.<any(pdf,png):sheet>")
+@map_role("viewer")
 @blueprint.input(PrintIn, location="query", arg_name="query")
 @blueprint.doc(responses=file_answer("One sheet of paper, or one for each floor.", "*/*"))
 def print_sheet(slug: str, sheet: SheetFormat, *, query: dict[str, Any]) -> Response:
