@@ -17,7 +17,7 @@ from webapp.tasks.maps.pictures import Audience, PhotoFile
 from webapp.web.context import library, repeated_check, settings
 
 CHECK_S = 1.0
-"""Seconds between two checks of the right to get what is being sent."""
+"""Seconds between two checks of the right to get what is being sent; a check takes some milliseconds."""
 
 _MEDIA_TYPES = {".webp": "image/webp"}
 """Media types that Python before 3.13 does not know if the system has no list of them."""

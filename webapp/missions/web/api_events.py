@@ -31,6 +31,7 @@ from webapp.store.database import Database
 from webapp.web.concurrency import ConcurrencyLimit
 from webapp.web.context import library, repeated_check, settings
 from webapp.web.openapi import file_answer
+from webapp.web.sending import CHECK_S
 
 blueprint = APIBlueprint("api_mission_events", __name__, url_prefix="/api/v1/missions", tag="Missions")
 
@@ -94,6 +95,7 @@ class _Follower:
     def __init__(self, database: Database, mission_id: int, known: str | None) -> None:
         self._database = database
         self._check = repeated_check()
+        self._check_at = 0.0
         self._mission_id = mission_id
         self._known = known
 
@@ -113,7 +115,9 @@ class _Follower:
             NotSignedIn, NotFound, NotAllowed: The client may no longer follow the mission.
         """
         text = self._read()
-        self._check()  # last, so that nothing is sent after the right has ended
+        if text or time.monotonic() >= self._check_at:
+            self._check()  # after reading, so that nothing is sent after the right has ended
+            self._check_at = time.monotonic() + CHECK_S
         return text
 
     def _read(self) -> str | None:

@@ -50,7 +50,8 @@ def test_nothing_is_sent_to_somebody_who_lost_the_right(
     assert next(stream) == b"retry: 1000\n\n"
     assert b"event: changed" in next(stream)
     assert end(client, member, browser).status_code < 400
-    send(walk(3))
+    if status == 404:  # the other streams end although nothing happens
+        send(walk(3))
     assert list(stream) == []
     if copy is not None:
         browser.set_cookie("expmap", copy.value)
