@@ -28,6 +28,7 @@
     │       └── TooSlow          ... that takes more time to read than it may
     ├── StorageError             reading or writing failed: disk full, read-only, damaged, locked
     │   ├── DiskFull             ... because there is no space left
+    │   ├── DiskReadOnly         ... because the disk is read-only
     │   └── ObjectLost           ... because the object storage has lost an object
     ├── IndexDamaged             an index file does not match its name or manifest
     ├── ProcessLost              a process that did a part of the work was killed
@@ -199,6 +200,10 @@ class ObjectLost(StorageError):
 
 class DiskFull(StorageError):
     """There is no space left on the disk; partly written files are removed."""
+
+
+class DiskReadOnly(StorageError):
+    """The disk is mounted read-only, perhaps by the system after an error; what is there can be read."""
 
 
 class IndexDamaged(ExpMapError):

@@ -9,7 +9,7 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
-from webapp.errors import DiskFull, StorageError
+from webapp.errors import DiskFull, DiskReadOnly, StorageError
 
 _HINTS = {
     errno.ENOSPC: "free some space on the disk",
@@ -23,7 +23,7 @@ _HINTS = {
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_KINDS = {errno.ENOSPC: DiskFull, errno.EDQUOT: DiskFull, errno.EROFS: DiskReadOnly}
 
 
 def make_folder(folder: Path) -> None:
@@ -88,14 +88,14 @@ def remove_unfinished(path: Path) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def is_full(error: OSError) -> bool:
-    """Return whether the disk, or the user's quota, is full."""
-    return error.errno in _FULL
+def takes_nothing(error: OSError) -> bool:
+    """Return whether the disk, or the user's quota, is full, or the disk read-only."""
+    return error.errno in _KINDS
 
 
 def storage_error(error: OSError, *, where: str) -> StorageError:
     """Convert an OSError from writing a file to a `StorageError`, which is returned, not raised."""
-    kind = DiskFull if is_full(error) else StorageError
+    kind = _KINDS.get(error.errno or 0, StorageError)
     reason = error.strerror or str(error)
     return kind(f"the file cannot be written: {reason}", where=where, hint=_HINTS.get(error.errno or 0))
 

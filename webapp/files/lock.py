@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import sys
 import time
@@ -160,3 +161,21 @@ def _is_held(path: Path) -> bool:
             return False
     except Timeout:
         return True
+    except OSError as error:
+        if error.errno != errno.EROFS:
+            raise
+        return _is_held_unwritable(path)
+
+
+def _is_held_unwritable(path: Path) -> bool:
+    """Check a lock on a read-only disk, where `FileLock` cannot open its file."""
+    if sys.platform == "win32":
+        return True
+    import fcntl
+
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from webapp.store.library import Library, has_library
 
 Report = tuple[dict[str, str], HTTPStatus]
 _WORDS = {True: "ok", False: "failing"}
+_READ_ONLY = "read-only"
 _STATUSES = {True: HTTPStatus.OK, False: HTTPStatus.SERVICE_UNAVAILABLE}
 
 
@@ -39,18 +41,20 @@ class Health:
         """Readiness probe: answers 200 to receive requests, 503 if other servers of the library should.
 
         Shared services, such as the database, are not checked: their failure would make all servers unready.
+        A disk that is read-only is stated: what is there can be read.
         """
         if self.draining():
             return {"status": "draining"}, HTTPStatus.SERVICE_UNAVAILABLE
         well = self.takes_requests() and (self.settings.database is None or has_library(self.library.folder))
-        return {"status": _WORDS[well]}, _STATUSES[well]
+        disk = {"disk": _READ_ONLY} if self._is_read_only() else {}
+        return {"status": _WORDS[well], **disk}, _STATUSES[well]
 
     def whole(self) -> Report:
         """Health check for monitoring: answers 503 if anything fails, including shared services, else 200."""
         parts = {
             "web": self.takes_requests(),
             "database": self._database_answers(),
-            "disk": self._disk_has_room(),
+            "disk": self._disk_has_room() and not self._is_read_only(),
         }
         if self.settings.serve.job_workers:
             parts["worker"] = any_alive(self.library.inner / "workers")
@@ -61,6 +65,8 @@ class Health:
             parts["storage"] = storage.reachable()
         well, draining = all(parts.values()), self.draining()
         states = {name: _WORDS[state] for name, state in parts.items()}
+        if self._is_read_only():
+            states["disk"] = _READ_ONLY
         return {"status": "draining" if draining else _WORDS[well], **states}, _STATUSES[
             well and not draining
         ]
@@ -72,6 +78,9 @@ class Health:
         except StorageError:
             return False
         return True
+
+    def _is_read_only(self) -> bool:
+        return has_library(self.library.folder) and not os.access(self.library.inner, os.W_OK)
 
     def _disk_has_room(self) -> bool:
         """Return whether there is enough free space for uploads."""

@@ -33,7 +33,7 @@ from webapp.errors import (
     StorageError,
     StorageUnavailable,
 )
-from webapp.files.atomic import is_full, storage_error
+from webapp.files.atomic import storage_error, takes_nothing
 from webapp.jobs.context import Context, JobProgress
 from webapp.jobs.kinds import JobRegistry, Sweep
 from webapp.logs import at_work
@@ -320,7 +320,7 @@ class _Heartbeat:
 
 def _error_json(error: BaseException, job: Job) -> dict[str, str | None]:
     """Return the error of a failed job in a form for users, and log it."""
-    if isinstance(error, OSError) and is_full(error):
+    if isinstance(error, OSError) and takes_nothing(error):
         error = storage_error(error, where=Path(error.filename or "").name)
     if isinstance(error, ExpMapError):
         _log.warning("job %d (%s) failed: %s", job.id, job.kind, error)

@@ -38,7 +38,7 @@ from webapp.errors import (
     TooMany,
     UsageError,
 )
-from webapp.files.atomic import is_full, storage_error
+from webapp.files.atomic import storage_error, takes_nothing
 from webapp.web import language
 from webapp.web.accounts.sessions import assume_no_caller, is_api
 
@@ -108,8 +108,8 @@ def _own(error: ExpMapError) -> BaseResponse:
 
 
 def _of_system(error: OSError) -> BaseResponse:
-    """Answer an error of a full disk; any other OSError is a bug."""
-    if not is_full(error):
+    """Answer an error of a full or read-only disk; any other OSError is a bug."""
+    if not takes_nothing(error):
         raise error
     return _own(storage_error(error, where=Path(error.filename or "").name))
 

@@ -93,10 +93,10 @@ WRITERS = {
 
 
 def error_of(answer):
-    """Return the error of a response: of its first item (207), or of the whole (507)."""
+    """Return the error of a response: of its first item (207), or of the whole."""
     if answer.status_code == 207:
         return answer.json[0]["error"]
-    assert answer.status_code == 507, answer.text
+    assert answer.status_code in (503, 507), answer.text
     assert set(answer.json) == {"error"}
     return answer.json["error"]
 
@@ -222,4 +222,4 @@ def test_a_library_that_turns_read_only_while_it_is_served(change, client, libra
     assert state(library) == before
     read_only[0] = False
     again = change(client)
-    assert again.status_code != 507 and not re.search("read.?only", again.text, re.IGNORECASE)
+    assert again.status_code < 500 and not re.search("read.?only", again.text, re.IGNORECASE)

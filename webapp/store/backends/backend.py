@@ -12,13 +12,16 @@ from sqlalchemy import URL, Connection, Engine
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
-from webapp.errors import ExpMapError, NotFound, StorageError
+from webapp.errors import DatabaseUnavailable, ExpMapError, NotFound, StorageError
 from webapp.store.backends.photo_search import PhotoSearch
 from webapp.store.backends.request_counts import RequestCounts
 from webapp.store.backends.watching import Listener
 
 WAIT_S = 30
 """Seconds for which a writer waits for others."""
+
+AGAIN_S = 2
+"""Seconds after which clients try again what the database refused."""
 
 LOCK_MODE = "lock_mode"
 """Option of writing connections: `ALONE`, or `TOGETHER` with others that lock the rows they change."""
@@ -130,6 +133,16 @@ def has_moved() -> StorageError:
     return StorageError(
         "the records of this library have moved to another database: nothing was changed",
         hint="start the program again: it says where they are",
+    )
+
+
+def read_only(where: str) -> DatabaseUnavailable:
+    """Return the error for a change of a database that is read-only."""
+    return DatabaseUnavailable(
+        "the database is read-only",
+        wait_s=AGAIN_S,
+        where=where,
+        hint="ask the administrator of the server",
     )
 
 

@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 from webapp.errors import DatabaseUnavailable, DiskFull, ExpMapError, StorageError, UsageError
 from webapp.extras import extra
 from webapp.store.backends.backend import (
+    AGAIN_S,
     LOCK_MODE,
     MOVED,
     MOVING,
@@ -24,6 +25,7 @@ from webapp.store.backends.backend import (
     WAIT_S,
     Backend,
     has_moved,
+    read_only,
     too_large,
 )
 from webapp.store.backends.photo_search import PhotoSearch
@@ -64,25 +66,19 @@ _RECYCLE_S = 1800
 _SPARE = 4
 """Connections in addition to those of threads that answer requests, which may need two each."""
 
-_AGAIN_S = 2
-
 _AWAY = DatabaseUnavailable(
-    "the database server cannot be reached", wait_s=_AGAIN_S, hint="try again in a moment"
+    "the database server cannot be reached", wait_s=AGAIN_S, hint="try again in a moment"
 )
 _BUSY = DatabaseUnavailable(
-    "the database is busy: others have been writing for long", wait_s=_AGAIN_S, hint="try again in a moment"
-)
-_READ_ONLY = DatabaseUnavailable(
-    "the database is read-only", wait_s=_AGAIN_S, hint="ask the administrator of the server"
+    "the database is busy: others have been writing for long", wait_s=AGAIN_S, hint="try again in a moment"
 )
 _TOO_SLOW = DatabaseUnavailable(
-    "the database took too long, and was stopped", wait_s=_AGAIN_S, hint="try again in a moment"
+    "the database took too long, and was stopped", wait_s=AGAIN_S, hint="try again in a moment"
 )
 _TOO_MANY = DatabaseUnavailable(
-    "the database has too many connections", wait_s=_AGAIN_S, hint="ask the administrator of the server"
+    "the database has too many connections", wait_s=AGAIN_S, hint="ask the administrator of the server"
 )
 _SQLSTATES: Mapping[str, DatabaseUnavailable] = {
-    "25006": _READ_ONLY,
     "40001": _BUSY,
     "40P01": _BUSY,
     "53300": _TOO_MANY,
@@ -112,6 +108,7 @@ SELECT EXISTS (
 _TOO_LARGE = "22003"
 _DAMAGED = ("XX001", "XX002")
 _FULL = "53100"
+_READ_ONLY = "25006"
 _PASSING = ("08", "53", "57")
 """Classes of codes of temporary errors: connection, insufficient resources, operator intervention."""
 
@@ -189,6 +186,8 @@ class Postgresql(Backend):
             return StorageError(
                 f"the database is damaged: {error.orig}", where=where, hint="restore a backup of the server"
             )
+        if code == _READ_ONLY:
+            return read_only(where)
         if code in _SQLSTATES:
             return _at(_SQLSTATES[code], where)
         lost = not code and (error.connection_invalidated or _is_of_connection(error))

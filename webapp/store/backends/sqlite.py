@@ -15,11 +15,24 @@ from sqlalchemy.exc import DatabaseError, DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
 from webapp.errors import DiskFull, ExpMapError, StorageError
-from webapp.store.backends.backend import LOCK_MODE, MOVED, MOVING, WAIT_S, Backend, has_moved
+from webapp.store.backends.backend import LOCK_MODE, MOVED, MOVING, WAIT_S, Backend, has_moved, read_only
 from webapp.store.clock import now
 
 _STEPS = 20_000
 """Instructions of SQLite's virtual machine between two checks of the clock: some milliseconds."""
+
+
+_PRIMARY = 0xFF
+"""Bits of an error code without its details."""
+
+_NOT_WRITTEN = (
+    sqlite3.SQLITE_IOERR_WRITE,
+    sqlite3.SQLITE_IOERR_FSYNC,
+    sqlite3.SQLITE_IOERR_DIR_FSYNC,
+    sqlite3.SQLITE_IOERR_TRUNCATE,
+    sqlite3.SQLITE_IOERR_DELETE,
+)
+"""Errors of a file that was opened before its disk turned read-only."""
 
 
 class Sqlite(Backend):
@@ -58,7 +71,10 @@ class Sqlite(Backend):
         """Convert an error of SQLite."""
         if type(error) not in (DatabaseError, OperationalError):
             return None
-        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+        code = getattr(error.orig, "sqlite_errorcode", None) or 0
+        if code & _PRIMARY == sqlite3.SQLITE_READONLY or code in _NOT_WRITTEN:
+            return read_only(where)
+        if code == sqlite3.SQLITE_FULL:
             return DiskFull(
                 "the database is full: nothing was changed", where=where, hint="free some space on the disk"
             )

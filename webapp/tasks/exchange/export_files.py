@@ -8,7 +8,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from webapp.core.mapmodel.model import Map
-from webapp.errors import MapError, NotFound
+from webapp.errors import DiskFull, DiskReadOnly, MapError, NotFound
 from webapp.files.exchange.geojson import format_geojson
 from webapp.files.exchange.kml import Pictures, format_kml
 from webapp.files.exchange.zip_stream import ZipMember, stream_zip
@@ -105,12 +105,17 @@ def export_map_cfg(library: Library, map_id: int, *, placement: str | None = Non
 def map_files(library: Library, map_id: int, *, source: Source) -> dict[str, bytes]:
     """Return the text files of a map, all of the same revision.
 
-    They are read from the disk; if the `.cfg` there was changed from outside, they are made from `source`.
+    They are read from the disk; if the `.cfg` there was changed from outside, or cannot be brought up to
+    date as the disk takes nothing, they are made from `source`.
 
     Returns:
         By name: `map.cfg`, `map.json` if the map needs one, `NAME.cfg`.
     """
-    if not export.export_map(library, map_id):
+    try:
+        is_current = export.export_map(library, map_id)
+    except (DiskFull, DiskReadOnly):
+        is_current = False
+    if not is_current:
         return texts_of(source.map)
     with FileLock(source.cfg.parent / "derived" / export.LOCK):
         paths = [source.cfg, json_path(source.cfg)]
