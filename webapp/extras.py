@@ -17,7 +17,7 @@ from webapp.errors import MissingPart
 EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "learned": ("onnx", "onnxruntime"),
-        "missions": ("rosbags", "pynmea2", "fitdecode"),
+        "missions": ("rosbags", "apsw", "lz4", "pynmea2", "fitdecode"),
         "geotiff": ("rasterio",),
         "sfm": ("pycolmap", "scipy"),
         "foxglove": ("foxglove",),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from webapp.errors import TrackError
+from webapp.extras import extra
 
 if TYPE_CHECKING:
     import apsw
@@ -82,9 +83,10 @@ def unpacked(data: bytes, *, size: int, start: Callable[[], _Decompressor]) -> b
 
 def limited_reader1(path: Path) -> Reader1:
     """Return a reader of a ROS 1 bag that checks its chunks and definitions."""
-    from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
-    from rosbags.rosbag1 import Reader
-    from rosbags.rosbag1.reader import Chunk, Header, RecordType
+    with extra("missions"):
+        from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+        from rosbags.rosbag1 import Reader
+        from rosbags.rosbag1.reader import Chunk, Header, RecordType
 
     starts = {"lz4": LZ4FrameDecompressor, "bz2": bz2.BZ2Decompressor}
 
@@ -114,13 +116,14 @@ def limited_reader2(path: Path) -> Reader2:
 
     It changes how rosbags decompresses and opens databases in this process.
     """
-    import apsw
-    from backports import zstd
-    from lz4.frame import LZ4FrameDecompressor
-    from rosbags.rosbag2 import Reader, storage_mcap
+    with extra("missions"):
+        import apsw
+        from lz4.frame import LZ4FrameDecompressor
+        from rosbags.rosbag2 import Reader, storage_mcap
 
-    # rosbags passes the stated size, but its own functions ignore it
-    for name, start in (("lz4", LZ4FrameDecompressor), ("zstd", zstd.ZstdDecompressor)):
+    # rosbags passes the stated size, but its own functions ignore it; its zstd is that of the Python version
+    zstd = vars(storage_mcap)["zstd"].ZstdDecompressor
+    for name, start in (("lz4", LZ4FrameDecompressor), ("zstd", zstd)):
         storage_mcap.DECOMPRESSORS[name] = partial(_unpacked_mcap, start=start)
     if check_database not in apsw.connection_hooks:
         apsw.connection_hooks.append(check_database)
@@ -160,8 +163,9 @@ def check_definitions(connections: Iterable[Connection]) -> None:
 
 def _parsed(kind: str, definition: Any) -> Typesdict:
     """Parse a definition as `AnyReader` does."""
-    from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+    with extra("missions"):
+        from rosbags.interfaces import MessageDefinitionFormat
+        from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
     if definition.format == MessageDefinitionFormat.NONE or "[" not in definition.data:
         return {}
@@ -192,7 +196,8 @@ def check_database(connection: apsw.Connection) -> None:
     A view, a trigger, a generated column or a virtual table could compute anything while it is read. Raises
     TrackError.
     """
-    import apsw
+    with extra("missions"):
+        import apsw
 
     connection.config(apsw.SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0)
     connection.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
